@@ -18,7 +18,7 @@ from pydantic.fields import FieldInfo
 
 import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
-from taichisoft.scenes import actuators, rigid_body, scene, shape_settings, soft_body, table
+from taichisoft.scenes import actuators, frame_settings, rigid_body, scene, shape_settings, soft_body, table
 from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.without_effect import IGNORED
@@ -91,6 +91,9 @@ TABLES: dict[str, type[BaseModel]] = {
     "[soft_bodies.NAME.tip]": soft_body.Tip,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
+    "[frames.NAME]": frame_settings.FrameSettings,
+    "path = { ... } of a frame": frame_settings.FramePath,
+    "hinge = { ... } of a frame": frame_settings.HingeSettings,
     "[rigid_bodies.NAME]": rigid_body.RigidBodySettings,
     "[obstacles.NAME]": rigid_body.ObstacleSettings,
     "plane = { ... } of an obstacle": rigid_body.PlaneSettings,

@@ -12,9 +12,9 @@ import numpy as np
 
 from taichisoft.actuators.cables import CABLES, Cables
 from taichisoft.actuators.cavities import CAVITIES, Cavities
-from taichisoft.actuators.lines import moved_with_base
 from taichisoft.actuators.model_actuators import Actuators
 from taichisoft.bodies.elasticity import Elasticity
+from taichisoft.bodies.moving_frames import FramePlaces, MovingFrames
 from taichisoft.bodies.rigid_body_arrays import RigidBody, make_obstacle, make_rigid_body
 from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.bodies.soft_body_arrays import SoftBody, make_soft_body
@@ -50,7 +50,9 @@ class Model:
         friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
         restitution: coefficients of restitution likewise.
         rolling_friction, spinning_friction: lengths of rolling and spinning friction likewise [mm], 0 for soft bodies.
-        base_pivot: point about which the base turns [mm], shape (3,).
+        frames: what moves as it is asked to, the base first.
+        soft_frame: number of the frame that each soft body is anchored to, shape (soft_count,).
+        rigid_frame: number of the frame that carries each rigid body, -1 where none does, shape (rigid_count,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
         rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
         gravity: acceleration of gravity at the start of a run [mm/s^2], shape (3,).
@@ -93,7 +95,9 @@ class Model:
         self.restitution = self._pair_table("restitution")
         self.rolling_friction = self._moment_table("rolling_friction")
         self.spinning_friction = self._moment_table("spinning_friction")
-        self.base_pivot = self._find_base_pivot()
+        self.frames = self._make_frames()
+        self.soft_frame = self.frames.numbers(body.settings.follows for body in soft)
+        self.rigid_frame = self.frames.numbers(body.follows for body in self.rigid_bodies)
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])
         self.rigid_inertia = np.array([body.inertia for body in self.rigid_bodies]).reshape(-1, 3, 3)
         self.gravity = np.array(scene.gravity)
@@ -109,6 +113,7 @@ class Model:
         bodies = self.rigid_bodies
         velocities = [np.tile(b.settings.velocity, (len(b.rest_position), 1)) for b in self.soft_bodies]
         actuators, count = self.actuators, len(self.actuators.names)
+        at_rest = np.zeros((len(self.frames.names), 2, 3))
         return State(
             time=0.0,
             step=0,
@@ -118,11 +123,10 @@ class Model:
             rigid_rotation=np.array([b.start_rotation for b in bodies]).reshape(-1, 4),
             rigid_velocity=np.array([b.start_velocity for b in bodies]).reshape(-1, 3),
             rigid_angular_velocity=np.array([b.start_angular_velocity for b in bodies]).reshape(-1, 3),
-            base_translation=np.zeros(3),
-            base_rotation=np.zeros(3),
-            base_request=np.zeros((2, 3)),
-            base_velocity=np.zeros((2, 3)),
-            base_wrench=np.zeros((2, 3)),
+            frame_pose=at_rest,
+            frame_request=at_rest.copy(),
+            frame_velocity=at_rest.copy(),
+            frame_wrench=at_rest.copy(),
             anchor_position=self.rest_position[self.anchored_nodes],
             gravity=self.gravity.copy(),
             young_modulus=self.young_modulus.copy(),
@@ -158,8 +162,8 @@ class Model:
         for name, mass in masses.items():
             if name not in names:
                 raise SceneError(f"masses: no rigid body is called '{name}'; {nearest(name, names, 'there are')}")
-            if self.rigid_bodies[names.index(name)].follows_base:
-                raise SceneError(f"masses: '{name}' follows the base and has no mass")
+            if (carrier := self.rigid_bodies[names.index(name)].follows) is not None:
+                raise SceneError(f"masses: '{name}' follows the frame '{carrier}' and has no mass")
             if not 0.0 < mass < math.inf:
                 raise SceneError(f"masses['{name}'] = {mass!r}: must be above 0")
         if friction is not None and not 0.0 <= friction < math.inf:
@@ -184,7 +188,9 @@ class Model:
         limits = self.scene.limits.model_copy(update=dict.fromkeys(names))
         time = self.scene.time.model_copy(update={"dynamics": "static"})
         other = copy.copy(self)
-        other.scene = self.scene.model_copy(update={"time": time, "limits": limits})
+        free = dict.fromkeys(("speed", "turning_speed", "path"))  # on a path it stays where it is now
+        frames = {name: one.model_copy(update=free) for name, one in self.scene.frames.items()}
+        other.scene = self.scene.model_copy(update={"time": time, "limits": limits, "frames": frames})
         for kind, bodies in (
             ("rigid body", self.rigid_bodies),
             ("soft body without anchors", _loose(self.soft_bodies)),
@@ -198,11 +204,23 @@ class Model:
         return other
 
     def placed_pull_points(self, state: State) -> np.ndarray:
-        """Positions of the cables' pull points, moved with the base if attached to it [mm], shape (cable_count, 3)."""
-        if not self.cables.pull_point_moves.any():
+        """Positions of the cables' pull points, moved with their frames [mm], shape (cable_count, 3)."""
+        frame = self.cables.pull_point_frame
+        if (frame < 0).all():
             return state.pull_point
-        moved = moved_with_base(state.pull_point, state, self.base_pivot)
-        return np.where(self.cables.pull_point_moves[:, None], moved, state.pull_point)
+        places = self.places(state)
+        moved = np.einsum("cij,cj->ci", places.turn[frame], state.pull_point) + places.shift[frame]
+        return np.where(frame[:, None] >= 0, moved, state.pull_point)
+
+    def places(self, state: State) -> FramePlaces:
+        """Where the frames are in a state."""
+        return self.frames.places(state.frame_pose)
+
+    @property
+    def base_pivot(self) -> np.ndarray:
+        """Point about which the base turns [mm], shape (3,)."""
+        pivot: np.ndarray = self.frames.pivot[0]
+        return pivot
 
     def check(self, state: State) -> None:
         """Refuse a state of another model, with other array shapes or another time step.
@@ -301,12 +319,16 @@ class Model:
         table[~self.surfaces.may_touch] = 0.0  # no rows of moments for bodies that cannot touch
         return table
 
-    def _find_base_pivot(self) -> np.ndarray:
-        if self.scene.base_pivot is not None:
-            return np.array(self.scene.base_pivot)
-        if not len(self.anchored_nodes):
-            return np.zeros(3)
-        return self.rest_position[self.anchored_nodes].mean(axis=0)
+    def _make_frames(self) -> MovingFrames:
+        tables = self.scene.all_frames
+        names, pivots = tuple(tables), []
+        for name, table in tables.items():
+            bodies = [body for body in self.soft_bodies if body.settings.follows == name]
+            held = np.vstack([np.zeros((0, 3)), *(body.rest_position[body.anchored] for body in bodies)])
+            mean = held.mean(axis=0) if len(held) else np.zeros(3)
+            pivots.append(mean if table.pivot is None else np.array(table.pivot))
+        above = [-1 if table.follows is None else names.index(table.follows) for table in tables.values()]
+        return MovingFrames(names, np.array(above, dtype=np.int32), np.array(pivots, dtype=np.float64))
 
 
 def _refuse_newton_of_modes(bodies: list[SoftBody], scene: Scene) -> None:

@@ -25,13 +25,14 @@ class State:
         rigid_rotation: rotations of the rigid bodies, unit quaternions (w, x, y, z), shape (rigid_count, 4).
         rigid_velocity: velocities of the centres of mass [mm/s], shape (rigid_count, 3).
         rigid_angular_velocity: angular velocities of the rigid bodies in world axes [rad/s], shape (rigid_count, 3).
-        base_translation: shift of all anchors from their rest positions [mm], shape (3,).
-        base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
-        base_request: requested translation [mm] and rotation vector [rad], before limits, shape (2, 3).
-        base_velocity: requested linear [mm/s] and angular velocity [rad/s], 0 if a pose was requested, shape (2, 3).
-        base_wrench: force [mN] and torque about the base's pivot [mN mm] on the base in the last step, in world axes,
-            shape (2, 3).
-        anchor_position: positions of the anchors' springs, before the base moves them [mm], (anchor_count, 3).
+        frame_pose: shift of the pivot from rest [mm] and rotation vector about it [rad] of each frame, in the axes of
+            the frame that carries it; the base is the first frame, shape (frame_count, 2, 3).
+        frame_request: requested poses, before limits, shape (frame_count, 2, 3).
+        frame_velocity: requested linear [mm/s] and angular velocity [rad/s], 0 if a pose was requested, shape
+            (frame_count, 2, 3).
+        frame_wrench: force [mN] and torque about the frame's pivot [mN mm] on each frame in the last step, in world
+            axes, shape (frame_count, 2, 3).
+        anchor_position: positions of the anchors' springs, before their frames move them [mm], (anchor_count, 3).
         gravity: acceleration of gravity [mm/s^2], shape (3,).
         young_modulus: Young's moduli of the materials [kPa], shape (material_count,).
         actuator_imposed: whether an actuator is driven by its coordinate (volume growth, pull), else by its effort
@@ -51,7 +52,7 @@ class State:
         supply_pressure: pressures of the lines' sources in the last step [kPa], shape (cavity_count,).
         delayed_requests: openings or pressures [kPa] that were asked for and have had no effect yet, the oldest first,
             shape (cavity_count, longest delay in steps).
-        pull_point: positions of the pull points before the base moved them [mm], shape (cable_count, 3).
+        pull_point: positions of the pull points before their frames moved them [mm], shape (cable_count, 3).
         contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
         contact_point: midpoint of each contact at its detection [mm], shape (contact_count, 3).
         contact_normal: unit vector from the first body to the second, shape (contact_count, 3).
@@ -68,11 +69,10 @@ class State:
     rigid_rotation: np.ndarray
     rigid_velocity: np.ndarray
     rigid_angular_velocity: np.ndarray
-    base_translation: np.ndarray
-    base_rotation: np.ndarray
-    base_request: np.ndarray
-    base_velocity: np.ndarray
-    base_wrench: np.ndarray
+    frame_pose: np.ndarray
+    frame_request: np.ndarray
+    frame_velocity: np.ndarray
+    frame_wrench: np.ndarray
     anchor_position: np.ndarray
     gravity: np.ndarray
     young_modulus: np.ndarray
@@ -99,6 +99,18 @@ class State:
     def __post_init__(self) -> None:
         """Make the arrays read-only, so that data computed from a state stay valid."""
         _make_read_only(vars(self))
+
+    @property
+    def base_translation(self) -> np.ndarray:
+        """Shift of the base from rest [mm], shape (3,)."""
+        shift: np.ndarray = self.frame_pose[0, 0]
+        return shift
+
+    @property
+    def base_rotation(self) -> np.ndarray:
+        """Rotation vector of the base about its pivot [rad], shape (3,)."""
+        vector: np.ndarray = self.frame_pose[0, 1]
+        return vector
 
     def changed(self, **changes: Any) -> "State":
         """Copy with other values of some fields; as `dataclasses.replace`, but fast enough for every step."""

@@ -140,7 +140,7 @@ class _Loads:
         coordinates = model.actuators.own_coordinates(start)
         acting = np.where(asked.actuator_imposed, coordinates, start.actuator_effort)
         self._ends = {"actuator_target": (acting, asked.actuator_target)}
-        for name in ("base_translation", "base_rotation", "anchor_position", "gravity", "young_modulus", "pull_point"):
+        for name in ("frame_pose", "anchor_position", "gravity", "young_modulus", "pull_point"):
             self._ends[name] = (getattr(start, name), getattr(asked, name))
 
     def at(self, state: State, share: float) -> State:
@@ -152,11 +152,11 @@ class _Loads:
             **loads,
             actuator_imposed=self._asked.actuator_imposed,
             actuator_request=loads["actuator_target"],
-            base_request=np.array([loads["base_translation"], loads["base_rotation"]]),
-            base_velocity=np.zeros((2, 3)),
+            frame_request=loads["frame_pose"],
+            frame_velocity=np.zeros_like(loads["frame_pose"]),
         )
 
     def finished(self, state: State) -> State:
         """The state at the time of the first one, with what was asked for."""
-        asked = {name: getattr(self._asked, name) for name in ("actuator_request", "base_request")}
+        asked = {name: getattr(self._asked, name) for name in ("actuator_request", "frame_request")}
         return state.changed(time=self._start.time, step=self._start.step, **asked)

@@ -16,15 +16,15 @@ from taichisoft.model import Model
 from taichisoft.solver.actuator_requests import ActuatorRequests, request
 from taichisoft.solver.kernels.reported_contacts import ReportedContacts
 from taichisoft.state import State
-from taichisoft.step.base_wrench import BaseWrench
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.contact_prediction import ContactPrediction
 from taichisoft.step.divergence import DivergenceCheck
+from taichisoft.step.frame_wrenches import FrameWrenches
 from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import ForcesOnBase, Shift, StepProblem, StepSolution
+from taichisoft.step.solution import Shift, StepProblem, StepSolution
 
 
 class TimeStepper:
@@ -49,7 +49,7 @@ class TimeStepper:
         self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
         if model.elasticity is not None and self._soft is not None and model.scene.time.most_linearisations > 1:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
-        self._base_wrench = BaseWrench(model)
+        self._frame_wrenches = FrameWrenches(model)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
 
@@ -92,10 +92,9 @@ class TimeStepper:
         contacts = self._prediction.find(start)
         problem = StepProblem(start, contacts, self._geometry, requests)
         solution = self._solver.solve(problem)
-        forces_on_base = self._solver.forces_on_base(problem, solution)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem)
-        end = self._integrate(start, solution, shift, reported, forces_on_base)
+        end = self._integrate(start, solution, shift, reported)
         self._divergence_check.check(start, end)
         self.state = end
         self.report = self._make_report(problem, solution, shift, end, control, started)
@@ -121,7 +120,6 @@ class TimeStepper:
         solution: StepSolution,
         shift: Shift | None,
         reported: ReportedContacts,
-        forces_on_base: ForcesOnBase,
     ) -> State:
         """The state at the end of the step, by the solution's velocities."""
         time_step, velocity = self.model.scene.time.step, solution.rigid_velocity
@@ -132,9 +130,12 @@ class TimeStepper:
             position += time_step * shift.node_velocity
         velocities = (velocity,) if shift is None else (velocity, shift.rigid_velocity)
         rigid_position, rigid_rotation = self._rigid.end_poses(*velocities)
-        # The base and so the pull points have moved already: they are where the start of a step is asked to have them.
+        # Frames and so pull points have moved already: they are where the start of a step is asked to have them.
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
+        cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, start.position)
         self._geometry.update(ahead, self.model.placed_pull_points(start))
+        if self.model.scene.time.most_linearisations > 1:  # solved at the end of the step
+            cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, position)
         effort, loss = self.model.actuators.split(solution.effort)
         value, count = self._geometry.value.copy(), int(reported.count[0])
         return start.changed(
@@ -146,7 +147,7 @@ class TimeStepper:
             rigid_rotation=rigid_rotation,
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
-            base_wrench=self._base_wrench.find(start, position, forces_on_base, solution, self._rigid.carried),
+            frame_wrench=self._frame_wrenches.find(start, position, solution, cable_forces, self._rigid.carried),
             actuator_effort=effort,
             actuator_value=value,
             actuator_loss=loss,

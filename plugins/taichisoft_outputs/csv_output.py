@@ -34,6 +34,13 @@ WRENCH_UNITS = {
     "base_torque_in_base": "mN mm",
 }
 """Units of the fields of an observation with the wrench on the base."""
+FRAME_UNITS = {
+    "frame_translations": "mm",
+    "frame_rotations": "degrees",
+    "frame_forces": "mN",
+    "frame_torques": "mN mm",
+}
+"""Units of those of other frames, by name."""
 
 
 class CsvOutput(Output):
@@ -67,6 +74,7 @@ class CsvOutput(Output):
             for name in model.actuators.names_of(kind)
         ]
         self._objects = [body.name for body in model.rigid_bodies]
+        self._frames = list(model.scene.frames)
         self._pairs = pairs_with_objects(model)
         with named_os_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -119,6 +127,12 @@ class CsvOutput(Output):
             *(f"base_translation {axis} [mm]" for axis in "xyz"),
             *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
             *(f"{field} {axis} [{unit}]" for field, unit in WRENCH_UNITS.items() for axis in "xyz"),
+            *(
+                f"{field[:-1]} {name} {axis} [{unit}]"
+                for field, unit in FRAME_UNITS.items()
+                for name in self._frames
+                for axis in "xyz"
+            ),
             *(f"position {name} {axis} [mm]" for name in self._objects for axis in "xyz"),
             *(f"lift {name} [mm]" for name in self._objects),
             *(f"{quantity} {'|'.join(pair)} [{unit}]" for quantity, unit in PAIR_UNITS.items() for pair in self._pairs),
@@ -133,6 +147,12 @@ class CsvOutput(Output):
             *state.base_translation.tolist(),
             *np.degrees(state.base_rotation).tolist(),
             *(component for field in WRENCH_UNITS for component in getattr(seen, field).tolist()),
+            *(
+                component
+                for field, unit in FRAME_UNITS.items()
+                for name in self._frames
+                for component in _in_unit(getattr(seen, field)[name], unit).tolist()
+            ),
             *state.rigid_position.ravel().tolist(),
             *((state.rigid_position - self._start) @ self._up).tolist(),
         ]
@@ -159,6 +179,10 @@ def pairs_with_objects(model: "Model") -> list["Pair"]:
     pairs += combinations(rigid, 2)
     pairs += [(body, obstacle.name) for body in rigid for obstacle in model.obstacles]
     return pairs
+
+
+def _in_unit(values: np.ndarray, unit: str) -> np.ndarray:
+    return np.degrees(values) if unit == "degrees" else values
 
 
 def _text(value: float) -> str:

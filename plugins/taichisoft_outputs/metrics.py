@@ -52,7 +52,7 @@ class MetricsOutput(Output):
         self._soft = [
             (body.name, body.nodes, Stretches(body.rest_position, body.elements)) for body in model.soft_bodies
         ]
-        self._training = TrainingRange(model.soft_bodies, model.base_pivot)
+        self._training = TrainingRange(model.soft_bodies, model.frames)
         goal = self._scene.goal
         self._object = list(self._scene.rigid_bodies).index(goal.object) if goal is not None else None
         self.restart(state)

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from taichisoft.scenes import Scene
 
 if TYPE_CHECKING:
-    from taichisoft.bodies import SoftBody
+    from taichisoft.bodies import FramePlaces, SoftBody
     from taichisoft.model import Model
 
-NOT_OF_THE_SHAPE = {"rotation", "translation", "velocity", "colour", "axes", "tip", "reduced"}
+NOT_OF_THE_SHAPE = {"follows", "rotation", "translation", "velocity", "colour", "axes", "tip", "reduced"}
 """Keys of a soft body in which copies may differ: they change neither its mesh nor its forces."""
 
 
@@ -54,20 +54,8 @@ def mesh_digest(bodies: "Iterable[SoftBody]") -> str:
     return whole.hexdigest()
 
 
-def base_frame(translation: np.ndarray, rotation: np.ndarray, pivot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn T, shape (3, 3), and shift t [mm], shape (3,), by which the base has moved what is fixed to it: T x + t.
-
-    Args:
-        translation: of the base [mm], shape (3,).
-        rotation: rotation vector of the base [rad], shape (3,).
-        pivot: point about which the base turns [mm], shape (3,).
-    """
-    turn = Rotation.from_rotvec(np.array(rotation)).as_matrix()
-    return turn, pivot + translation - turn @ pivot
-
-
 class RelativeMotion:
-    """Displacements of a soft body in the axes of its mesh, relative to the frame that follows the base."""
+    """Displacements of a soft body in the axes of its mesh, relative to the frame that it follows."""
 
     def __init__(self, mesh_nodes: np.ndarray, rotation: Iterable[float], translation: Iterable[float]):
         """Take the nodes of the mesh [mm], shape (node_count, 3), and the placement of the body as in its scene."""
@@ -80,14 +68,15 @@ class RelativeMotion:
         """That of a body of a model."""
         return cls(body.mesh.nodes, body.settings.rotation, body.settings.translation)
 
-    def displacement(self, position: np.ndarray, base_turn: np.ndarray, base_shift: np.ndarray) -> np.ndarray:
+    def displacement(self, position: np.ndarray, places: "FramePlaces", frame: int) -> np.ndarray:
         """Displacements [mm] of nodes at positions in space [mm], both of shape (node_count, 3).
 
         Args:
             position: of the body's nodes.
-            base_turn, base_shift: motion of the base, see `base_frame`.
+            places: where the frames are.
+            frame: number of the frame that the body follows.
         """
-        placed = (position - base_shift) @ base_turn
+        placed = (position - places.shift[frame]) @ places.turn[frame]
         relative: np.ndarray = (placed - self._shift) @ self._turn - self._nodes
         return relative
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from taichisoft.scenes import Scene
-from taichisoft_reduction.body_shapes import BodyShape, RelativeMotion, base_frame, shape_key
+from taichisoft_reduction.body_shapes import BodyShape, RelativeMotion, shape_key
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.run_request import RunResult
 
@@ -34,12 +34,12 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
                 name = keys.get(shape_key(settings))
                 if name is None:
                     continue
+                carrier = recording.frames.names.index(settings.follows)
                 motion = RelativeMotion(body.mesh_nodes, settings.rotation, settings.translation)
                 for frame in frames:
-                    pose = recording.row("base_translation", frame), recording.row("base_rotation", frame)
+                    places = recording.frames.places(recording.row("frame_pose", frame))
                     position = recording.row("position", frame)[body.nodes]
-                    base = base_frame(*pose, recording.base_pivot)
-                    displacement.setdefault(name, []).append(motion.displacement(position, *base))
+                    displacement.setdefault(name, []).append(motion.displacement(position, places, carrier))
             if not displacement:
                 names = ", ".join(shape.name for shape in shapes)
                 raise ReductionError(

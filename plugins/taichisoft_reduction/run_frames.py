@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from taichisoft import Model, Output, State, StepReport
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft_outputs.slipping import Slipping
-from taichisoft_reduction.body_shapes import base_frame, relative_motions
+from taichisoft_reduction.body_shapes import relative_motions
 from taichisoft_reduction.run_request import RunResult
 
 
@@ -33,6 +33,8 @@ class RunFrames(Output):
         self._model, self._first, self._last = model, state, state
         self._motions = relative_motions(model, self._bodies)
         self._nodes = {body.name: body.nodes for body in model.soft_bodies}
+        frames = zip(model.soft_bodies, model.soft_frame.tolist(), strict=True)
+        self._frame = {body.name: frame for body, frame in frames}
         self._touched = {name: np.zeros(len(model.rest_position[self._nodes[name]]), bool) for name in self._bodies}
         self._slipping = Slipping(len(model.soft_bodies), state)
         self._slid = np.zeros((len(model.rigid_bodies), 3))
@@ -48,9 +50,9 @@ class RunFrames(Output):
         if state.step % self._every or report.inverted_elements:
             return
         self._time.append(state.time)
-        frame = base_frame(state.base_translation, state.base_rotation, self._model.base_pivot)
+        places = self._model.places(state)
         for name, motion in self._motions.items():
-            displacement = motion.displacement(state.position[self._nodes[name]], *frame)
+            displacement = motion.displacement(state.position[self._nodes[name]], places, self._frame[name])
             self._displacement[name].append(displacement.astype(np.float32))
         self._note_touched(state)
         self._figures.append(self._figures_of(state, report))

@@ -29,13 +29,19 @@ class Cables(ActuatorSet):
         place: points that no soft body carries, see `Cable`, shape (point_count, 3).
         rest_pull_point: pull points at the start [mm], the first point where there is none, shape (cable_count, 3).
         has_pull_point: whether a cable has a pull point, shape (cable_count,).
-        pull_point_moves: whether it has one that moves with the base, shape (cable_count,).
+        pull_point_frame: number of the frame that carries it; -1 where none does, shape (cable_count,).
     """
 
     sign = -1.0
 
-    def __init__(self, soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"):
-        """Find the points of all cables in the bodies.
+    def __init__(
+        self,
+        frames: "Sequence[str]",
+        soft: "Sequence[SoftBody]",
+        rigid: "Sequence[RigidBody]",
+        obstacles: "Sequence[Obstacle]",
+    ):
+        """Find the points of all cables in the bodies, and which of the frames of these names carry pull points.
 
         Raises:
             MeshError: a file of points cannot be read.
@@ -66,9 +72,9 @@ class Cables(ActuatorSet):
         self.rest_pull_point = np.array([cable.rest_point[0] for cable in self.all]).reshape(-1, 3)
         pulled_from_space = [cable.settings.pull_point is not None for cable in self.all]
         self.has_pull_point = np.array(pulled_from_space, dtype=bool)
-        self.pull_point_moves = self.has_pull_point & np.array(
-            [cable.settings.pull_point_moves for cable in self.all], dtype=bool
-        )
+        carriers = [frames.index(body.settings.follows) for body in soft for _ in body.settings.cables]
+        moves = self.has_pull_point & np.array([cable.settings.pull_point_moves for cable in self.all], dtype=bool)
+        self.pull_point_frame = np.where(moves, np.array(carriers, dtype=np.int64), -1)
         self.lines = tuple(
             Line(
                 name=cable.name,
@@ -80,7 +86,7 @@ class Cables(ActuatorSet):
                 rest_length=cable.rest_length,
                 friction=cable.settings.friction,
                 has_pull_point=bool(self.has_pull_point[number]),
-                pull_point_moves=bool(self.pull_point_moves[number]),
+                frame=int(self.pull_point_frame[number]),
             )
             for number, cable in enumerate(self.all)
         )
@@ -181,7 +187,7 @@ class CableShapes:
 def _make(
     scene: "Scene", soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"
 ) -> Cables:
-    return Cables(soft, rigid, obstacles)
+    return Cables(list(scene.all_frames), soft, rigid, obstacles)
 
 
 CABLES = ActuatorKind(

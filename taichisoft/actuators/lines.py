@@ -7,16 +7,15 @@ from typing import Protocol
 import numpy as np
 
 from taichisoft.bodies.body_geometry import Poses
-from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_vector
+from taichisoft.bodies.moving_frames import MovingFrames
+from taichisoft.bodies.rotations import matrices_from_quaternions
 
 
 class LinePoses(Poses, Protocol):
-    """Where bodies, base and pull points are; a `State` is one. The arrays are as in `State`."""
+    """Where bodies, frames and pull points are; a `State` is one. The arrays are as in `State`."""
 
     @property
-    def base_translation(self) -> np.ndarray: ...
-    @property
-    def base_rotation(self) -> np.ndarray: ...
+    def frame_pose(self) -> np.ndarray: ...
     @property
     def pull_point(self) -> np.ndarray: ...
 
@@ -35,7 +34,7 @@ class Line:
         rest_length: length at the start [mm].
         friction: coefficient between the line and its points [-].
         has_pull_point: whether the first point is a cable's pull point, which stands in space and not on a body.
-        pull_point_moves: whether it moves with the base.
+        frame: number of the frame that carries the pull point; -1 where it stays in space, or there is none.
     """
 
     name: str
@@ -47,29 +46,24 @@ class Line:
     rest_length: float
     friction: float = 0.0
     has_pull_point: bool = False
-    pull_point_moves: bool = False
+    frame: int = -1
 
-    def points(self, poses: LinePoses, base_pivot: np.ndarray) -> np.ndarray:
+    def points(self, poses: LinePoses, frames: MovingFrames) -> np.ndarray:
         """Positions of the points from the pulled end on [mm], shape (point_count, 3).
 
         Args:
-            poses: where bodies, base and pull points are.
-            base_pivot: the point about which the base turns [mm], shape (3,).
+            poses: where bodies, frames and pull points are.
+            frames: the frames of the poses.
         """
         place = self.place.copy()
         if self.has_pull_point:
             place[0] = poses.pull_point[self.number]
-            if self.pull_point_moves:
-                (place[0],) = moved_with_base(place[:1], poses, base_pivot)
+            if self.frame >= 0:
+                (place[0],) = frames.places(poses.frame_pose).moved(place[:1], self.frame)
         for body in np.unique(self.owner[self.owner >= 0]):
             (turn,) = matrices_from_quaternions(poses.rigid_rotation[body, None])
             place[self.owner == body] = place[self.owner == body] @ turn.T + poses.rigid_position[body]
         return place + np.einsum("pk,pkd->pd", self.weights, poses.position[self.nodes])
-
-
-def moved_with_base(points: np.ndarray, poses: LinePoses, base_pivot: np.ndarray) -> np.ndarray:
-    """Points [mm], shape (count, 3), carried along by the base, which turns about `base_pivot` [mm], shape (3,)."""
-    return (points - base_pivot) @ rotation_from_vector(poses.base_rotation).T + base_pivot + poses.base_translation
 
 
 def segment_efforts(lines: Sequence[Line], effort: np.ndarray, loss: np.ndarray) -> list[np.ndarray]:

@@ -10,6 +10,8 @@ from .elasticity import ElasticSystem as ElasticSystem
 from .element_kinds import ELEMENT_KINDS as ELEMENT_KINDS
 from .embedding import embed as embed
 from .modes import Modes as Modes
+from .moving_frames import FramePlaces as FramePlaces
+from .moving_frames import MovingFrames as MovingFrames
 from .rotations import edge_frames as edge_frames
 from .rotations import matrices_from_quaternions as matrices_from_quaternions
 from .rotations import quaternion_from_matrix as quaternion_from_matrix

@@ -289,7 +289,7 @@ class ReducedSystem:
         )
         self._velocity, self._impulse = (np.zeros((elasticity.node_count, 3)) for _ in range(2))
         self._unknown = np.zeros((elasticity.node_count, 3))
-        self._base: tuple[bytes, bytes] | None = None
+        self._frames: tuple[bytes, bytes] | None = None
         self._set_constant()
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
@@ -298,21 +298,21 @@ class ReducedSystem:
         np.multiply(model.data.modulus, factor[model.element, None], out=self._data.modulus)
 
     def begin(
-        self, place: np.ndarray, turn: np.ndarray, gravity: np.ndarray, time_step: float, has_inertia: bool
+        self, turn: np.ndarray, shift: np.ndarray, gravity: np.ndarray, time_step: float, has_inertia: bool
     ) -> None:
         """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
 
-        The base is where it will be at the end of the step, so that velocities have its motion; in first order dynamics
-        they have nothing else.
+        The frames are where they will be at the end of the step, so that velocities have their motion; in first order
+        dynamics they have nothing else.
 
         Args:
-            place: pivot and translation of the base [mm], shape (2, 3).
-            turn: its rotation, shape (3, 3).
+            turn: rotation of the frame that each reduced body follows, shape (body_count, 3, 3).
+            shift: its shift [mm], shape (body_count, 3): it has moved what was at x at rest to turn @ x + shift.
             gravity: acceleration of gravity [mm/s^2], shape (3,).
             time_step: time step h [s].
             has_inertia: whether dynamics are of second order.
         """
-        self._follow(place, turn)
+        self._follow(turn, shift)
         self._amplitudes.gravity[0] = gravity
         movement = self._movement
         mode_motion.find_amplitudes(self.modes, self._nodes, movement.position, movement.velocity, self._amplitudes, 1)
@@ -320,15 +320,15 @@ class ReducedSystem:
             time_step, float(has_inertia), self.modes, self._nodes, self._amplitudes, movement.velocity, 1
         )
 
-    def _follow(self, place: np.ndarray, turn: np.ndarray) -> None:
-        """Let the frames follow the base."""
-        pose = place.tobytes(), turn.tobytes()
-        if pose == self._base:
+    def _follow(self, turn: np.ndarray, shift: np.ndarray) -> None:
+        """Let the bodies' own axes follow the frames."""
+        pose = turn.tobytes(), shift.tobytes()
+        if pose == self._frames:
             return
-        turned = self._base is None or pose[1] != self._base[1]
-        self._base, own = pose, self._elasticity.modes
+        turned = self._frames is None or pose[0] != self._frames[0]
+        self._frames, own = pose, self._elasticity.modes
         self.modes.axes[:] = turn @ own.axes
-        self.modes.origin[:] = (own.origin - place[0]) @ turn.T + place[0] + place[1]
+        self.modes.origin[:] = np.einsum("bij,bj->bi", turn, own.origin) + shift
         if turned:
             self._set_constant()
 

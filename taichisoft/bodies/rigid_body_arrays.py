@@ -32,7 +32,7 @@ class RigidBody:
         collides: whether it touches other bodies.
         groups: surfaces that have one in common do not touch each other.
         smooth: whether the surface stands for a curved one.
-        follows_base: whether the base carries it; mass and inertia then mean nothing.
+        follows: frame that carries it, or None; mass and inertia then mean nothing.
     """
 
     name: str
@@ -49,7 +49,7 @@ class RigidBody:
     collides: bool = True
     groups: frozenset[int] = frozenset()
     smooth: bool = False
-    follows_base: bool = False
+    follows: str | None = None
 
     @property
     def radius(self) -> float:
@@ -123,7 +123,7 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
         collides=body.collides,
         groups=frozenset(body.groups),
         smooth=body.smooth,
-        follows_base=body.follows is not None,
+        follows=body.follows,
     )
 
 

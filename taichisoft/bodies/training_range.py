@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.bodies.rotations import rotation_from_degrees, rotation_from_vector
+from taichisoft.bodies.rotations import rotation_from_degrees
 
 if TYPE_CHECKING:
+    from taichisoft.bodies.moving_frames import MovingFrames
     from taichisoft.bodies.soft_body_arrays import SoftBody
     from taichisoft.state import State
 
@@ -19,11 +20,11 @@ class TrainingRange:
         names: of the reduced bodies whose training is known.
     """
 
-    def __init__(self, bodies: "Sequence[SoftBody]", base_pivot: np.ndarray):
-        """Take the soft bodies of a model, and the point about which the base turns [mm], shape (3,)."""
+    def __init__(self, bodies: "Sequence[SoftBody]", frames: "MovingFrames"):
+        """Take the soft bodies of a model, and the frames that they follow."""
         self._bodies = [body for body in bodies if body.modes is not None and body.modes.amplitude_range is not None]
         self.names = tuple(body.name for body in self._bodies)
-        self._pivot = base_pivot
+        self._frames, self._frame = frames, frames.numbers(body.settings.follows for body in self._bodies)
         self._turns = [rotation_from_degrees(body.settings.rotation) for body in self._bodies]
         self._weighted = []
         for body in self._bodies:
@@ -33,8 +34,8 @@ class TrainingRange:
 
     def amplitudes(self, number: int, state: "State") -> np.ndarray:
         """Amplitudes of one of the bodies in a state [mm sqrt(kg)], shape (mode_count,)."""
-        body, turn = self._bodies[number], rotation_from_vector(state.base_rotation)
-        placed = (state.position[body.nodes] - state.base_translation - self._pivot) @ turn + self._pivot
+        body, frame, places = self._bodies[number], self._frame[number], self._frames.places(state.frame_pose)
+        placed = (state.position[body.nodes] - places.shift[frame]) @ places.turn[frame]
         local = (placed - np.asarray(body.settings.translation)) @ self._turns[number]
         found: np.ndarray = (local - body.mesh.nodes).reshape(-1) @ self._weighted[number]
         return found

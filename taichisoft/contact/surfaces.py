@@ -124,7 +124,7 @@ class ContactSurfaces:
         self.may_pass_through |= self.may_pass_through.T
         self.may_touch |= self.may_touch.T | self.may_pass_through
         # Nothing gives way between bodies that are carried, or between one and an obstacle.
-        carried = np.array([False] * len(soft) + [body.follows_base for body in rigid] + [True] * len(obstacles))
+        carried = np.array([False] * len(soft) + [body.follows is not None for body in rigid] + [True] * len(obstacles))
         self.may_touch[np.ix_(carried, carried)] = self.may_pass_through[np.ix_(carried, carried)] = False
         is_soft = np.arange(len(self.body_size)) < len(soft)
         self.gap_tolerance = np.where(is_soft[:, None] | is_soft, SOFT_GAP_TOLERANCE, RIGID_GAP_TOLERANCE)

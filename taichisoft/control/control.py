@@ -19,17 +19,21 @@ class Control:
             exhaust, by cavity name.
         cable_tension: tensions [mN] by cable name ("finger1.tendon"); a cable is driven by tension or by pull.
         cable_pull: how far cables are pulled in [mm], by cable name; the tension is then a result.
-        pull_points: places of pull points [mm], shape (3,), by cable name; where the scene says so, the base's motion
-            comes on top.
-        base_translation: shift of all anchors from their rest positions [mm], shape (3,).
-        base_rotation: rotation vector of all anchors about the scene's base pivot [rad], shape (3,).
-        base_velocity: velocity of all anchors [mm/s], shape (3,), until something else is asked for; instead of
+        pull_points: places of pull points [mm], shape (3,), by cable name; where the scene says so, the motion of a
+            frame comes on top.
+        base_translation: shift of the base, and so of what is anchored to it or follows it, from rest [mm], shape (3,).
+        base_rotation: rotation vector of the base about its pivot [rad], shape (3,).
+        base_velocity: velocity of the base [mm/s], shape (3,), until something else is asked for; instead of
             base_translation.
-        base_angular_velocity: angular velocity of all anchors about the scene's base pivot, in world axes [rad/s],
-            shape (3,); instead of base_rotation.
+        base_angular_velocity: angular velocity of the base about its pivot, in world axes [rad/s], shape (3,); instead
+            of base_rotation.
+        frame_translation, frame_rotation, frame_velocity, frame_angular_velocity: the same of the scene's frames [mm],
+            [rad], [mm/s] and [rad/s], by name, shape (3,) each, in the axes of the frame that carries it as they are at
+            rest. A pose is reached at the end of the step, as far as the frame's speeds allow.
+        frame_angle: angles of frames with a hinge [rad], by name.
         anchor_positions: positions that the anchors of a soft body hold their nodes to instead of the rest positions
             [mm], by the body's name, shape (anchor_count, 3): a row for each of its anchored nodes, in the order of the
-            nodes. The motion of the base comes on top. No limit of the scene holds them back.
+            nodes. The motion of the frame that the body follows comes on top. No limit of the scene holds them back.
         gravity: acceleration of gravity [mm/s^2], shape (3,); what is up in pictures remains so.
         young_modulus: Young's moduli [kPa] by material: a soft body's own ("finger1") or one of its regions'
             ("finger1.regions.0"). Poisson's ratios stay.
@@ -46,6 +50,11 @@ class Control:
     base_rotation: np.ndarray | None = None
     base_velocity: np.ndarray | None = None
     base_angular_velocity: np.ndarray | None = None
+    frame_translation: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_velocity: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_angular_velocity: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_angle: Mapping[str, float] = field(default_factory=dict)
     anchor_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
     gravity: np.ndarray | None = None
     young_modulus: Mapping[str, float] = field(default_factory=dict)

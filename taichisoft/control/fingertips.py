@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.bodies.rotations import rotation_from_vector
+from taichisoft.bodies.moving_frames import MovingFrames
 from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.control.kernels.tip_motion import observe_tips
 from taichisoft.errors import SceneError
@@ -21,7 +21,7 @@ class Fingertips:
         names: of the fingers.
     """
 
-    def __init__(self, soft_bodies: tuple[SoftBody, ...]):
+    def __init__(self, soft_bodies: tuple[SoftBody, ...], frames: MovingFrames):
         """Choose the nodes of each tip.
 
         Raises:
@@ -39,7 +39,8 @@ class Fingertips:
             or [np.zeros((0, 3))]
         )
         self._position, self._velocity = np.empty_like(self._rest), np.empty_like(self._rest)
-        self._base_turn = np.empty((1, 3, 3))
+        self._frames, self._frame = frames, frames.numbers(body.settings.follows for body in fingers)
+        self._frame_turn = np.empty((len(fingers), 3, 3))
         self._mean_position, self._mean_velocity = np.empty((len(fingers), 3)), np.empty((len(fingers), 3))
         self._bending_angle = np.empty(len(fingers))
 
@@ -47,19 +48,20 @@ class Fingertips:
         """Positions [mm] and velocities [mm/s] of the tips, each (finger_count, 3), and bending angles [rad].
 
         A position or velocity is the mean of the tip's nodes. The bending angle, from 0 to pi, is by how much the tip
-        has turned against the base since the start; the tip's rotation is the best fit to its nodes in the sense of
-        least squares (Kabsch 1976, A solution for the best rotation to relate two sets of vectors).
+        has turned against the frame that the finger follows since the start; the tip's rotation is the best fit to its
+        nodes in the sense of least squares (Kabsch 1976, A solution for the best rotation to relate two sets of
+        vectors).
         """
         if self.names:
             np.take(state.position, self._nodes, axis=0, out=self._position, mode="clip")
             np.take(state.velocity, self._nodes, axis=0, out=self._velocity, mode="clip")
-            self._base_turn[0] = rotation_from_vector(state.base_rotation)
+            self._frame_turn[:] = self._frames.places(state.frame_pose).turn[self._frame]
             observe_tips(
                 self._start,
                 self._rest,
                 self._position,
                 self._velocity,
-                self._base_turn,
+                self._frame_turn,
                 self._mean_position,
                 self._mean_velocity,
                 self._bending_angle,

@@ -6,9 +6,7 @@ import numpy as np
 
 from taichisoft.actuators.kind import Drive
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
-from taichisoft.bodies.rotations import turn_towards
 from taichisoft.model import Model
-from taichisoft.scenes.scene import Limits
 from taichisoft.state import State
 
 
@@ -50,27 +48,14 @@ def _reach(model: Model, drive: Drive) -> tuple[float, float, float]:
     return -math.inf if low is None else low, math.inf if high is None else high, furthest
 
 
-def limit_base(limits: Limits, time_step: float, state: State, request: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Translation [mm] and rotation vector [rad] of the base, on the straight way to the requested ones (2, 3)."""
-    translation, rotation = request
-    if limits.base_speed is not None:
-        way = translation - state.base_translation
-        length, furthest = float(np.linalg.norm(way)), limits.base_speed * time_step
-        if length > furthest:
-            translation = state.base_translation + furthest / length * way
-    if limits.base_turning_speed is not None:
-        furthest = math.radians(limits.base_turning_speed) * time_step
-        rotation = turn_towards(state.base_rotation, rotation, furthest)
-    return translation.copy(), rotation.copy()
-
-
 def clipped(model: Model, state: State) -> tuple[str, ...]:
-    """What of the last request was held back: names of actuators, "base_translation", "base_rotation"."""
+    """What of the last request was held back: names of actuators, "base_translation", "base_rotation" and so on."""
     requests, targets = state.actuator_request.tolist(), state.actuator_target.tolist()
     held_back = zip(model.actuators.names, requests, targets, strict=True)
     names = [name for name, request, target in held_back if request != target]
-    if (state.base_request[0] != state.base_translation).any():
-        names.append("base_translation")
-    if (state.base_request[1] != state.base_rotation).any():
-        names.append("base_rotation")
+    missed = (state.frame_request != state.frame_pose).any(axis=2).tolist()
+    for name, parts in zip(model.frames.names, missed, strict=True):
+        names += [
+            f"{name}_{part}" for part, is_missed in zip(("translation", "rotation"), parts, strict=True) if is_missed
+        ]
     return tuple(names)

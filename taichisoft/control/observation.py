@@ -39,13 +39,19 @@ class Observation:
         cable_pulls: how far the cables are pulled in [mm], by cable name.
         tip_positions: mean position of the tip's nodes [mm], shape (3,), by finger.
         tip_velocities: mean velocity of the tip's nodes [mm/s], shape (3,), by finger.
-        bending_angles: turn of the tip against the base [rad], from 0 to pi, by finger.
-        base_translation: shift of all anchors from their rest positions [mm], shape (3,).
-        base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
+        bending_angles: turn of the tip against the frame that the finger follows [rad], from 0 to pi, by finger.
+        base_translation: shift of the base from rest [mm], shape (3,).
+        base_rotation: rotation vector of the base about its pivot [rad], shape (3,).
         base_force: force on the base in the last step, by anchors, by bodies that it carries, and by cables that are
             pulled from it [mN], shape (3,).
         base_torque: torque of it about the base's pivot, which moves with the base [mN mm], shape (3,).
         base_force_in_base, base_torque_in_base: the same in axes that turn with the base, as a sensor on it has them.
+        frame_translations, frame_rotations: poses of the scene's frames, as `Control` asks for them [mm] and [rad],
+            shape (3,), by name.
+        frame_forces, frame_torques: force [mN] on each of them in the last step, and torque [mN mm] about its pivot, by
+            all that it carries, in world axes, shape (3,), by name.
+        frame_angles: angles of the frames with a hinge [rad], by name.
+        frame_moments: moments about the axes of these hinges [mN mm], by name.
         object_positions: centre of mass of each rigid body [mm], shape (3,), by name.
         object_rotations: rotation of each rigid body, a unit quaternion (w, x, y, z), shape (4,), by name.
         object_velocities: velocity of the centre of mass of each rigid body [mm/s], shape (3,), by name.
@@ -57,7 +63,7 @@ class Observation:
         contact_points: middles of the contacts, the open ones too [mm], shape (count, 3), by pair.
         contact_forces: force on the second body in each of these [mN], shape (count, 3), by pair.
         clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
-            "base_translation" and "base_rotation".
+            "base_translation" and "base_rotation", and so on for other frames.
         state: the complete state that all the above was worked out from, read-only, for controllers that need every
             node or every contact; None in an observation that was made up without one.
     """
@@ -84,6 +90,12 @@ class Observation:
     base_torque: np.ndarray = field(default_factory=lambda: np.zeros(3))
     base_force_in_base: np.ndarray = field(default_factory=lambda: np.zeros(3))
     base_torque_in_base: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    frame_translations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_forces: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_torques: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frame_angles: Mapping[str, float] = field(default_factory=dict)
+    frame_moments: Mapping[str, float] = field(default_factory=dict)
     object_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)

@@ -12,9 +12,9 @@ from taichisoft.actuators.cavities import CAVITIES
 from taichisoft.actuators.kind import ActuatorFigure
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.model_actuators import ActuatorGeometry
-from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
+from taichisoft.control.frame_motion import observed_frames
 from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
 from taichisoft.model import Model
@@ -29,6 +29,10 @@ ARRAYS_BY_NAME = (
     "object_angular_velocities",
     "contact_points",
     "contact_forces",
+    "frame_translations",
+    "frame_rotations",
+    "frame_forces",
+    "frame_torques",
 )
 """Fields of an observation that hold arrays by name."""
 ARRAYS_OF_BASE = (
@@ -57,7 +61,7 @@ class Observer:
         """
         self._model = model
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
-        self._fingertips = Fingertips(model.soft_bodies)
+        self._fingertips = Fingertips(model.soft_bodies, model.frames)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
         self._working = Lock()
         self._last: tuple[State, Observation] | None = None
@@ -80,9 +84,7 @@ class Observer:
             tip_positions=_by_name(tips.names, tip_positions),
             tip_velocities=_by_name(tips.names, tip_velocities),
             bending_angles=_numbers(tips.names, bending_angles),
-            base_translation=state.base_translation,
-            base_rotation=state.base_rotation,
-            **self._base_wrench(state),
+            **observed_frames(model, state),
             object_positions=_by_name(self._object_names, state.rigid_position),
             object_rotations=_by_name(self._object_names, state.rigid_rotation),
             object_velocities=_by_name(self._object_names, state.rigid_velocity),
@@ -96,16 +98,6 @@ class Observer:
             clipped=clipped(model, state),
             state=state,
         )
-
-    def _base_wrench(self, state: State) -> dict[str, Any]:
-        """The fields of an observation with the wrench on the base."""
-        (force, torque), turn = state.base_wrench, rotation_from_vector(state.base_rotation)
-        return {
-            "base_force": force,
-            "base_torque": torque,
-            "base_force_in_base": turn.T @ force,
-            "base_torque_in_base": turn.T @ torque,
-        }
 
     def _actuators(self, state: State) -> dict[str, Any]:
         """The fields of an observation that say how actuators are."""

@@ -1,6 +1,5 @@
 """A controller's wishes, checked and taken over into the state as far as the scene's limits allow."""
 
-import math
 from collections.abc import Mapping
 from numbers import Real
 from typing import Any
@@ -10,15 +9,16 @@ import numpy as np
 from taichisoft.actuators.cavities import CAVITIES, VALVE
 from taichisoft.actuators.kind import ActuatorKind, ActuatorSet
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
-from taichisoft.bodies.rotations import compose_rotation_vectors
 from taichisoft.control.control import Control
-from taichisoft.control.limits import limit_actuators, limit_base
+from taichisoft.control.frame_motion import FRAME_MAPPINGS, frame_requests, frames_move
+from taichisoft.control.limits import limit_actuators
+from taichisoft.control.requested_values import as_array, finite, index_of
 from taichisoft.errors import ControlError, nearest
 from taichisoft.model import Model
 from taichisoft.state import State
 
 DRIVES = tuple(drive.asked for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
-MAPPINGS = (*DRIVES, VALVE.asked, "pull_points", "anchor_positions", "young_modulus", "signals")
+MAPPINGS = (*DRIVES, VALVE.asked, *FRAME_MAPPINGS, "pull_points", "anchor_positions", "young_modulus", "signals")
 """Keys of a control that ask for actuators, and all that have dictionaries by name."""
 
 
@@ -44,53 +44,15 @@ def apply_control(model: Model, state: State, control: Control) -> State:
         changes |= _valves(model, state, control, changes["actuator_target"])
     if control.pull_points:
         changes["pull_point"] = _pull_point(model, state, control)
-    if _base_moves(state, control):
-        changes |= _base_requests(model, state, control)
+    if frames_move(model, state, control):
+        changes |= frame_requests(model, state, control)
     if control.anchor_positions:
         changes["anchor_position"] = _anchor_position(model, state, control)
     if control.gravity is not None:
-        changes["gravity"] = _finite(control.gravity, "control.gravity", (3,))
+        changes["gravity"] = finite(control.gravity, "control.gravity", (3,))
     if control.young_modulus:
         changes["young_modulus"] = _young_modulus(model, state, control)
     return state.changed(**changes)
-
-
-def _base_moves(state: State, control: Control) -> bool:
-    """Whether the base is asked to move, or has not arrived yet."""
-    asked = (control.base_translation, control.base_rotation, control.base_velocity, control.base_angular_velocity)
-    if any(one is not None for one in asked) or state.base_velocity.any():
-        return True
-    # Of so few numbers Python's lists are compared faster than arrays.
-    return state.base_request.tolist() != [state.base_translation.tolist(), state.base_rotation.tolist()]
-
-
-def _base_requests(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
-    """What the base is asked for, and how far it gets in this step."""
-    base_velocity = state.base_velocity.copy()
-    base_request = state.base_request.copy()
-    for row, (pose, velocity) in enumerate(
-        (("base_translation", "base_velocity"), ("base_rotation", "base_angular_velocity"))
-    ):
-        if getattr(control, pose) is not None and getattr(control, velocity) is not None:
-            raise ControlError(f"control: {pose} and {velocity} are both given; give one of them")
-        if getattr(control, pose) is not None:
-            base_request[row] = _finite(getattr(control, pose), f"control.{pose}", (3,))
-            base_velocity[row] = 0.0
-        elif getattr(control, velocity) is not None:
-            base_velocity[row] = _finite(getattr(control, velocity), f"control.{velocity}", (3,))
-            base_request[row] = state.base_translation if row == 0 else state.base_rotation
-    time_step = model.scene.time.step
-    if base_velocity[0].any():
-        base_request[0] = state.base_translation + time_step * base_velocity[0]
-    if base_velocity[1].any():
-        base_request[1] = compose_rotation_vectors(time_step * base_velocity[1], state.base_rotation)
-    translation, rotation = limit_base(model.scene.limits, time_step, state, base_request)
-    return {
-        "base_request": base_request,
-        "base_velocity": base_velocity,
-        "base_translation": translation,
-        "base_rotation": rotation,
-    }
 
 
 def _actuator_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
@@ -116,24 +78,24 @@ def _drive(
         raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
     for drive, wishes in ((kind.effort, efforts), (kind.coordinate, coordinates)):
         for name, value in wishes.items():
-            index = _index(name, actuators.names, kind.name, drive.asked)
+            index = index_of(name, actuators.names, kind.name, drive.asked)
             why_not = actuators.why_not(drive, index)
             if why_not:
                 raise ControlError(f"control.{drive.asked}['{name}']: cannot be asked for, {why_not}")
             imposed[index] = drive is kind.coordinate
-            request[index] = _finite(value, f"control.{drive.asked}['{name}']", ())
+            request[index] = finite(value, f"control.{drive.asked}['{name}']", ())
 
 
 def _valves(model: Model, state: State, control: Control, target: np.ndarray) -> dict[str, np.ndarray]:
     """How valves and regulators of air lines are in the step, by what they and (actuator_count,) are asked for."""
     request, cavities = state.valve_request.copy(), model.cavities
     for name, value in control.valve.items():
-        index = _index(name, cavities.names, CAVITIES.name, VALVE.asked)
+        index = index_of(name, cavities.names, CAVITIES.name, VALVE.asked)
         key = f"control.{VALVE.asked}['{name}']"
         why_not = cavities.why_not(VALVE, index)
         if why_not:
             raise ControlError(f"{key}: cannot be asked for, {why_not}")
-        request[index] = opening = _finite(value, key, ())
+        request[index] = opening = finite(value, key, ())
         if not -1.0 <= opening <= 1.0:
             raise ControlError(f"{key} = {value!r}: must be from -1 (open to the exhaust) to 1 (open to the source)")
     return cavities.valves.moved(state, model.actuators.of(CAVITIES, target), request)
@@ -143,10 +105,10 @@ def _pull_point(model: Model, state: State, control: Control) -> np.ndarray:
     """Places of all cables' pull points [mm], (cable_count, 3), with those that are asked for."""
     pull_point, cables = state.pull_point.copy(), model.cables
     for name, place in control.pull_points.items():
-        cable = _index(name, cables.names, "cable", "pull_points")
+        cable = index_of(name, cables.names, "cable", "pull_points")
         if not cables.has_pull_point[cable]:
             raise ControlError(f"control.pull_points['{name}']: this cable has none; give it one in the scene")
-        pull_point[cable] = _finite(place, f"control.pull_points['{name}']", (3,))
+        pull_point[cable] = finite(place, f"control.pull_points['{name}']", (3,))
     return pull_point
 
 
@@ -163,7 +125,7 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
             known = nearest(str(name), list(rows), "there are")
             raise ControlError(f"control.anchor_positions: no soft body with anchors is called '{name}'; {known}")
         key = f"control.anchor_positions['{name}']"
-        asked, needed = _array(value, key), position[rows[name]].shape
+        asked, needed = as_array(value, key), position[rows[name]].shape
         if asked.shape != needed:
             raise ControlError(f"{key} has shape {asked.shape}: must have {needed}, a row for each anchored node")
         if not np.isfinite(asked).all():
@@ -176,39 +138,10 @@ def _young_modulus(model: Model, state: State, control: Control) -> np.ndarray:
     """Young's moduli of all materials [kPa], (material_count,), with those that are asked for."""
     moduli = state.young_modulus.copy()
     for name, value in control.young_modulus.items():
-        material = _index(name, model.material_names, "material", "young_modulus")
+        material = index_of(name, model.material_names, "material", "young_modulus")
         key = f"control.young_modulus['{name}']"
-        modulus = _finite(value, key, ())
+        modulus = finite(value, key, ())
         if modulus <= 0.0:
             raise ControlError(f"{key} = {value!r}: must be above 0")
         moduli[material] = modulus
     return moduli
-
-
-def _index(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
-    if name not in names:
-        raise ControlError(
-            f"control.{key}: no {kind} is called '{name}'; {nearest(str(name), list(names), 'there are')}"
-        )
-    return names.index(name)
-
-
-def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | float:
-    if not shape and type(value) is float and math.isfinite(value):
-        return value
-    array = _array(value, key)
-    if array.shape != shape or not np.isfinite(array).all():
-        wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
-        raise ControlError(f"{key} = {value!r}: must be {wanted}")
-    return array
-
-
-def _array(value: object, key: str) -> np.ndarray:
-    """A copy as floating-point numbers; text and truth values are none, though numpy would take them for some."""
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind in "iuf":
-            return np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):  # rows of unequal lengths
-        pass
-    raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers")

@@ -18,7 +18,7 @@ class TrainingWatch:
     def __init__(self, model: Model):
         """Prepare; without reduced bodies there is nothing to do."""
         self._model = model
-        self._range = TrainingRange(model.soft_bodies, model.base_pivot)
+        self._range = TrainingRange(model.soft_bodies, model.frames)
         self._said: set[str] = set()
 
     def complaints_at_start(self) -> Iterator[str]:

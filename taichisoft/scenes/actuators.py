@@ -118,7 +118,7 @@ class CableSettings(Table):
     pull_point: Vector | None = None
     """The place from which the cable is pulled, in the same coordinates [mm]; the first point when it is not given."""
     pull_point_moves: bool = True
-    """Whether the pull point moves with the base; else it stays where it is in space."""
+    """Whether the pull point moves with the base, or what else the body follows; else it stays where it is in space."""
     friction: NotNegative = 0.0
     """Friction coefficient between the cable and its points [-]."""
     axial_stiffness: Positive | None = None

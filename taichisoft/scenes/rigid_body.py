@@ -1,7 +1,7 @@
 """Rigid objects and obstacles as a user describes them."""
 
 import math
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 from pydantic import model_validator
 
@@ -35,8 +35,9 @@ class RigidBodySettings(Shaped):
     """Velocity of the centre of mass at the start [mm/s]."""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
     """Angular velocity at the start [rad/s]."""
-    follows: Literal["base"] | None = None
-    """What carries the body instead of forces: "base", as a palm that is screwed to the gripper; it has no mass."""
+    follows: str | None = None
+    """Frame that carries the body instead of forces: "base", as a palm that is screwed to the gripper, or one of
+    `frames`; it has no mass."""
     collides: bool = True
     """Whether the body touches others; one that does not goes through them."""
     groups: Groups = []

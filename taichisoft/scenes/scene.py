@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from taichisoft.scenes.actuators import ActuatorLimits
 from taichisoft.scenes.colours import Colour
+from taichisoft.scenes.frame_settings import BASE, FrameSettings
 from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, ObstacleSettings, RigidBodySettings
 from taichisoft.scenes.soft_body import SoftBodySettings
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector
@@ -229,7 +230,9 @@ class Scene(Table):
     time: Time = Time()
     contact: Contact = Contact()
     base_pivot: Vector | None = None
-    """The point about which the base turns [mm]; the mean of the anchored nodes when it is not given."""
+    """The point about which the base turns [mm]; the mean of the nodes anchored to it when it is not given."""
+    frames: dict[Name, FrameSettings] = {}
+    """What moves by itself beside the base, by name."""
     controller: SceneControllerSettings | None = None
     limits: Limits = Limits()
     external_forces: list[ExternalForce] = []
@@ -264,6 +267,16 @@ class Scene(Table):
         """Tables of the soft bodies' actuators of a kind, such as "cavities", by their names "body.actuator"."""
         bodies = self.soft_bodies.items()
         return {f"{name}.{one}": table for name, body in bodies for one, table in getattr(body, plural).items()}
+
+    @property
+    def all_frames(self) -> dict[str, FrameSettings]:
+        """The base and all other frames, each behind the frame that carries it."""
+        limits = self.limits
+        base = FrameSettings(pivot=self.base_pivot, speed=limits.base_speed, turning_speed=limits.base_turning_speed)
+        found = {BASE: base}
+        while len(found) <= len(self.frames):  # no frame carries itself, or this would not end
+            found |= {name: one for name, one in self.frames.items() if one.follows is None or one.follows in found}
+        return found
 
     @property
     def main_object(self) -> str | None:
@@ -312,6 +325,32 @@ class Scene(Table):
         return self
 
     @model_validator(mode="after")
+    def _check_frames(self) -> Self:
+        if BASE in self.frames:
+            raise ValueError("frames.base: every scene has this frame; give base_pivot, limits.base_speed, and so on")
+        tables: dict[str, dict[str, Any]] = {
+            "frames": dict(self.frames),
+            "rigid_bodies": dict(self.rigid_bodies),
+            "soft_bodies": dict(self.soft_bodies),
+        }
+        for kind, members in tables.items():
+            for name, table in members.items():
+                if table.follows not in (None, BASE, *self.frames):
+                    known = ", ".join([BASE, *self.frames])
+                    raise ValueError(
+                        f"{kind}.{name}.follows is '{table.follows}', which is not a frame; there are: {known}"
+                    )
+        for name in self.frames:
+            above: list[str | None] = [name]
+            while above[-1] in self.frames:
+                above.append(self.frames[str(above[-1])].follows)
+                if above[-1] == name:
+                    raise ValueError(
+                        f"frames.{name} carries itself: it follows {' which follows '.join(map(str, above[1:]))}"
+                    )
+        return self
+
+    @model_validator(mode="after")
     def _check_names(self) -> Self:
         names = [*self.soft_bodies, *self.rigid_bodies, *self.obstacles]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -339,7 +378,7 @@ class Scene(Table):
                 known = ", ".join(self.rigid_bodies) or "none"
                 raise ValueError(f"{key} is '{name}', which is not a rigid body; there are: {known}")
             if self.rigid_bodies[name].follows is not None:
-                raise ValueError(f"{key} is '{name}', which follows the base whatever acts on it; name another body")
+                raise ValueError(f"{key} is '{name}', which follows a frame whatever acts on it; name another body")
         if not self.soft_bodies and not self.rigid_bodies:
             raise ValueError("a scene needs at least one soft body or rigid body")
         return self

@@ -76,7 +76,7 @@ class Region(Selection):
 
 
 class Anchor(NodeSelection):
-    """Nodes held by stiff springs to their rest positions, which move with the base."""
+    """Nodes held by stiff springs to their rest positions, which move with the base or what else the body follows."""
 
     stiffness: Positive = 1e12
     """Stiffness of the spring of each node [mN/mm]."""
@@ -216,6 +216,8 @@ class SoftBodySettings(ActuatorTables):
     whole, from the mean of its nodes."""
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
+    follows: str = "base"
+    """Frame that the anchored nodes move with: "base", or one of `frames`."""
     regions: list[Region] = []
     anchors: list[Anchor] = []
     forces: list[NodalForce] = []

@@ -17,10 +17,9 @@ from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.compliance import assemble_compliance
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import ForcesOnBase, Shift, StepProblem, StepSolution
+from taichisoft.step.solution import Shift, StepProblem, StepSolution
 
 FIRST_CAPACITY = 16
-NO_FORCES = ForcesOnBase(np.zeros((0, 3)), np.zeros((0, 3)))
 # Most tangents to the laws of actuators in a solve; usually three.
 MOST_TANGENTS = 40
 
@@ -90,13 +89,6 @@ class ConstraintSolver:
             self._velocity[:] = node_velocity = self._velocities_after(problem)
             if not self._active_set.add_violated(self._velocity):
                 return self._solution(problem, node_velocity, iterations)
-
-    def forces_on_base(self, problem: StepProblem, solution: StepSolution) -> ForcesOnBase:
-        """Forces of the soft bodies on the base in a solution."""
-        if self._soft is None:
-            return NO_FORCES
-        load = problem.requests.load
-        return self._soft.forces_on_base(problem.start, load, solution.node_velocity, solution.node_impulse)
 
     def report(self, problem: StepProblem, solution: StepSolution) -> ReportedContacts:
         """Contacts that took part, and the closest contact of other bodies near each other."""

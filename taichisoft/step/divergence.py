@@ -34,6 +34,9 @@ NO_DOMAINS = Domains(
 )
 
 ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mesh"
+CRUSHED = (
+    "frames that stop where rigid bodies touch what they carry, since nothing gives way there, or a smaller time.step"
+)
 # One linearisation misses the change of volume by t^2 in a rotation by t per step: fast, nearly incompressible rubber
 # gets pressures of lambda t^2 and explodes.
 RUBBER_ADVICE = "a smaller time.step, time.newton = 20, a lower pressure or pressure rate, or a finer mesh"
@@ -57,7 +60,8 @@ class DivergenceCheck:
         shapes = [body.rest_position for body in soft]
         self._soft = _Leaps([body.name for body in soft], shapes, node_starts, self._advice)
         centres = list(range(len(rigid) + 1))
-        advice = [ADVICE for _ in rigid]
+        # What frames press together gives way to nothing.
+        advice = [CRUSHED if any(body.follows is not None for body in rigid) else ADVICE for _ in rigid]
         self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres, advice)
         counts = [len(body.elements) for body in soft]
         # Laws of rubber can restore inverted elements, however many.

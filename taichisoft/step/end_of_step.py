@@ -87,33 +87,19 @@ class EndOfStep:
         self._velocity[:] = node_velocity
         self._geometry.update(PosesAhead(position, rigid_position, rigid_rotation), self._pull_point)
 
-    def force_on_anchors(self, effort: np.ndarray, contact_node_impulse: np.ndarray) -> np.ndarray:
-        """Forces of the bodies on the anchors at the current positions [mN], shape (anchor_count, 3).
-
-        Args:
-            effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
-            contact_node_impulse: impulses of contacts on the nodes [mN s], shape (node_count, 3).
-        """
-        anchored = self._anchors.node
-        impulse: np.ndarray = (self._residual(effort, self._soft.no_anchors) + contact_node_impulse)[anchored]
-        return impulse / self._time_step
-
     def residual(self, effort: np.ndarray) -> np.ndarray:
         """Residual impulses [mN s] of the equations at the current positions, without contacts, shape (node_count, 3).
 
         Args:
             effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
         """
-        return self._residual(effort, self._anchors)
-
-    def _residual(self, effort: np.ndarray, anchors: kernels.Anchors) -> np.ndarray:
         soft, velocity = self._soft, self._velocity
         kernels.sum_impulses(
             self._time_step,
             self._nodes,
             soft.forces,
-            anchors,
-            soft.base,
+            self._anchors,
+            soft.frames,
             self._model.actuators.coordinates,
             self._geometry.gradient,
             effort,

@@ -12,7 +12,7 @@ from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.end_of_step import EndOfStep
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import ForcesOnBase, StepProblem, StepSolution
+from taichisoft.step.solution import StepProblem, StepSolution
 
 # The line search accepts the whole step unless the slope at its end exceeds LARGE_SLOPE times the slope at its start
 # (Matthies and Strang 1979, The solution of nonlinear finite element equations); else it ends at a slope of at most
@@ -85,11 +85,6 @@ class NonlinearStep:
             iterations, linearisations = iterations + solution.iterations, linearisations + 1
             force += solution.node_impulse
             velocity = self._rates(solution)
-
-    def forces_on_base(self, problem: StepProblem, solution: StepSolution) -> ForcesOnBase:
-        """Forces of the bodies on the base in the solution last found."""
-        at_anchors = self._equations.force_on_anchors(solution.effort, solution.contact_node_impulse)
-        return ForcesOnBase(at_anchors, np.zeros((0, 3)))
 
     def _free_solution(self, problem: StepProblem, solution: StepSolution) -> StepSolution:
         """Nodes at rest under known loads only, the start of the first line search."""

@@ -6,7 +6,6 @@ from taichisoft.bodies.kernels import rigid_integration as kernels
 from taichisoft.bodies.rotations import (
     matrices_from_quaternions,
     quaternion_from_matrix,
-    rotation_from_vector,
     vector_from_rotation,
 )
 from taichisoft.model import Model
@@ -14,11 +13,11 @@ from taichisoft.state import State
 
 
 class RigidMotion:
-    """The rigid bodies of a step; those that the base carries have the velocities that lead to where it is at its end.
+    """The rigid bodies of a step; those that frames carry have the velocities that lead to where these are at its end.
 
     Attributes:
         state: poses, velocities and impulses in arrays of kernels.
-        carried: the bodies that the base carries.
+        carried: the bodies that frames carry.
     """
 
     def __init__(self, model: Model):
@@ -100,18 +99,20 @@ class RigidMotion:
 
 
 class CarriedBodies:
-    """Rigid bodies that the base carries.
+    """Rigid bodies that frames carry.
 
     Attributes:
         index: their numbers among the rigid bodies, shape (carried_count,).
-        position: centres of mass where the base is at the end of the step [mm], shape (carried_count, 3).
+        frame: number of the frame that carries each, shape (carried_count,).
+        position: centres of mass where the frames are at the end of the step [mm], shape (carried_count, 3).
     """
 
     def __init__(self, model: Model):
         """Find them."""
-        self.index = np.array([i for i, body in enumerate(model.rigid_bodies) if body.follows_base], dtype=np.int64)
+        self.index = np.flatnonzero(model.rigid_frame >= 0)
+        self.frame = model.rigid_frame[self.index]
         bodies = [model.rigid_bodies[index] for index in self.index]
-        self._pivot = model.base_pivot
+        self._frames = model.frames
         self._start = np.array([body.start_position for body in bodies]).reshape(-1, 3)
         self._start_turn = matrices_from_quaternions(np.array([b.start_rotation for b in bodies]).reshape(-1, 4))
         self.position, self._quaternion = self._start, np.zeros((len(bodies), 4))
@@ -121,8 +122,9 @@ class CarriedBodies:
         some = self.index
         if not len(some):
             return
-        turn = rotation_from_vector(state.base_rotation)
-        self.position = (self._start - self._pivot) @ turn.T + self._pivot + state.base_translation
+        places = self._frames.places(state.frame_pose)
+        turn = places.turn[self.frame]
+        self.position = np.einsum("bij,bj->bi", turn, self._start) + places.shift[self.frame]
         turned = turn @ self._start_turn
         self._quaternion = np.array([quaternion_from_matrix(one) for one in turned])
         now = matrices_from_quaternions(state.rigid_rotation[some])

@@ -4,13 +4,11 @@ import numpy as np
 
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
-from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.cholesky.kernels.sparse_columns import SparseColumns
 from taichisoft.errors import ControlError, NotPositiveDefinite, SimulationDiverged
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.kernels import loads as kernels
-from taichisoft.step.solution import ForcesOnBase
 
 
 class SoftMotion:
@@ -22,7 +20,7 @@ class SoftMotion:
         nodes: loads on the nodes, at the start of the step.
         forces: constant forces on nodes.
         anchors: springs that hold nodes, with the lag at the start of a step.
-        base: pose of the base.
+        frames: where the frames are at the end of the step.
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, geometry: ActuatorGeometry):
@@ -55,23 +53,17 @@ class SoftMotion:
         self._young_modulus: np.ndarray | None = None  # of the system's elements
         self.anchors = kernels.Anchors(
             node=model.anchored_nodes,
+            frame=np.repeat(model.soft_frame, [int(body.anchored.sum()) for body in model.soft_bodies]),
             stiffness=elasticity.anchor_stiffness,
             lag=elasticity.anchor_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
         )
         pushed = np.flatnonzero(is_pushed)
         self.forces = kernels.ConstantForces(node=pushed.astype(np.int32), force=constant[pushed])
-        self.no_anchors = self.anchors._replace(node=self.anchors.node[:0].copy())
-        self._full_anchors = np.flatnonzero(is_full[model.anchored_nodes])
-        held = model.anchored_nodes[self._full_anchors]
-        self._rows_of_anchors = RowsOfNodes(elasticity.symbolic.block_pairs, held)
-        self._anchored_mass = elasticity.inertia[held][:, None]
-        self._reduced_nodes = np.flatnonzero(~is_full)
-        self._reduced_mass = elasticity.node_mass[self._reduced_nodes, None]
-        self._reduced_drag = elasticity.node_rayleigh_mass[self._reduced_nodes, None]
-        self._other_impulse = np.zeros((model.node_count, 3))
-        self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
-        self._base_rotation: np.ndarray | None = None  # rotation vector of `base.turn`
+        frame_count = len(model.frames.names)
+        self.frames = kernels.Frames(turn=np.empty((frame_count, 3, 3)), shift=np.empty((frame_count, 3)))
+        self._frame_pose: np.ndarray | None = None  # of `frames`
+        self._frame_of_modes = model.soft_frame[[body.modes is not None for body in model.soft_bodies]]
         self._anchor_position: np.ndarray | None = None  # the last that was checked
         self.known_velocity = np.zeros((model.node_count, 3))
 
@@ -90,11 +82,11 @@ class SoftMotion:
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
         has_inertia = self._model.scene.time.dynamics == "second order"
-        self._follow_base(state)
+        self._follow_frames(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
-            place, turn = self.base.place, self.base.turn[0]
-            self.system.reduced.begin(place, turn, state.gravity, self._model.scene.time.step, has_inertia)
+            turn, shift = (part[self._frame_of_modes] for part in self.frames)
+            self.system.reduced.begin(turn, shift, state.gravity, self._model.scene.time.step, has_inertia)
         if state.young_modulus is not self._young_modulus:
             self._young_modulus = state.young_modulus
             stiffening = state.young_modulus / self._model.young_modulus
@@ -150,47 +142,18 @@ class SoftMotion:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
-    def forces_on_base(
-        self, start: State, load: np.ndarray, node_velocity: np.ndarray, node_impulse: np.ndarray
-    ) -> ForcesOnBase:
-        """Forces of the bodies on the base in the step.
-
-        On anchors they are what the equations of the anchored nodes leave without their springs: the springs' stretch
-        times their stiffness, 1e12 mN/mm, would show the round-off of velocities.
-
-        Args:
-            start: state at the start of the step.
-            load: known pressures [kPa] and tensions [mN], shape (coordinate_count,).
-            node_velocity: velocities after the step [mm/s], shape (node_count, 3).
-            node_impulse: impulses of contacts and of actuator rows [mN s], shape (node_count, 3).
-        """
-        self._sum(self.nodes._replace(impulse=self._other_impulse), self.no_anchors, load)
-        impulse, some = self._other_impulse + node_impulse, self._full_anchors
-        at_anchors = np.zeros((len(self.anchors.node), 3))
-        if len(some):
-            held, change = self.anchors.node[some], node_velocity - self.known_velocity
-            taken = self._anchored_mass * change[held] + self._rows_of_anchors.times(self.system.solver.blocks, change)
-            at_anchors[some] = (impulse[held] - taken) / self._time_step
-        nodes = self._reduced_nodes
-        velocity = rate = node_velocity[nodes]
-        if self._model.scene.time.dynamics == "second order":
-            rate = (velocity - start.velocity[nodes]) / self._time_step + self._reduced_drag * velocity
-        of_reduced = impulse[nodes] / self._time_step + self._reduced_mass * (start.gravity - rate)
-        return ForcesOnBase(at_anchors, of_reduced)
-
     def leave_out_forces(self) -> None:
         """Restart from rest with the impulses of contacts only."""
         self.known_velocity[:] = 0.0
         self.system.solver.leave_out_right_hand_side()
 
-    def _follow_base(self, state: State) -> None:
-        self.base.place[1] = state.base_translation
-        if state.base_rotation is not self._base_rotation:
-            self._base_rotation = state.base_rotation
-            self.base.turn[0] = rotation_from_vector(state.base_rotation)
+    def _follow_frames(self, state: State) -> None:
+        if state.frame_pose is not self._frame_pose:
+            places, self._frame_pose = self._model.places(state), state.frame_pose
+            self.frames.turn[:], self.frames.shift[:] = places.turn, places.shift
 
     def _refuse_moved_anchors(self, state: State) -> None:
-        """Modes follow the base; they cannot follow anchors that move by themselves."""
+        """Modes follow a frame; they cannot follow anchors that move by themselves."""
         if state.anchor_position is self._anchor_position:
             return
         nodes = self._model.anchored_nodes
@@ -199,7 +162,7 @@ class SoftMotion:
         if moved.any():
             body = self._model.body_of_node(int(nodes[moved.argmax()]))
             raise ControlError(
-                f"anchor_positions: '{body}' is reduced, and its modes follow the base alone; move the base, or remove "
+                f"anchor_positions: '{body}' is reduced, and its modes follow a frame alone; move that, or remove "
                 f"soft_bodies.{body}.reduced"
             )
         self._anchor_position = state.anchor_position
@@ -207,49 +170,13 @@ class SoftMotion:
     def _sum_impulses(self, state: State, load: np.ndarray) -> None:
         self.nodes.gravity[0] = state.gravity
         self.anchors.position[:] = state.anchor_position
-        self._sum(self.nodes, self.anchors, load)
-
-    def _sum(self, nodes: kernels.Nodes, anchors: kernels.Anchors, load: np.ndarray) -> None:
         kernels.sum_impulses(
             self._time_step,
-            nodes,
+            self.nodes,
             self.forces,
-            anchors,
-            self.base,
+            self.anchors,
+            self.frames,
             self._model.actuators.coordinates,
             self._geometry.gradient,
             load,
         )
-
-
-class RowsOfNodes:
-    """The rows of some nodes in a matrix of 3x3 blocks whose rows sum to zero but for the diagonal of masses."""
-
-    def __init__(self, block_pairs: np.ndarray, nodes: np.ndarray):
-        """Find the blocks beside the diagonal.
-
-        Args:
-            block_pairs: row and column of the stored blocks of the symmetric matrix, shape (block_count, 2).
-            nodes: the nodes in rising order, shape (n,).
-        """
-        first, second = block_pairs.T
-        beside, self._count = first != second, len(nodes)
-        here, there = (beside & np.isin(one, nodes) for one in (first, second))
-        self._block = np.concatenate([np.flatnonzero(here), np.flatnonzero(there)])
-        self._here_count = int(here.sum())
-        self._node = np.concatenate([first[here], second[there]])
-        self._other = np.concatenate([second[here], first[there]])
-        self._row = np.searchsorted(nodes, self._node)
-
-    def times(self, blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Product without what is on the diagonal beside the negative sums of the rows, shape (n, 3).
-
-        Args:
-            blocks: the stored blocks, shape (block_count, 3, 3).
-            vectors: shape (node_count, 3).
-        """
-        some, difference = blocks[self._block], vectors[self._other] - vectors[self._node]
-        some[self._here_count :] = some[self._here_count :].transpose(0, 2, 1)
-        products = np.einsum("bij,bj->bi", some, difference)
-        sums = [np.bincount(self._row, products[:, axis], self._count) for axis in range(3)]
-        return np.column_stack(sums)

@@ -76,20 +76,6 @@ def _between(here: np.ndarray, there: np.ndarray, share: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class ForcesOnBase:
-    """Forces in a step that soft bodies pass to the base [mN].
-
-    Attributes:
-        at_anchors: forces at the anchors of full bodies, 0 at those of reduced ones, shape (anchor_count, 3).
-        of_reduced: weight and other loads less inertia of the nodes of reduced bodies, shape (reduced_node_count, 3):
-            these bodies follow the base without springs, so that only the sums have a meaning.
-    """
-
-    at_anchors: np.ndarray
-    of_reduced: np.ndarray
-
-
-@dataclass(frozen=True)
 class Shift:
     """Velocities that separate overlapping bodies in a step, and are discarded afterwards.
 

@@ -15,7 +15,7 @@ def test_points_have_the_length_that_the_engine_found(tmp_path: Path) -> None:
     model, state = simulation.model, simulation.state
     paths = model.cables.lines
     assert [path.name for path in paths] == list(model.cables.names) == [TENDON, LINK]
-    points = [path.points(state, model.base_pivot) for path in paths]
+    points = [path.points(state, model.frames) for path in paths]
     lengths = [np.linalg.norm(np.diff(one, axis=0), axis=1).sum() for one in points]
     assert lengths == pytest.approx(state.actuator_value.tolist(), rel=1e-12)
     np.testing.assert_array_equal(points[0][0], model.placed_pull_points(state)[0])
@@ -29,7 +29,7 @@ def test_points_at_the_start_are_those_of_the_scene(tmp_path: Path) -> None:
     simulation = run_cables(tmp_path)
     model = simulation.model
     for path, cable in zip(model.cables.lines, model.cables.all, strict=True):
-        np.testing.assert_allclose(path.points(model.initial_state(), model.base_pivot), cable.rest_point, atol=1e-12)
+        np.testing.assert_allclose(path.points(model.initial_state(), model.frames), cable.rest_point, atol=1e-12)
         assert path.rest_length == cable.rest_length
 
 

@@ -141,7 +141,7 @@ def test_beyond_the_training(body: dict[str, Any], tmp_path: Path) -> None:
     trained.write(tmp_path / "block.npz")
     placed = {**body, "rotation": [10.0, 20.0, 30.0], "translation": [1.0, 2.0, 3.0]}
     model = make_model(scene_of({**placed, "reduced": str(tmp_path / "block.npz")}))
-    watch, known = TrainingWatch(model), TrainingRange(model.soft_bodies, model.base_pivot)
+    watch, known = TrainingWatch(model), TrainingRange(model.soft_bodies, model.frames)
     state = model.initial_state()
     turn = model.soft_bodies[0].rest_position - placed["translation"]
     rotation = turn.T @ np.linalg.pinv(trained.rest_position.T)
@@ -151,8 +151,7 @@ def test_beyond_the_training(body: dict[str, Any], tmp_path: Path) -> None:
         there = (local @ rotation.T + placed["translation"] - model.base_pivot) @ rotation_from_vector(vector).T
         moved = state.changed(
             position=there + model.base_pivot + [5.0, 6.0, 7.0],
-            base_translation=np.array([5.0, 6.0, 7.0]),
-            base_rotation=vector,
+            frame_pose=np.array([[[5.0, 6.0, 7.0], vector]]),
         )
         assert known.beyond(moved)["block"] == pytest.approx(expected, abs=1e-9)
         assert len(list(watch.complaints(moved))) == (expected > 0.0 and amplitude[0] == 3.0)

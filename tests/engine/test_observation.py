@@ -70,7 +70,7 @@ def test_a_bar_bent_to_an_arc_has_the_angle_of_the_arc(simulation: Simulation, a
 def test_a_finger_that_turns_with_its_base_does_not_bend(simulation: Simulation) -> None:
     turn = np.array([0.3, -1.1, 0.4])
     turned = np.array([1.0, 2.0, 3.0]) + Rotation.from_rotvec(turn).apply(simulation.model.rest_position.copy())
-    simulation.restore(replace(simulation.state, base_rotation=turn))
+    simulation.restore(replace(simulation.state, frame_pose=np.array([[np.zeros(3), turn]])))
     assert seen(simulation, turned).bending_angles["beam"] == pytest.approx(0.0, abs=1e-7)
 
 
@@ -106,6 +106,7 @@ def sliding() -> Simulation:
         scene_from_dict(
             {
                 "contact": {"friction": 0.2},
+                "frames": {"hand": {}},
                 "rigid_bodies": {"cube": cube},
                 "obstacles": {"floor": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}},
             }

@@ -33,7 +33,7 @@ def gripper_model() -> SimpleNamespace:
     return SimpleNamespace(
         scene=scene,
         material_names=tuple(scene.young_moduli),
-        base_pivot=anchored.mean(axis=0),
+        frames=fake_run.frames_of(anchored.mean(axis=0)),
         body_names=(*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles),
         actuators=fake_run.FakeActuators([cavity.name for body in bodies for cavity in body.cavities]),
         soft_bodies=tuple(bodies),
@@ -70,7 +70,7 @@ def gripper_state(model: SimpleNamespace, step: int) -> SimpleNamespace:
     state.position = np.concatenate(placed)
     state.velocity = np.zeros_like(state.position)
     state.rigid_position, state.rigid_rotation = middle[None], np.array([[1.0, 0.0, 0.0, 0.0]])
-    state.base_translation = lift
+    state.frame_pose = np.array([[lift, np.zeros(3)]])
     state.young_modulus = np.array(list(model.scene.young_moduli.values()))
     cavities = np.zeros(len(model.soft_bodies))
     state.actuator_imposed = cavities > 0

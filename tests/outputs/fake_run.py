@@ -15,6 +15,7 @@ import numpy as np
 from taichisoft.actuators.kind import ActuatorKind
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.names import ActuatorNames
+from taichisoft.bodies.moving_frames import MovingFrames
 from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.elastic_law import lame_parameters
@@ -52,6 +53,11 @@ class FakeActuators(ActuatorNames):
         return np.zeros(len(self.names))
 
 
+def frames_of(pivot: np.ndarray) -> MovingFrames:
+    """The base alone."""
+    return MovingFrames(("base",), np.array([-1]), pivot[None])
+
+
 def fake_model(floor: bool = False) -> SimpleNamespace:
     """What outputs may know of a model."""
     scene = Scene.model_validate(
@@ -85,7 +91,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     )
     return SimpleNamespace(
         scene=scene,
-        base_pivot=np.zeros(3),
+        frames=frames_of(np.zeros(3)),
         material_names=("finger",),
         body_names=("finger", "cube", *(("floor",) if floor else ())),
         actuators=FakeActuators(("finger.cavity",)),
@@ -95,12 +101,18 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     )
 
 
-def fake_state(step: int) -> SimpleNamespace:
+class FakeState(SimpleNamespace):
+    """The fields of a `State`, and what it derives from them."""
+
+    base_translation, base_rotation = State.base_translation, State.base_rotation
+
+
+def fake_state(step: int) -> FakeState:
     """The state after `step` steps, with step % 3 contacts: every number depends on it."""
     lift = max(step - RISE_AFTER, 0) * 1.0
     turn = 0.01 * step
     contacts = step % 3
-    return SimpleNamespace(
+    return FakeState(
         time=step * STEP,
         step=step,
         position=REST + np.array([lift, 0.0, 0.0]),
@@ -109,11 +121,10 @@ def fake_state(step: int) -> SimpleNamespace:
         rigid_rotation=np.array([[np.cos(turn), np.sin(turn), 0.0, 0.0]]),
         rigid_velocity=np.zeros((1, 3)),
         rigid_angular_velocity=np.zeros((1, 3)),
-        base_translation=np.array([lift, 0.0, 0.0]),
-        base_rotation=np.zeros(3),
-        base_request=np.full((2, 3), 0.1 * step),
-        base_velocity=np.full((2, 3), 0.2 * step),
-        base_wrench=np.full((2, 3), 0.7 * step),
+        frame_pose=np.array([[[lift, 0.0, 0.0], np.zeros(3)]]),
+        frame_request=np.full((1, 2, 3), 0.1 * step),
+        frame_velocity=np.full((1, 2, 3), 0.2 * step),
+        frame_wrench=np.full((1, 2, 3), 0.7 * step),
         anchor_position=REST[:2] + 0.3 * step,
         gravity=np.array([0.0, 0.0, -100.0 * step]),
         young_modulus=np.array([500.0 + step]),
@@ -191,7 +202,7 @@ def check_frame(recording: Recording, frame: int, step: int) -> None:
     if recording.has_state(frame):
         assert recording.state(frame) == expected, frame
     assert np.array_equal(recording.row("position", frame).astype(np.float32), expected.position.astype(np.float32))
-    for field in ("step", "rigid_position", "base_request", "anchor_position", "actuator_target"):
+    for field in ("step", "rigid_position", "frame_request", "anchor_position", "actuator_target"):
         assert State.changed(expected, **{field: recording.field(field, frame)}) == expected, (field, frame)
     assert np.array_equal(recording.contacts(frame)[0], expected.contact_point)
 

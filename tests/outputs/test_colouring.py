@@ -47,10 +47,10 @@ def test_displacement_follows_a_base_that_turns(tmp_path):
     state = bent_gripper.gripper_state(model, 0)
     # A quarter of a turn about x, about the mean of the anchored nodes (y = 70 or so, z = 0).
     rest = state.position
-    pivot = model.base_pivot
+    (pivot,) = model.frames.pivot
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     state.position = (rest - pivot) @ turn.T + pivot
-    state.base_rotation = np.array([np.pi / 2, 0.0, 0.0])
+    state.frame_pose = np.array([[[0.0, 0.0, 0.0], [np.pi / 2, 0.0, 0.0]]])
     output.begin(model, state)
     output.end("completed")
     with read_recording(output.path) as recording:

@@ -38,7 +38,7 @@ def model(goal: bool = True) -> Any:
         }
     )
     names = ActuatorNames({"cavity": (), "cable": ()})
-    return SimpleNamespace(scene=scene, soft_bodies=(), base_pivot=np.zeros(3), actuators=names)
+    return SimpleNamespace(scene=scene, soft_bodies=(), frames=fake_run.frames_of(np.zeros(3)), actuators=names)
 
 
 def report(step: int, **changes: Any) -> Any:

@@ -64,7 +64,7 @@ def test_points_are_those_of_the_state_without_the_model(run: tuple[Recording, K
     paths = kept.model.cables.lines
     for frame in (0, 5, STEPS):
         for recorded, path in zip(recording.cable_points(frame), paths, strict=True):
-            np.testing.assert_allclose(recorded, path.points(kept.states[frame], kept.model.base_pivot), atol=1e-5)
+            np.testing.assert_allclose(recorded, path.points(kept.states[frame], kept.model.frames), atol=1e-5)
     for recorded_path, path in zip(recording.lines(CABLES), paths, strict=True):
         assert vars(recorded_path).keys() == vars(path).keys()
         for name, value in vars(path).items():

@@ -87,8 +87,8 @@ def test_a_run_goes_on_between_frames_that_are_steps_apart(straight, tmp_path):
     ):
         first = whole.frame_at(0.3)
         assert not whole.has_state(first) and whole.row("control_count", first) == 3
-        assert (whole.row("base_request", first)[0] != whole.row("base_translation", first)).any()
-        assert rest.row("base_request", 0).tolist() == whole.row("base_request", first).tolist()
+        assert (whole.row("frame_request", first) != whole.row("frame_pose", first)).any()
+        assert rest.row("frame_request", 0).tolist() == whole.row("frame_request", first).tolist()
         assert rest.state(rest.frame_count - 1) == whole.state(whole.frame_count - 1)
 
 

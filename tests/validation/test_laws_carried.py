@@ -107,5 +107,5 @@ def test_tables_that_make_no_sense(changes: dict[str, Any], message: str) -> Non
 
 
 def test_a_carried_body_has_no_mass_to_vary() -> None:
-    with pytest.raises(SceneError, match="'palm' follows the base and has no mass"):
+    with pytest.raises(SceneError, match="'palm' follows the frame 'base' and has no mass"):
         tray().model.varied(masses={"palm": 1.0})

@@ -133,11 +133,11 @@ def test_all_modes_and_domains_are_the_full_body(
     assert np.abs(there[-1].position - full.model.rest_position).max() > 1.0
     here = drive(reduced, 12, volume)
     figures.at_most("difference of a node [mm]", largest_difference(there, here), ROUND_OFF)
-    forces = np.array([[state.base_wrench[0] for state in states] for states in (there, here)])
+    forces = np.array([[state.frame_wrench[0, 0] for state in states] for states in (there, here)])
     figures.at_most(
         "force on the base [of the largest]", np.abs(forces[0] - forces[1]).max() / np.abs(forces).max(), 1e-6
     )
-    torques = np.array([[state.base_wrench[1] for state in states] for states in (there, here)])
+    torques = np.array([[state.frame_wrench[0, 1] for state in states] for states in (there, here)])
     if not volume:  # the linearised forces of a chamber that is blown up at once have a moment of their own
         missed = np.abs(torques[0] - torques[1]).max() / np.abs(torques).max()
         figures.at_most("torque on the base [of the largest]", float(missed), 0.02)

@@ -103,16 +103,14 @@ class Colouring:
 
 
 def displacement(recording: Recording) -> NodeValues:
-    """Distance of each node from its place if the bodies had moved with the base and kept their shape [mm]."""
-    pivot = recording.base_pivot
-    from_pivot = np.concatenate([np.zeros((0, 3)), *(body.rest_position for body in recording.soft_bodies)]) - pivot
+    """Distance of each node from its place if the bodies had moved with their frames and kept their shape [mm]."""
+    bodies = recording.soft_bodies
+    carriers = recording.frames.numbers(recording.scene.soft_bodies[body.name].follows for body in bodies)
 
     def values(frame: int) -> np.ndarray:
-        from scipy.spatial.transform import Rotation
-
-        turn = Rotation.from_rotvec(recording.row("base_rotation", frame)).as_matrix()
-        carried = from_pivot @ turn.T + pivot + recording.row("base_translation", frame)
-        return np.linalg.norm(recording.row("position", frame) - carried, axis=1)
+        places = recording.frames.places(recording.row("frame_pose", frame))
+        carried = [places.moved(body.rest_position, one) for body, one in zip(bodies, carriers, strict=True)]
+        return np.linalg.norm(recording.row("position", frame) - np.vstack([np.zeros((0, 3)), *carried]), axis=1)
 
     return values
 

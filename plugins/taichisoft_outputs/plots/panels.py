@@ -44,7 +44,7 @@ class RunCurves:
         from taichisoft.control import Fingertips
 
         fingers: Any = tuple(_finger(self.recording, body) for body in self.recording.soft_bodies)
-        observer = Fingertips(fingers)
+        observer = Fingertips(fingers, self.recording.frames)
         frames = _evenly_spaced(self.times, TIP_FRAMES)
         observed = [observer.observe(_state(self.recording, frame)) for frame in frames]
         positions, _, bending_angles = (np.array(values) for values in zip(*observed, strict=True))
@@ -103,7 +103,7 @@ def height(run: RunCurves) -> Panel:
     names, up = run.objects, run.recording.scene.up
     levels = run.recording.column("rigid_position") @ up
     rises = [_since_start(run, levels[:, body]) for body in range(len(names))]
-    base = _since_start(run, run.recording.column("base_translation") @ up)
+    base = _since_start(run, run.recording.base_translation @ up)
     if not names and not base.any():
         base = np.full_like(base, np.nan)  # nothing rises, so there is nothing to see
     return run.over_time("risen by [mm]", np.column_stack([*rises, base]), [*names, "base"], [*names, ""])
@@ -111,7 +111,7 @@ def height(run: RunCurves) -> Panel:
 
 def slip(run: RunCurves) -> Panel:
     """How far objects have slid down the fingers since the moment before the base moves, as in metrics.json."""
-    base, names = run.recording.column("base_translation"), run.objects
+    base, names = run.recording.base_translation, run.objects
     slide = -run.recording.column("slide") @ run.recording.scene.up
     behind = np.full((len(run.times), len(names)), np.nan)
     for start, end in pieces(run.times):
@@ -142,7 +142,7 @@ def _forces(column: str, y_axis: str, run: RunCurves) -> Panel:
 
 def _wrench(row: int, y_axis: str, run: RunCurves) -> Panel:
     """Components of the force on the base, or of the torque, in world axes."""
-    return run.over_time(y_axis, run.recording.column("base_wrench")[:, row], ["x", "y", "z"], ["", "", ""])
+    return run.over_time(y_axis, run.recording.column("frame_wrench")[:, 0, row], ["x", "y", "z"], ["", "", ""])
 
 
 def step_time(run: RunCurves) -> Panel:
@@ -223,6 +223,7 @@ def _finger(recording: Recording, body: RecordedSoftBody) -> SimpleNamespace:
     settings, mesh = recording.scene.soft_bodies[body.name], body.mesh(str(recording.path))
     return SimpleNamespace(
         name=body.name,
+        settings=settings,
         nodes=body.nodes,
         rest_position=body.rest_position,
         anchored=anchor_stiffness(mesh, settings.anchors, f"{body.name}.anchors").any(axis=1),
@@ -232,5 +233,5 @@ def _finger(recording: Recording, body: RecordedSoftBody) -> SimpleNamespace:
 
 def _state(recording: Recording, frame: int) -> Any:
     """The part of a `State` that shows where the tips are; velocities are not used."""
-    position, base_rotation = recording.row("position", frame), recording.row("base_rotation", frame)
-    return SimpleNamespace(position=position, velocity=np.zeros_like(position), base_rotation=base_rotation)
+    position, frame_pose = recording.row("position", frame), recording.row("frame_pose", frame)
+    return SimpleNamespace(position=position, velocity=np.zeros_like(position), frame_pose=frame_pose)

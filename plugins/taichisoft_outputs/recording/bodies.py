@@ -12,7 +12,7 @@ import numpy as np
 
 import taichisoft
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Line
-from taichisoft.bodies import BodySurface, Plane, Surface, soft_surface
+from taichisoft.bodies import BodySurface, MovingFrames, Plane, Surface, soft_surface
 from taichisoft.meshes import MappedSurface, VolumeMesh, linear_parts
 from taichisoft.scenes import scene_to_toml
 from taichisoft_outputs.recording.layout import LAYOUT
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 PACKAGES = ("taichi", "numpy", "scipy", "h5py")
 
 LINE_ARRAYS = ("owner", "nodes", "weights", "place")
-LINE_NUMBERS = ("rest_length", "friction", "has_pull_point", "pull_point_moves")
+LINE_NUMBERS = ("rest_length", "friction", "has_pull_point", "frame")
 """Attributes of a `Line` that are datasets of its group, and those that are attributes."""
 
 
@@ -100,11 +100,13 @@ def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str,
     attributes["scene"] = scene_to_toml(model.scene)
     attributes["every"] = every
     attributes["gravity"] = np.array(model.scene.gravity, dtype=np.float64)
-    attributes["base_pivot"] = model.base_pivot
     attributes["step_size"] = float(model.scene.time.step)
     for kind, names in columns.items():
         _write_names(file.require_group("steps"), kind, names)
     _write_names(file.require_group("contacts"), "names", model.body_names)
+    frames = file.create_group("frames")
+    _write_names(frames, "names", model.frames.names)
+    _write_arrays(frames, parent=model.frames.parent, pivot=model.frames.pivot)
     for index, body in enumerate(model.soft_bodies):
         _write_soft_body(file.create_group(f"soft_bodies/{index}"), body)
     for index, rigid in enumerate(model.rigid_bodies):
@@ -122,6 +124,12 @@ def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str,
             for name in LINE_NUMBERS:
                 group.attrs[name] = getattr(line, name)
             _write_arrays(group, **{name: getattr(line, name) for name in LINE_ARRAYS})
+
+
+def read_frames(file: Any) -> MovingFrames:
+    """The frames that carry bodies, the base first."""
+    group = file["frames"]
+    return MovingFrames(tuple(group.attrs["names"]), group["parent"][:], group["pivot"][:])
 
 
 def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:

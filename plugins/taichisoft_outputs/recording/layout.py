@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from taichisoft.state import State
 
 FILE_NAME = "recording.h5"
-LAYOUT = 10
+LAYOUT = 11
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 SIGNAL_COUNT = 32
 """Signals that there is room for: which ones come is not known when a file begins."""
@@ -94,11 +94,10 @@ QUANTITIES = {
     "steps/rigid_rotation": RecordedQuantity("quaternion w, x, y, z", "rigid_rotation"),
     "steps/rigid_velocity": RecordedQuantity("mm/s", "rigid_velocity"),
     "steps/rigid_angular_velocity": RecordedQuantity("rad/s", "rigid_angular_velocity"),
-    "steps/base_translation": RecordedQuantity("mm", "base_translation"),
-    "steps/base_rotation": RecordedQuantity("rad", "base_rotation"),
-    "steps/base_request": RecordedQuantity("mm, rad", "base_request"),
-    "steps/base_velocity": RecordedQuantity("mm/s, rad/s", "base_velocity"),
-    "steps/base_wrench": RecordedQuantity("mN, mN mm", "base_wrench"),
+    "steps/frame_pose": RecordedQuantity("mm, rad", "frame_pose"),
+    "steps/frame_request": RecordedQuantity("mm, rad", "frame_request"),
+    "steps/frame_velocity": RecordedQuantity("mm/s, rad/s", "frame_velocity"),
+    "steps/frame_wrench": RecordedQuantity("mN, mN mm", "frame_wrench"),
     "steps/anchor_position": RecordedQuantity("mm", "anchor_position"),
     "steps/gravity": RecordedQuantity("mm/s^2", "gravity"),
     "steps/young_modulus": RecordedQuantity("kPa", "young_modulus"),
@@ -121,8 +120,7 @@ QUANTITIES = {
     "steps/step_time": RecordedQuantity("s"),
     "states/position": RecordedQuantity("mm", "position"),
     "states/velocity": RecordedQuantity("mm/s", "velocity"),
-    "controls/base_translation": RecordedQuantity("mm", "base_translation"),
-    "controls/base_rotation": RecordedQuantity("rad", "base_rotation"),
+    "controls/frame_pose": RecordedQuantity("mm, rad", "frame_pose"),
     "controls/anchor_position": RecordedQuantity("mm", "anchor_position"),
     "controls/gravity": RecordedQuantity("mm/s^2", "gravity"),
     "controls/young_modulus": RecordedQuantity("kPa", "young_modulus"),

@@ -18,6 +18,7 @@ from taichisoft.state import State
 from taichisoft_outputs.recording.bodies import (
     RecordedSoftBody,
     RecordedSurface,
+    read_frames,
     read_lines,
     read_planes,
     read_soft_bodies,
@@ -49,7 +50,8 @@ class Recording:
         pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
         materials: names of the columns of `column("young_modulus")`.
         body_names: names of all bodies in the order of the scene, by which contacts number them.
-        base_pivot: the point about which the base turns [mm], shape (3,).
+        frames: what carried bodies, the base first, by which `column("frame_pose")` and `column("frame_wrench")` are
+            numbered.
         surfaces: everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
         planes: the infinite obstacles.
     """
@@ -132,7 +134,7 @@ class Recording:
         pairs = [pair.split("|") for pair in columns["pairs"]]
         self.pairs: list[Pair] = [(first, second) for first, second in pairs]
         self.body_names: list[str] = list(file["contacts"].attrs["names"])
-        self.base_pivot: np.ndarray = attributes["base_pivot"]
+        self.frames = read_frames(file)
         self.surfaces = tuple(map(self.follow, read_surfaces(file)))
         self.planes = tuple(read_planes(file))
 
@@ -178,6 +180,12 @@ class Recording:
             RecordingError: the quantity is missing, or one of its numbers is damaged.
         """
         return self._rows(self._path(name), 0, self.frame_count)
+
+    @property
+    def base_translation(self) -> np.ndarray:
+        """Shift of the base from rest in every frame [mm], shape (frame_count, 3)."""
+        shift: np.ndarray = self.column("frame_pose")[:, 0, 0]
+        return shift
 
     def row(self, name: str, frame: int) -> np.ndarray:
         """One quantity in one frame; positions are in double precision where the frame has a state.
@@ -226,7 +234,7 @@ class Recording:
 
     def points_of_line(self, line: Line, frame: int) -> np.ndarray:
         """Points of one of `lines` [mm], shape (point_count, 3)."""
-        return line.points(self._poses(frame), self.base_pivot)
+        return line.points(self._poses(frame), self.frames)
 
     def segment_efforts(self, kind: ActuatorKind, frames: Any) -> list[np.ndarray]:
         """Efforts between the points of each line of a kind, such as tensions [mN], each (..., point_count - 1).

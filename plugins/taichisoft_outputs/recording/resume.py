@@ -20,7 +20,7 @@ SAME_PLACE = 1e-6
 """Positions [mm] that differ by less are the same: another machine rounds in another order."""
 SAME_FRAME = 1e-3
 """Repeated steps lead at most so far from a recorded frame [mm], which is in single precision."""
-REQUESTS = ("base_request", "base_velocity", "actuator_request")
+REQUESTS = ("frame_request", "frame_velocity", "actuator_request")
 """What was asked for in a step, before limits: of no effect on the step itself."""
 
 
@@ -101,8 +101,8 @@ def state_at(recording: Recording, frame: int, simulation: Simulation | None = N
 def _repeat_step(simulation: Simulation, control: dict[str, np.ndarray]) -> None:
     """Make a step with what a controller acted through: asked for as it became, no limit changes it."""
     asked = {
-        "base_request": np.array([control["base_translation"], control["base_rotation"]]),
-        "base_velocity": np.zeros((2, 3)),
+        "frame_request": control["frame_pose"],
+        "frame_velocity": np.zeros_like(control["frame_pose"]),
         "actuator_request": control["actuator_target"],
     }
     simulation.restore(simulation.state.changed(**control, **asked))
@@ -148,7 +148,7 @@ def saved_controller(recording: Recording, frame: int, scene: Scene) -> tuple[di
 
 def base_has_moved(recording: Recording, frame: int) -> bool:
     """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
-    base = recording.column("base_translation")
+    base = recording.base_translation
     return last_at_rest(base[recording.last_start : frame + 1]) is not None
 
 
@@ -183,6 +183,7 @@ def _names(scene: Scene) -> dict[str, list[str]]:
         **{kind.name: list(scene.actuators(kind.plural)) for kind in ACTUATOR_KINDS},
         "rigid body": list(scene.rigid_bodies),
         "obstacle": list(scene.obstacles),
+        "frame": list(scene.frames),
     }
 
 
@@ -194,14 +195,19 @@ def _check_bodies(recording: Recording, model: Model) -> None:
     """Refuse bodies and actuators that are not those recorded: the state would make no sense in them."""
     for recorded, body in zip(recording.soft_bodies, model.soft_bodies, strict=True):
         _check_positions(recording.path, body.name, "rest positions", recorded.rest_position, body.rest_position)
-    first, pivot = recording.state(0), recording.base_pivot
-    before = {surface.name: surface.vertices(0) for surface in recording.surfaces}
+    first = recording.state(0)
+    recorded_at = {surface.name: surface.vertices(0) for surface in recording.surfaces}
     for surface in body_surfaces(model.soft_bodies, model.rigid_bodies, obstacles=()):
-        _check_positions(recording.path, surface.name, "surface points", before[surface.name], surface.vertices(first))
+        _check_positions(
+            recording.path, surface.name, "surface points", recorded_at[surface.name], surface.vertices(first)
+        )
     for kind in ACTUATOR_KINDS:
         for line, now in zip(recording.lines(kind), model.actuators.sets[kind.name].lines, strict=True):
             _check_positions(recording.path, line.name, "places", line.place, now.place)
-            _check_positions(recording.path, line.name, "points", line.points(first, pivot), now.points(first, pivot))
+            points = [one.points(first, frames) for one, frames in ((line, recording.frames), (now, model.frames))]
+            _check_positions(recording.path, line.name, "points", *points)
+    for name, before, now_at in zip(recording.frames.names, recording.frames.pivot, model.frames.pivot, strict=True):
+        _check_positions(recording.path, name, "pivots", before[None], now_at[None])
 
 
 def _check_positions(path: Path, name: str, what: str, recorded: np.ndarray, present: np.ndarray) -> None:

@@ -82,7 +82,7 @@ def key_moments(recording: Recording) -> dict[str, float]:
     Where the base does not move there are only before and after.
     """
     times = recording.times[recording.last_start :]
-    grasped = last_at_rest(recording.column("base_translation")[recording.last_start :])
+    grasped = last_at_rest(recording.base_translation[recording.last_start :])
     if grasped is None:
         return {"before": float(times[0]), "after": float(times[-1])}
     return {"before": float(times[0]), "grasped": float(times[grasped]), "lifted": float(times[-1])}

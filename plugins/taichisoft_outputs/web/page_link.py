@@ -151,7 +151,7 @@ def snapshot(session: "Session", state: "State") -> Snapshot:
 def _lines(model: "Model", kind: ActuatorKind, state: "State") -> LinesShown:
     lines, actuators = model.actuators.sets[kind.name].lines, model.actuators
     effort, loss = actuators.of(kind, state.actuator_effort), actuators.losses_of(kind, state.actuator_loss)
-    return lines_shown([line.points(state, model.base_pivot) for line in lines], segment_efforts(lines, effort, loss))
+    return lines_shown([line.points(state, model.frames) for line in lines], segment_efforts(lines, effort, loss))
 
 
 def _sliders(session: "Session", state: "State") -> dict[str, Slider]:

@@ -11,12 +11,12 @@ def observe_tips(
     rest: Vectors,
     position: Vectors,
     velocity: Vectors,
-    base_turn: Matrices,
+    frame_turn: Matrices,
     mean_position: Vectors,
     mean_velocity: Vectors,
     bending_angle: Scalars,
 ):
-    """Means of each tip's nodes, and the angle between the base's rotation and the one that fits the tip best.
+    """Means of each tip's nodes, and the angle between a frame's rotation and the one that fits the tip best.
 
     The nodes of tip f are those from start[f] to start[f + 1]; `rest` has them less their mean.
     """
@@ -30,7 +30,7 @@ def observe_tips(
         fitted = ti.Matrix.zero(ti.f64, 3, 3)
         for k in range(start[f], start[f + 1]):
             fitted += (position[k] - middle).outer_product(rest[k])
-        turn = base_turn[0].transpose() @ fitted_rotation(share * fitted, base_turn[0])
+        turn = frame_turn[f].transpose() @ fitted_rotation(share * fitted, frame_turn[f])
         sine = vec3(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
         mean_position[f] = middle
         mean_velocity[f] = speed

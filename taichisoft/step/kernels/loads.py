@@ -8,17 +8,19 @@ from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, Vectors
 
 
 class Anchors(NamedTuple):
-    """Springs that hold nodes at the base.
+    """Springs that hold nodes at frames.
 
     Attributes:
         node: the anchored nodes, shape (anchor_count,).
+        frame: number of the frame that each moves with, shape (anchor_count,).
         stiffness: stiffness along x, y and z [mN/mm], shape (node_count, 3).
         lag: time by which positions are extrapolated along the velocities [s]: h from the start of a step, 0 from its
             end, plus b with damping; 0 in first order dynamics; shape (node_count,).
-        position: rest positions of the springs, before the base moves them [mm], shape (anchor_count, 3).
+        position: rest positions of the springs, before the frames move them [mm], shape (anchor_count, 3).
     """
 
     node: Integers
+    frame: Integers
     stiffness: Vectors
     lag: Scalars
     position: Vectors
@@ -36,16 +38,16 @@ class ConstantForces(NamedTuple):
     force: Vectors
 
 
-class Base(NamedTuple):
-    """Pose of the base.
+class Frames(NamedTuple):
+    """Where the frames are that anchors move with: what was at x at rest is at turn @ x + shift.
 
     Attributes:
-        place: pivot and translation [mm], shape (2, 3).
-        turn: rotation matrix about the pivot, shape (1, 3, 3).
+        turn: rotation matrices, shape (frame_count, 3, 3).
+        shift: shifts [mm], shape (frame_count, 3).
     """
 
-    place: Vectors
     turn: Matrices
+    shift: Vectors
 
 
 class Nodes(NamedTuple):
@@ -79,15 +81,15 @@ def sum_impulses(
     nodes: Nodes,
     forces: ConstantForces,
     anchors: Anchors,
-    base: Base,
+    frames: Frames,
     coordinates: Coordinates,
     gradient: Gradient,
     effort: Scalars,
 ):
     """Sum the impulses on the nodes in a step: weight, drag, elements, constant forces, anchors and actuators.
 
-    The force of an anchor is -k (x + lag v - target), with the anchor's position rotated and moved with the base as the
-    target. An effort, a pressure [kPa] or a tension [mN], acts along the gradient of its coordinate.
+    The force of an anchor is -k (x + lag v - target), with the anchor's position moved with its frame as the target. An
+    effort, a pressure [kPa] or a tension [mN], acts along the gradient of its coordinate.
     """
     force = ti.static(nodes.impulse)
     ti.loop_config(serialize=True)
@@ -100,7 +102,7 @@ def sum_impulses(
     ti.loop_config(serialize=True)
     for k in range(anchors.node.shape[0]):
         i = anchors.node[k]
-        target = base.turn[0] @ (anchors.position[k] - base.place[0]) + base.place[0] + base.place[1]
+        target = frames.turn[anchors.frame[k]] @ anchors.position[k] + frames.shift[anchors.frame[k]]
         away = nodes.position[i] - target + anchors.lag[i] * nodes.velocity[i]
         force[i] = force[i] - anchors.stiffness[i] * away  # in place Taichi would make it an atomic operation
     ti.loop_config(serialize=True)

@@ -1,0 +1,107 @@
+"""Wrenches on frames: what a sensor of forces and torques between a frame and all that it carries would show.
+
+A soft body exerts on its frame what its weight, the contacts and cables that act on it, and other loads leave of the
+change of its momentum. Elements and pressures do not appear in this balance: they act within the body.
+"""
+
+import numpy as np
+
+from taichisoft.actuators.cables import CABLES
+from taichisoft.actuators.lines import Line
+from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.model import Model
+from taichisoft.state import State
+from taichisoft.step.rigid_motion import CarriedBodies
+from taichisoft.step.solution import StepSolution
+
+
+class FrameWrenches:
+    """Sums up what anchored soft bodies, bodies that frames carry, and cables that they pull exert on frames."""
+
+    def __init__(self, model: Model):
+        """Find what the frames carry."""
+        self._model, actuators = model, model.actuators
+        bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
+        self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]
+        if model.elasticity is not None:
+            self._mass = model.elasticity.node_mass[:, None]
+            self._drag = model.elasticity.node_rayleigh_mass[:, None]
+            self._constant = np.vstack([body.node_force for body in model.soft_bodies])
+        cables = actuators.place(CABLES)
+        coordinates = actuators.first_coordinate[[cables.start, cables.stop]]
+        self._entries = slice(*actuators.coordinates.entry_start[coordinates].tolist())
+        counts = np.diff(actuators.coordinates.entry_start)
+        self._coordinate = np.repeat(np.arange(len(counts)), counts)[self._entries]
+        pulled = [line for line in model.cables.lines if line.frame >= 0]
+        self._pulled = [(line, actuators.first_coordinate[actuators.names.index(line.name)]) for line in pulled]
+
+    def cable_forces(self, geometry: ActuatorGeometry, effort: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """Force [mN] of cables on each soft body, and torque about the origin [mN mm], shape (body_count, 2, 3).
+
+        Args:
+            geometry: geometry of the actuators.
+            effort: efforts of their coordinates, shape (coordinate_count,).
+            position: positions of the nodes there [mm], shape (node_count, 3).
+        """
+        some, node = self._entries, self._model.actuators.coordinates.entry_node[self._entries]
+        force = effort[self._coordinate, None] * geometry.gradient.soft[some]
+        of_bodies = [(node >= nodes.start) & (node < nodes.stop) for _, nodes in self._bodies if some.stop > some.start]
+        found = [_resultant(position[node[one]], force[one]) for one in of_bodies]
+        return np.array(found) if found else np.zeros((len(self._bodies), 2, 3))
+
+    def find(
+        self,
+        start: State,
+        position: np.ndarray,
+        solution: StepSolution,
+        cable_forces: np.ndarray,
+        carried: CarriedBodies,
+    ) -> np.ndarray:
+        """Forces [mN], and torques about the pivots [mN mm], in world axes, in a step, shape (frame_count, 2, 3).
+
+        Args:
+            start: state at the start of the step, with the frames where they are at the end.
+            position: node positions at the end of the step [mm], shape (node_count, 3).
+            solution: velocities, and impulses on the nodes and the rigid bodies.
+            cable_forces: what `cable_forces` gives.
+            carried: the rigid bodies that frames carry, where they are at the end of the step.
+        """
+        model = self._model
+        frames, places, time_step = model.frames, model.places(start), model.scene.time.step
+        wrench = np.zeros((len(frames.names), 2, 3))
+        force = self._node_forces(start, solution) if self._bodies else position
+        for (frame, nodes), by_cables in zip(self._bodies, cable_forces, strict=True):
+            wrench[frame] += _resultant(position[nodes], force[nodes]) + by_cables
+        for line, coordinate in self._pulled:
+            wrench[line.frame] += self._pull(line, start, float(solution.effort[coordinate]))
+        impulses = solution.rigid_impulse[carried.index] / time_step
+        for frame, impulse, centre in zip(carried.frame.tolist(), impulses, carried.position, strict=True):
+            wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
+        for number in reversed(range(1, len(frames.names))):
+            if frames.parent[number] >= 0:
+                wrench[frames.parent[number]] += wrench[number]
+        wrench[:, 1] -= np.cross(frames.pivots(places), wrench[:, 0])
+        return wrench
+
+    def _node_forces(self, start: State, solution: StepSolution) -> np.ndarray:
+        """Weight and other loads less inertia and drag of all nodes [mN], but for cables, shape (node_count, 3)."""
+        time, velocity = self._model.scene.time, solution.node_velocity
+        force = self._constant + solution.contact_node_impulse / time.step + self._mass * start.gravity
+        if time.dynamics == "second order":
+            force -= self._mass * ((velocity - start.velocity) / time.step + self._drag * velocity)
+        elif time.dynamics == "first order":
+            force -= self._mass * velocity
+        return force
+
+    def _pull(self, line: Line, start: State, tension: float) -> np.ndarray:
+        """What a cable exerts on a frame at its pull point, where it runs at the start of the step."""
+        first, second = line.points(start, self._model.frames)[:2]
+        force = tension * (second - first) / np.linalg.norm(second - first)
+        return np.array([force, np.cross(first, force)])
+
+
+def _resultant(place: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Sums of forces and of their torques about the origin, shape (2, 3), by places and forces, shape (count, 3)."""
+    products = np.einsum("ni,nj->ij", place, force)  # not by BLAS, whose sums depend on the number of threads
+    torque = (products - products.T)[[1, 2, 0], [2, 0, 1]]
+    return np.array([force.sum(axis=0), torque])
