@@ -75,7 +75,7 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
 def _asked(
     model: Model, tables: Mapping[str, FrameSettings], control: Control, kind: str
 ) -> dict[int, tuple[str, np.ndarray]]:
-    """What is asked for of a kind, such as "translation": by number of the frame, the key for messages and the value."""
+    """What is asked for of a kind, such as "translation", by number of the frame: key for messages, and value."""
     found, of_base = {}, getattr(control, f"{BASE}_{kind}")
     if of_base is not None:
         found[0] = (f"{BASE}_{kind}", of_base)
