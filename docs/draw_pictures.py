@@ -1,4 +1,4 @@
-"""Draws docs/grasp.png and docs/grasp-dragon-skin.png: `python docs/draw_pictures.py`, some minutes.
+"""Draws docs/grasp.png, docs/grasp.gif and docs/grasp-dragon-skin.png: `python docs/draw_pictures.py`, some minutes.
 
 With `--measured DIR`, the tension tests of the Soft Robotics Materials Database (NAME.csv), also docs/materials.png.
 """
@@ -7,8 +7,11 @@ import argparse
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from PIL import Image
+
 from taichisoft import load_scene, make_controller, run
 from taichisoft.building import Simulation
+from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.materials.materials_command import plot
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import render_pictures
@@ -16,6 +19,9 @@ from taichisoft_outputs.rendering.render import render_pictures
 DOCS = Path(__file__).parent
 GRASPS = {"grasp": "gripper", "grasp-dragon-skin": "gripper-dragon-skin"}
 """The shipped scene of each picture, which shows the end of its run."""
+ANIMATED = "grasp"
+SIZE = (800, 450)
+"""Pixels of the animation, which is to stay under 3 MB."""
 
 
 def draw_grasp(name: str, scene_name: str) -> None:
@@ -25,6 +31,18 @@ def draw_grasp(name: str, scene_name: str) -> None:
     with TemporaryDirectory() as folder:
         print(f"{name}: {run(simulation, make_controller(scene), [RecordingOutput(Path(folder))])}", flush=True)
         render_pictures(Path(folder) / "recording.h5", {name: scene.time.duration}, DOCS)
+        if name == ANIMATED:
+            draw_animation(Path(folder) / "recording.h5", DOCS / f"{name}.gif")
+
+
+def draw_animation(recording: Path, target: Path, frames: int = 40, seconds: float = 4.0) -> None:
+    """Write the first `seconds` of a grasp, its closing and lifting, as a GIF of three seconds."""
+    times = {f"{i:03d}": seconds * (i + 1) / frames for i in range(frames)}
+    with TemporaryDirectory() as folder:
+        drawn = [Image.open(path) for path in render_pictures(recording, times, Path(folder), Style(size=SIZE))]
+        palette = drawn[-1].convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE)
+        images = [image.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE) for image in drawn]
+        images[0].save(target, save_all=True, append_images=images[1:], duration=3000 // frames, loop=0, optimize=True)
 
 
 def main() -> None:

@@ -32,7 +32,7 @@ PYTHON = f"""# Python
 
 Everything that a program or a plug-in may use: `import taichisoft` has these names. Units are millimetre, kilogram and
 second: forces are in mN, pressures and moduli in kPa. Arrays are numpy's. What to do with the names is shown in the
-[README](../../README.md) and, for plug-ins, in [plugins.md](../plugins.md).
+[examples](../../examples/README.md) and, for plug-ins, in [plugins.md](../plugins.md).
 """
 SECTIONS = {
     "Simulating": [

@@ -75,7 +75,7 @@ def test_the_templates_of_issues_ask_something() -> None:
 
 def test_the_oldest_packages_are_tried_with_all_extras_of_users() -> None:
     script = (ROOT / ".ci/try-lowest").read_text(encoding="utf-8")
-    extras = set(PROJECT["optional-dependencies"]) - {"peers", "test"}
+    extras = set(PROJECT["optional-dependencies"]) - {"peers", "site", "test"}
     assert set(re.findall(r"--extra (\w+)", script)) == extras
 
 

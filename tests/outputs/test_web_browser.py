@@ -1,9 +1,6 @@
 """The page in a real browser: what it draws and what its keys and buttons do. Skipped where none can be driven."""
 
-import ctypes
 import io
-import shutil
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from chromium import chromium
 from conftest import PATIENCE
 
 from taichisoft.building.scene_files import load_scene
@@ -22,18 +20,6 @@ from taichisoft_controllers.keyboard.keyboard_controller import KeyboardControll
 from taichisoft_outputs.web.web_output import WebOutput
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
-sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-if CHROMIUM is None:
-    pytest.skip("needs Chromium: sudo apt-get install chromium", allow_module_level=True)
-if sys.platform == "linux":
-    try:
-        ctypes.CDLL("libatomic.so.1")
-    except OSError:
-        pytest.skip("playwright's node.js needs libatomic: sudo apt-get install libatomic1", allow_module_level=True)
-
-WITHOUT_GRAPHICS_CARD = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
@@ -53,10 +39,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(WITHOUT_GRAPHICS_CARD))
-        yield browser
-        browser.close()
+    with chromium() as opened:
+        yield opened
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
