@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import examples
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from taichisoft.solver.contact_solver import ContactSolver
@@ -106,6 +106,7 @@ def table(points: np.ndarray) -> np.ndarray:
 
 @examples(30)
 @given(seed=st.integers(0, 10**6), legs=st.integers(3, 10))
+@example(seed=68274, legs=7)  # confirmed by the second sweep
 def test_a_table_stands_on_all_of_its_legs(seed: int, legs: int) -> None:
     """Its legs share the weight with the least sum of squares, and none of them rubs.
 
@@ -130,6 +131,7 @@ def test_a_table_stands_on_all_of_its_legs(seed: int, legs: int) -> None:
 
 @examples(30)
 @given(seed=st.integers(0, 10**6), legs=st.integers(3, 8))
+@example(seed=999999, legs=8)  # in one order confirmed by the second sweep
 def test_the_order_of_contacts_and_a_mirror_change_nothing(seed: int, legs: int) -> None:
     """A table pushed aside, and twisted, within its friction: the same in any order, and mirrored in a mirror.
 
