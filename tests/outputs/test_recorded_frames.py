@@ -57,11 +57,11 @@ def test_frames_are_recorded_and_go_on_from_every_frame(tmp_path: Path) -> None:
     with read_recording(tmp_path / "recording.h5") as recording:
         assert recording.frames.names == ("base", "jaw", "belt", "lid")
         assert recording.row("frame_pose", -1).tolist() == states[-1].frame_pose.tolist()
-        frame = recording.frame_at(0.12)
+        frame = recording.frame_at(0.08)
         assert not recording.has_state(frame)
-        assert state_at(recording, frame) == states[12]
+        assert state_at(recording, frame) == states[8]
         resumed = resumed_simulation(recording, frame, recorded_scene(recording, (), None))
-        for step in range(12, STEPS):
+        for step in range(8, STEPS):
             resumed.step(control(step))
         assert resumed.state == states[-1]
         fewer = recorded_scene(recording, ['rigid_bodies.mark.follows="jaw"', "frames.lid.pivot=[1.0,0.0,0.0]"], None)
