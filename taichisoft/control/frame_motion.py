@@ -46,7 +46,8 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
             if number in poses:
                 raise ControlError(f"control: {poses[number][0]} and {key} are both given; give one of them")
         for number, (key, value) in poses.items():
-            request[number, row], velocity[number, row] = finite(value, f"control.{key}", (3,)), 0.0
+            request[number, row] = finite(value, f"control.{key}", (3,))
+            velocity[number, row] = 0.0
         for number, (key, value) in rates.items():
             velocity[number, row], request[number, row] = (
                 finite(value, f"control.{key}", (3,)),

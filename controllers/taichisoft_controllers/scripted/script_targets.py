@@ -110,7 +110,7 @@ class Targets:
             base_translation=values[TRANSLATION],
             base_rotation=values[ROTATION],
             signals=signals or {},
-            **moved,
+            **moved,  # type: ignore[arg-type] # keys of frames alone
             **asked,  # type: ignore[arg-type] # keys of actuators alone
         )
 

@@ -130,13 +130,11 @@ class StepController(Controller):
             if actuator in observation.clipped:
                 reached[place] = read_drive(drive, observation, actuator)
         observed = self._targets.observed(observation)
-        for name, place in self._targets.frames.items():
-            for part, rows in (
-                ("translation", slice(place.start, place.start + 3)),
-                ("rotation", slice(place.start + 3, place.stop)),
-            ):
+        for name, frame in self._targets.frames.items():
+            halves = slice(frame.start, frame.start + 3), slice(frame.start + 3, frame.stop)
+            for part, half in zip(("translation", "rotation"), halves, strict=True):
                 if f"{name}_{part}" in observation.clipped:
-                    reached[rows] = observed[rows]
+                    reached[half] = observed[half]
         if "base_translation" in observation.clipped:
             reached[TRANSLATION] = observation.base_translation
         if "base_rotation" in observation.clipped:
