@@ -46,7 +46,8 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
             if number in poses:
                 raise ControlError(f"control: {poses[number][0]} and {key} are both given; give one of them")
         for number, (key, value) in poses.items():
-            request[number, row], velocity[number, row] = finite(value, f"control.{key}", (3,)), 0.0
+            request[number, row] = finite(value, f"control.{key}", (3,))
+            velocity[number, row] = 0.0
         for number, (key, value) in rates.items():
             velocity[number, row], request[number, row] = (
                 finite(value, f"control.{key}", (3,)),
@@ -57,7 +58,7 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
         hinge, key = tables[name].hinge, f"control.frame_angle['{name}']"
         if hinge is None:
             raise ControlError(f"{key}: this frame has no hinge; give it one in the scene, or ask for frame_rotation")
-        request[number, 1] = finite(value, key, ()) * unit_axis(hinge)
+        request[number, 1] = hinge.unit_axis * finite(value, key, ())
     found = state.frame_pose.copy()
     for number, table in enumerate(tables.values()):
         if table.path is not None:
@@ -119,7 +120,7 @@ def _limited(table: FrameSettings, time_step: float, pose: np.ndarray, request: 
 
 def _limited_turn(hinge: HingeSettings, furthest: float, last: np.ndarray, request: np.ndarray) -> np.ndarray:
     """Rotation vector of a hinge [rad], shape (3,): it goes the way of its angle, not the shortest one to a pose."""
-    axis = unit_axis(hinge)
+    axis = hinge.unit_axis
     asked, before = float(request @ axis), float(last @ axis)
     low = -math.inf if hinge.lowest_angle is None else math.radians(hinge.lowest_angle)
     high = math.inf if hinge.highest_angle is None else math.radians(hinge.highest_angle)
@@ -127,17 +128,11 @@ def _limited_turn(hinge: HingeSettings, furthest: float, last: np.ndarray, reque
     return request if angle == asked else angle * axis
 
 
-def unit_axis(hinge: HingeSettings) -> np.ndarray:
-    """Unit vector along the axis of a hinge, shape (3,)."""
-    axis = np.array(hinge.axis)
-    return axis / np.linalg.norm(axis)
-
-
 def observed_frames(model: Model, state: State) -> dict[str, Any]:
     """The fields of an observation with the frames' poses, and what acts on them."""
     names, turns = model.frames.names, model.places(state).turn
     (force, torque), turn = state.frame_wrench[0], turns[0]
-    hinges = {name: unit_axis(one.hinge) for name, one in model.scene.frames.items() if one.hinge is not None}
+    hinges = {name: one.hinge.unit_axis for name, one in model.scene.frames.items() if one.hinge is not None}
     angles, moments = {}, {}
     for name, axis in hinges.items():
         number = names.index(name)

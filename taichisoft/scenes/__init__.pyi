@@ -7,6 +7,9 @@ from .file import GEOMETRY_SUFFIX as GEOMETRY_SUFFIX
 from .file import scene_from_dict as scene_from_dict
 from .file import scene_from_toml as scene_from_toml
 from .file import scene_to_toml as scene_to_toml
+from .frame_settings import BASE as BASE
+from .frame_settings import FrameSettings as FrameSettings
+from .frame_settings import HingeSettings as HingeSettings
 from .material import Material as Material
 from .material import read_material as read_material
 from .overrides import apply_override as apply_override

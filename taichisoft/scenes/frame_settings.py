@@ -4,6 +4,7 @@ import itertools
 import math
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from taichisoft.scenes.table import NotNegative, Number, Positive, Table, Vector, check_order
@@ -48,6 +49,11 @@ class HingeSettings(Table):
     """Smallest angle [degrees]."""
     highest_angle: Number | None = None
     """Largest angle [degrees]."""
+
+    @property
+    def unit_axis(self) -> np.ndarray:
+        """Unit vector along the axis, shape (3,)."""
+        return np.array(self.axis) / math.hypot(*self.axis)
 
     @model_validator(mode="after")
     def _check_axis(self) -> Self:

@@ -27,6 +27,10 @@ OBSERVATION = Observation(
     bending_angles={"left": np.pi / 6, "right": np.pi / 2},
     base_translation=np.array([2.0, -3.0, 6.0]),
     base_rotation=np.array([0.0, -np.pi / 4, 0.0]),
+    frame_translations={"jaw": np.zeros(3), "lid": np.array([3.0, 0.0, 4.0])},
+    frame_forces={"jaw": np.array([3.0, 0.0, 4.0]), "lid": np.zeros(3)},
+    frame_angles={"lid": -np.pi / 2},
+    frame_moments={"lid": -7.0},
     object_positions={"cube": np.array([12.0, 1.0, 1.0]), "ball": np.array([7.0, 0.0, 0.0])},
     object_velocities={"cube": np.array([0.0, 6.0, 8.0]), "ball": np.zeros(3)},
     contact_counts={("left", "cube"): 3, ("mat", "cube"): 1, ("right", "ball"): 5, ("cube", "floor"): 7},
@@ -44,7 +48,8 @@ OBSERVATION = Observation(
 
 def measure(name: str, key: str | None = None, cubes: tuple[str, ...] = ("cube", "ball"), goal: bool = True) -> float:
     cables: dict[str, dict[str, Any]] = {"left.tendon": {}, "right.tendon": {}}
-    model = made_up_model(cubes=cubes, cables=cables, goal={"object": "cube"} if goal else None)
+    frames = {"jaw": {}, "lid": {"hinge": {"axis": [1.0, 0.0, 0.0]}}}
+    model = made_up_model(cubes=cubes, cables=cables, frames=frames, goal={"object": "cube"} if goal else None)
     return bind_quantity(Quantity(name, key), model)(OBSERVATION, 0.25)
 
 
@@ -93,6 +98,10 @@ def measure(name: str, key: str | None = None, cubes: tuple[str, ...] = ("cube",
         ("base_translation", "y", -3.0),
         ("base_rotation", None, 45.0),
         ("base_rotation", "y", -45.0),
+        ("frame_force", None, 5.0),
+        ("frame_translation", "jaw", 0.0),
+        ("frame_angle", None, -90.0),
+        ("frame_moment", "lid", -7.0),
     ],
 )
 def test_a_quantity_is_what_the_observation_says(name: str, key: str | None, expected: float) -> None:
@@ -153,7 +162,7 @@ def test_a_quantity_that_a_scene_does_not_have_is_refused(name: str, changes: di
 
 def test_every_quantity_can_be_read_while_the_gripper_runs() -> None:
     """Names of attributes and keys of a real observation are those that the readings ask for."""
-    simulation = Simulation(load_scene("gripper"))
+    simulation = Simulation(load_scene("gripper", ["frames={lid={hinge={axis=[1.0,0.0,0.0]}}}"]))
     simulation.step()
     seen = simulation.observe()
     keys = {
@@ -163,6 +172,7 @@ def test_every_quantity_can_be_read_while_the_gripper_runs() -> None:
         "rigid body": ["cube"],
         "pair of bodies": ["finger1|cube", "floor|cube"],
         "x, y or z": ["z"],
+        "frame": ["lid"],
     }
     for name, kind in QUANTITIES.items():
         if kind.key == "finger or cable":  # there are none

@@ -165,6 +165,30 @@ def test_steps_are_settings() -> None:
     assert "2.5 kPa" in controller.bindings["+"]
 
 
+def test_keys_move_one_frame_after_the_other_and_turn_hinges_between_their_stops() -> None:
+    """f goes on to the next frame; those on a path are left out. A resumed controller goes on where it was."""
+    hinge = {"axis": [0.0, 0.0, 1.0], "highest_angle": 20.0}
+    path = {"times": [0.0, 1.0], "rotations": [[0.0, 0.0, 0.0], [0.0, 0.0, 9.0]]}
+    frames = {"jaw": {"follows": "base"}, "belt": {"path": path}, "lid": {"hinge": hinge}}
+    controller = KeyboardController()
+    controller.reset(made_up_model(CAVITIES, gravity=[-9810.0, 0.0, 0.0], frames=frames))
+    control = press(controller, "f", "up", "a", "right")
+    assert controller.status == "all fingers selected, keys move jaw"
+    turn = math.radians(11.25)
+    np.testing.assert_allclose(control.frame_rotation["jaw"], [turn, 0.0, 0.0])
+    expected = [3.0, 3.0 * math.cos(turn), 3.0 * math.sin(turn)]
+    np.testing.assert_allclose(control.frame_translation["jaw"], expected, atol=1e-12)
+    np.testing.assert_array_equal(control.base_translation, np.zeros(3))
+    assert press(controller, "f", "up", "a").frame_angle == {"lid": pytest.approx(turn)}
+    assert press(controller, "a", "a").frame_angle == {"lid": pytest.approx(math.radians(20.0))}
+    assert controller.sliders["lid"] == Slider(20.0, -180.0, 20.0, 11.25, "degrees")
+    other = KeyboardController()
+    other.reset(made_up_model(CAVITIES, gravity=[-9810.0, 0.0, 0.0], frames=frames))
+    other.restore(controller.save())
+    np.testing.assert_array_equal(press(other, "f", "up").base_translation, [3.0, 0.0, 0.0])
+    assert press(other).frame_angle == control.frame_angle | {"lid": pytest.approx(math.radians(20.0))}
+
+
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "3", True])
 @pytest.mark.parametrize("name", ["pressure_step", "pull_step", "tension_step", "translation_step", "turn_step"])
 def test_a_step_that_is_no_positive_number_is_refused_by_name(name: str, value: Any) -> None:

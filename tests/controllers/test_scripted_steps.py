@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up import controller_of, follow, made_up_model, observation, pressures
 
-from taichisoft.errors import ControllerFailed
+from taichisoft.control.observation import Observation
+from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_controllers.scripted.script_targets import Ramp
 
 UNTIL = """
@@ -221,3 +223,50 @@ def test_a_way_begins_at_its_start_stays_between_and_ends_at_its_target(
     assert np.where(durations > 0.0, way.at(0.0), start).tolist() == start.tolist()
     values = way.at(elapsed)
     assert (values >= np.minimum(start, target) - 1e-12).all() and (values <= np.maximum(start, target) + 1e-12).all()
+
+
+FRAMES = {
+    "jaw": {"follows": "base"},
+    "lid": {"hinge": {"axis": [0.0, 2.0, 0.0]}},
+    "belt": {"path": {"times": [0.0, 1.0], "rotations": [[0.0, 0.0, 0.0], [0.0, 0.0, 9.0]]}},
+}
+
+
+def seen_at(time: float, **changes: Any) -> Observation:
+    """What is seen of FRAMES at rest."""
+    rest = dict.fromkeys(FRAMES, np.zeros(3))
+    return observation(time, frame_translations=rest, frame_rotations=rest, **changes)
+
+
+def test_frames_go_to_their_targets_at_their_speeds(tmp_path: Path) -> None:
+    """5 mm at 10 mm/s, and 180 degrees of a hinge at 90 degrees/s; a later step moves one, the other stays."""
+    script = """
+    [[steps]]
+    frames.jaw = { translation = [3.0, 4.0, 0.0], speed = 10.0 }
+    frames.lid = { angle = 180.0, turning_speed = 90.0 }
+    [[steps]]
+    frames.jaw.rotation = [0.0, 0.0, 90.0]
+    duration = 1.0
+    """
+    controller = controller_of(tmp_path, script, model=made_up_model(frames=FRAMES))
+    asked = {time: controller.control(seen_at(time)) for time in (0.0, 0.25, 1.0, 2.0, 2.5, 4.0)}
+    np.testing.assert_allclose(asked[0.25].frame_translation["jaw"], [1.5, 2.0, 0.0])
+    assert asked[1.0].frame_angle == {"lid": pytest.approx(np.pi / 2)}
+    np.testing.assert_allclose(asked[2.5].frame_rotation["jaw"], [0.0, 0.0, np.pi / 4])
+    np.testing.assert_allclose(asked[4.0].frame_translation["jaw"], [3.0, 4.0, 0.0])
+    assert asked[4.0].frame_angle == {"lid": pytest.approx(np.pi)}
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ("jow = { translation = [1.0, 0.0, 0.0] }", "frames: no frame that scripts can move is called 'jow'"),
+        ("belt = { translation = [1.0, 0.0, 0.0] }", "frames: no frame that scripts can move is called 'belt'"),
+        ("jaw = { angle = 1.0 }", "frames: 'jaw' has no hinge; give translation or rotation"),
+        ("lid = { rotation = [1.0, 0.0, 0.0] }", "frames: 'lid' has a hinge; give angle"),
+    ],
+)
+def test_frames_that_cannot_move_so_are_refused(tmp_path: Path, frames: str, message: str) -> None:
+    for script in ("steps = [{{ duration = 1.0, {} }}]", "keyframes = [{{ time = 1, pressure = 1.0, {} }}]"):
+        with pytest.raises(SceneError, match=message):
+            controller_of(tmp_path, script.format(f"frames = {{ {frames} }}"), model=made_up_model(frames=FRAMES))

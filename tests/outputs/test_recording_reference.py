@@ -32,7 +32,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     body = "density = 1e-6, young_modulus = 100.0, poisson_ratio = 0.3, translation = [0.0, 0.0, 80.0]"
     added = [
         f'soft_bodies.block={{mesh = "{folder}/a.msh", {body}, cables = {{{cables}}}}}',
-        f"frames={{{', '.join(f'frame{n} = {{}}' for n in range(12))}}}",
+        "frames={" + ", ".join(f"frame{n} = {{}}" for n in range(12)) + "}",
         f'obstacles.table={{surface = "{folder}/box.stl", translation = [90.0, 0.0, 0.0]}}',
     ]
     tiny_run(folder, added)
@@ -63,7 +63,9 @@ def test_the_paths_of_bodies_and_cables(file: Any) -> None:
     }
     paths: list[str] = []
     file.visit(paths.append)
-    bodies = [path for path in paths if path.split("/")[0] in ("soft_bodies", "rigid_bodies", "obstacles", "cables", "frames")]
+    bodies = [
+        path for path in paths if path.split("/")[0] in ("soft_bodies", "rigid_bodies", "obstacles", "cables", "frames")
+    ]
     for path, pattern in patterns.items():
         assert any(re.fullmatch(pattern, found) for found in bodies), f"{path} is not in the file"
     for found in bodies:

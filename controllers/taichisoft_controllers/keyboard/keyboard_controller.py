@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -11,7 +11,7 @@ from pydantic import Field, create_model
 from taichisoft.actuators import ACTUATOR_KINDS, UNLIMITED, ActuatorKind, Drive, kind_of
 from taichisoft.bodies import right_of
 from taichisoft.control import Control, Controller, KeyEvent, Observation, Slider
-from taichisoft.scenes import Positive
+from taichisoft.scenes import BASE, HingeSettings, Positive
 from taichisoft_controllers.drives import DRIVES, driven_by
 from taichisoft_controllers.model_names import finger_of
 from taichisoft_controllers.settings import ControllerSettings
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # On many keyboards "=" is "+" without shift.
 EFFORT_KEYS = {"+": 1.0, "=": 1.0, "-": -1.0}
 TURN_KEYS = {"a": 1, "q": -1}
+FRAME_KEY = "f"
 # Numbers of steps to the right and upwards, in the gripper's own frame.
 MOVE_KEYS = {"up": (0.0, 1.0), "down": (0.0, -1.0), "left": (-1.0, 0.0), "right": (1.0, 0.0)}
 
@@ -51,9 +52,17 @@ class KeyboardSettings(ActuatorSteps):  # type: ignore[misc] # a table with the 
     """Settings of the controller "keyboard"."""
 
     translation_step: Positive = 3.0
-    """Way of the base by one key press [mm]."""
+    """Way of the base, or of the frame that keys move, by one key press [mm]."""
     turn_step: Positive = 11.25
-    """Turn of the base by one key press [degrees]."""
+    """Turn of it by one key press [degrees]."""
+
+
+@dataclass
+class KeyedPose:
+    """Where keys have led a frame: its translation [mm], shape (3,), and turns about the upward axis."""
+
+    translation: np.ndarray
+    turns: int = 0
 
 
 class KeyboardController(Controller):
@@ -64,12 +73,15 @@ class KeyboardController(Controller):
     stands on the other side, left is +y.) "a" turns it about the upward axis by the right-hand rule: anticlockwise
     as seen from above.
 
+    "f" lets these keys move another frame: the base, then those of the scene one by one. A frame with a hinge
+    turns about that by "a" and "q", and has a slider.
+
     What it asks for depends on the keys alone. Motion is not smoothed here: `limits.base_speed`,
     `limits.pressure_rate` and `limits.pull_speed` of the scene spread a step over time.
 
     Attributes:
-        status: finger whose pressure, or pull, + and - change.
-        sliders: pressure of every cavity and pull, or tension, of every cable, by its name.
+        status: finger whose pressure, or pull, + and - change, and the frame that keys move.
+        sliders: pressure of every cavity, pull, or tension, of every cable, and angle of every hinge, by its name.
     """
 
     interactive = True
@@ -84,6 +96,10 @@ class KeyboardController(Controller):
         self._steps = KeyboardSettings.checked(**settings)
         self._chosen = [_chosen(kind, self._steps) for kind in ACTUATOR_KINDS]
         self._drives: dict[str, Drive] = {}
+        self._poses = {BASE: KeyedPose(np.zeros(3))}
+        self._hinges: list[str] = []
+        self._frames: tuple[str, ...] = (BASE,)
+        self._frame = BASE
         self.bindings = self._bindings()
 
     def reset(self, model: "Model") -> None:
@@ -101,11 +117,17 @@ class KeyboardController(Controller):
         driven = {finger_of(name) for name in self.sliders}
         self._fingers = [name for name in model.scene.soft_bodies if name in driven]
         self.bindings = self._bindings()
+        tables = {name: table for name, table in model.scene.frames.items() if table.path is None}
+        self._hinges = [name for name, table in tables.items() if table.hinge is not None]
+        for name in self._hinges:
+            self.sliders[name] = _angle_slider(tables[name].hinge, self._steps.turn_step)
+        self._poses = {name: KeyedPose(np.zeros(3)) for name in (BASE, *tables) if name not in self._hinges}
+        self._frames = (BASE, *tables)
+        self._frame = BASE
+        self.bindings = self._bindings()
         self._select(None)
         self._up = model.scene.up
         self._right = right_of(self._up)
-        self._translation = np.zeros(3)
-        self._turns = 0
 
     def key(self, event: KeyEvent) -> None:
         """Take a step, with or without Ctrl and shift, or move a slider."""
@@ -119,7 +141,10 @@ class KeyboardController(Controller):
         elif key in MOVE_KEYS:
             self._move(*MOVE_KEYS[key])
         elif key in TURN_KEYS:
-            self._turns += TURN_KEYS[key]
+            self._turn_frame(TURN_KEYS[key])
+        elif key == FRAME_KEY:
+            self._frame = self._frames[(self._frames.index(self._frame) + 1) % len(self._frames)]
+            self._select(self._selected)
         elif key == "0":
             self._select(None)
         elif key.isdecimal() and int(key) <= len(self._fingers):
@@ -128,11 +153,15 @@ class KeyboardController(Controller):
     def control(self, observation: Observation) -> Control:
         """The sum of the steps by all keys so far."""
         asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in self._drives.values()}
-        for name, slider in self.sliders.items():
-            asked[self._drives[name].asked][name] = slider.value
+        for name, drive in self._drives.items():
+            asked[drive.asked][name] = self.sliders[name].value
+        others = [name for name in self._poses if name != BASE]
         return Control(
-            base_translation=self._translation.copy(),
-            base_rotation=self._turn * self._up,
+            base_translation=self._poses[BASE].translation.copy(),
+            base_rotation=self._turn(BASE) * self._up,
+            frame_translation={name: self._poses[name].translation.copy() for name in others},
+            frame_rotation={name: self._turn(name) * self._up for name in others},
+            frame_angle={name: math.radians(self.sliders[name].value) for name in self._hinges},
             **asked,  # type: ignore[arg-type] # keys of actuators alone
         )
 
@@ -140,8 +169,8 @@ class KeyboardController(Controller):
         """Where keys and sliders have led so far, and which finger is selected."""
         return {
             "sliders": {name: slider.value for name, slider in self.sliders.items()},
-            "translation": self._translation.tolist(),
-            "turns": self._turns,
+            "poses": {name: [pose.translation.tolist(), pose.turns] for name, pose in self._poses.items()},
+            "frame": self._frame,
             "selected": self._selected,
         }
 
@@ -149,13 +178,20 @@ class KeyboardController(Controller):
         """Go on from there; a slider of another range goes as near as its ends allow."""
         for name, value in saved["sliders"].items():
             self.sliders[name] = _moved(self.sliders[name], value)
-        self._translation, self._turns = np.array(saved["translation"]), saved["turns"]
+        self._poses = {name: KeyedPose(np.array(pose[0]), pose[1]) for name, pose in saved["poses"].items()}
+        self._frame = saved["frame"]
         self._select(saved["selected"])
 
-    @property
-    def _turn(self) -> float:
-        """The angle by which the gripper is turned about the upward axis [rad]."""
-        return math.radians(self._turns * self._steps.turn_step)
+    def _turn(self, frame: str) -> float:
+        """The angle by which a frame is turned about the upward axis [rad]."""
+        return math.radians(self._poses[frame].turns * self._steps.turn_step)
+
+    def _turn_frame(self, steps: int) -> None:
+        if self._frame in self._hinges:
+            slider = self.sliders[self._frame]
+            self.sliders[self._frame] = _moved(slider, slider.value + steps * slider.step)
+        else:
+            self._poses[self._frame].turns += steps
 
     def _bindings(self) -> dict[str, str]:
         """What each key does; without a model as if there were cavities alone."""
@@ -174,6 +210,7 @@ class KeyboardController(Controller):
             "q": f"turn right {turn}",
             "1 2 3 ...": f"select one finger, whose {quantity} + and - change",
             "0": "select all fingers",
+            **({FRAME_KEY: f"let keys move another of {', '.join(self._frames)}"} if len(self._frames) > 1 else {}),
         }
 
     def _step(self, drive: Drive) -> float:
@@ -185,15 +222,22 @@ class KeyboardController(Controller):
         """Let + and - change the pressure and the pull of one finger, or of all of them."""
         self._selected = finger
         self.status = f"{finger or 'all fingers'} selected"
+        if len(self._frames) > 1:
+            self.status += f", keys move {self._frame}"
 
     def _change_effort(self, steps: float) -> None:
         for name, slider in self.sliders.items():
-            if self._selected in (None, finger_of(name)):
+            if name in self._drives and self._selected in (None, finger_of(name)):
                 self.sliders[name] = _moved(slider, slider.value + steps * slider.step)
 
     def _move(self, to_the_right: float, upward: float) -> None:
-        right = math.cos(self._turn) * self._right + math.sin(self._turn) * np.cross(self._up, self._right)
-        self._translation += self._steps.translation_step * (to_the_right * right + upward * self._up)
+        if self._frame in self._hinges:
+            return
+        turn = self._turn(self._frame)
+        right = math.cos(turn) * self._right + math.sin(turn) * np.cross(self._up, self._right)
+        self._poses[self._frame].translation += self._steps.translation_step * (
+            to_the_right * right + upward * self._up
+        )
 
 
 def _chosen(kind: ActuatorKind, settings: KeyboardSettings) -> Drive:
@@ -216,6 +260,12 @@ def _range(drive: Drive, number: int, model: "Model") -> tuple[float, float]:
     low = (-furthest if found.pushes_and_pulls[number] else 0.0) if low <= -UNLIMITED else low
     high = furthest if high >= UNLIMITED else high
     return min(low, high), max(low, high)
+
+
+def _angle_slider(hinge: HingeSettings | None, step: float) -> Slider:
+    """A slider for the angle of a hinge [degrees]: between its stops, or half a turn both ways."""
+    low, high = (None, None) if hinge is None else (hinge.lowest_angle, hinge.highest_angle)
+    return Slider(0.0, -180.0 if low is None else low, 180.0 if high is None else high, step, "degrees")
 
 
 def _slider(lowest: float, highest: float, step: float, drive: Drive) -> Slider:

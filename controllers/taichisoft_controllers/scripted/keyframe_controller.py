@@ -45,7 +45,7 @@ class KeyframeController(Controller):
             row[list(values)] = list(values.values())
         for drive, part in targets.parts.items():
             table[:, part] *= self._factors[drive]
-        self._values = np.column_stack([table, translations, rotations])
+        self._values = np.column_stack([table, *self._frames(), translations, rotations])
 
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
@@ -74,6 +74,17 @@ class KeyframeController(Controller):
             except SceneError as error:
                 raise SceneError(f"{self._path}: keyframes.{index}.{drive.name}: {error}") from error
         return values
+
+    def _frames(self) -> list[np.ndarray]:
+        """Poses of each frame that can be asked to move in all keyframes, 0 where not given, (keyframe_count, 6)."""
+        poses = {name: np.zeros((len(self._keyframes), 6)) for name in self._targets.frames}
+        for index, keyframe in enumerate(self._keyframes):
+            try:
+                for name, pose in self._targets.read_frames(keyframe.frames).items():
+                    poses[name][index] = np.nan_to_num(pose)
+            except SceneError as error:
+                raise SceneError(f"{self._path}: keyframes.{index}.frames: {error}") from error
+        return list(poses.values())
 
     def _check_complete(self, efforts: Sequence[Mapping[int, float]]) -> None:
         """Refuse keyframes between which something would be undefined."""

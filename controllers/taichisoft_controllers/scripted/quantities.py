@@ -94,6 +94,23 @@ def _base(values: str, factor: float) -> Bind:
     return bind
 
 
+def _frame(values: str, factor: float = 1.0) -> Bind:
+    """Of frames beside the base, or of those with a hinge: a number with its sign, or the length of a vector."""
+    of_hinges = values in ("frame_angles", "frame_moments")
+
+    def bind(model: "Model", key: str | None) -> Reading:
+        frames = model.scene.frames.items()
+        chosen = called(key, [name for name, one in frames if not of_hinges or one.hinge is not None], "frame")
+
+        def read(seen: Observation, elapsed: float) -> float:
+            found = [getattr(seen, values)[name] for name in chosen]
+            return factor * float(max(found if of_hinges else map(np.linalg.norm, found), key=abs))
+
+        return read
+
+    return bind
+
+
 def _height(model: "Model", key: str | None) -> Reading:
     name, up = object_called(key, model), model.scene.up
     return lambda seen, elapsed: float(seen.object_positions[name] @ up)
@@ -123,7 +140,7 @@ def _tip_speed(seen: Observation, finger: str) -> float:
 
 
 ON_OBJECT = "of the soft bodies on the object"
-FINGER, OBJECT, PAIR, AXIS = "finger", "rigid body", "pair of bodies", "x, y or z"
+FINGER, OBJECT, PAIR, AXIS, FRAME = "finger", "rigid body", "pair of bodies", "x, y or z", "frame"
 
 QUANTITIES: Mapping[str, QuantityKind] = {
     "time": QuantityKind("s", "time since the run began", lambda model, key: lambda seen, elapsed: seen.time),
@@ -155,6 +172,15 @@ QUANTITIES: Mapping[str, QuantityKind] = {
     "base_torque": QuantityKind(
         "mN mm", "torque on the base about its pivot, its amount", _base("base_torque", 1.0), AXIS
     ),
+    "frame_translation": QuantityKind(
+        "mm", "distance of the farthest frame from its rest", _frame("frame_translations"), FRAME
+    ),
+    "frame_force": QuantityKind("mN", "largest force on a frame, its amount", _frame("frame_forces"), FRAME),
+    "frame_torque": QuantityKind("mN mm", "largest torque on a frame about its pivot", _frame("frame_torques"), FRAME),
+    "frame_angle": QuantityKind(
+        "degrees", "largest angle of a hinge", _frame("frame_angles", math.degrees(1.0)), FRAME
+    ),
+    "frame_moment": QuantityKind("mN mm", "largest moment about a hinge", _frame("frame_moments"), FRAME),
     "base_rotation": QuantityKind(
         "degrees", "angle of the base's turn", _base("base_rotation", math.degrees(1.0)), AXIS
     ),

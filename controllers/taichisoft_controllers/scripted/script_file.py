@@ -12,7 +12,7 @@ from pydantic_core import PydanticKnownError
 from taichisoft.actuators import ActuatorKind, Drive, kind_of
 from taichisoft.errors import SceneError
 from taichisoft.input_file import parse_toml
-from taichisoft.scenes import NotNegative, Positive, Table, Vector, first_problem
+from taichisoft.scenes import NotNegative, Number, Positive, Table, Vector, first_problem
 from taichisoft_controllers.drives import DRIVES, table_of_drives
 from taichisoft_controllers.scripted.script_csv import read_keyframes
 
@@ -26,6 +26,10 @@ RATES = {
     "base_rotation": ("base_turning_speed", "degrees/s"),
 }
 """Keys of what a step can move, each with the key and the unit of its rate."""
+
+
+FRAME_RATES = {"translation": ("speed", "mm/s"), "rotation": ("turning_speed", "degrees/s")}
+"""The same of frames beside the base; an angle turns as a rotation does."""
 
 
 def _number(value: Any) -> float:
@@ -82,6 +86,32 @@ Driven: Any = table_of_drives("Driven", Table, _value)
 Moved: Any = table_of_drives("Moved", table_of_drives("Aimed", Table, _target), _rate)
 
 
+class FramePlace(Table):
+    """Where a frame is: a pose, or the angle of one with a hinge."""
+
+    translation: Vector | None = None
+    """Translation from rest [mm]."""
+    rotation: Vector | None = None
+    """Rotation vector about the frame's pivot [degrees]."""
+    angle: Number | None = None
+    """Angle of the hinge [degrees]."""
+
+    @model_validator(mode="after")
+    def _check_pose(self) -> "FramePlace":
+        if self.angle is not None and (self.translation is not None or self.rotation is not None):
+            raise ValueError("angle is for a hinge, which has neither translation nor rotation; give one or the other")
+        return self
+
+
+class FrameTarget(FramePlace):
+    """Where a frame goes, and how fast."""
+
+    speed: Positive | None = None
+    """Speed of the frame on its straight way [mm/s]."""
+    turning_speed: Positive | None = None
+    """Turning speed of the frame on its way [degrees/s]."""
+
+
 class Keyframe(Driven):  # type: ignore[misc] # a table with the keys of the drives
     """The values at a time; between two keyframes they are interpolated."""
 
@@ -91,6 +121,8 @@ class Keyframe(Driven):  # type: ignore[misc] # a table with the keys of the dri
     """Translation from the rest position [mm]; zero when it is not given."""
     base_rotation: Vector = (0.0, 0.0, 0.0)
     """Rotation vector about the base pivot [degrees]; zero when it is not given."""
+    frames: dict[str, FramePlace] = Field(default_factory=dict)
+    """Poses of other frames by name, with translation and rotation or angle; zero where it is not given."""
 
     @model_validator(mode="after")
     def _check_efforts(self) -> "Keyframe":
@@ -108,6 +140,8 @@ class Step(Moved):  # type: ignore[misc] # as above
     """Target of the base, from the rest position [mm]; the base stays when it is not given."""
     base_rotation: Vector | None = None
     """Target of the base, rotation vector about the base pivot [degrees]; the base stays when it is not given."""
+    frames: dict[str, FrameTarget] = Field(default_factory=dict)
+    """Targets of other frames by name, with translation, rotation or angle, and speeds; what is not named stays."""
     duration: Positive | None = None
     """Duration of the way to all targets [s]; either this or a rate for each thing that moves."""
     base_speed: Positive | None = None
@@ -124,16 +158,23 @@ class Step(Moved):  # type: ignore[misc] # as above
     @model_validator(mode="after")
     def _check_motion(self) -> "Step":
         for key, (rate, unit) in RATES.items():
-            moves, has_rate = getattr(self, key) is not None, getattr(self, rate) is not None
-            if has_rate and not moves:
-                raise ValueError(f"{rate} without {key} has no effect; remove it or say where to go")
-            if has_rate and self.duration is not None:
-                raise ValueError(f"duration and {rate} are both given; give one of them")
-            if moves and not has_rate and self.duration is None:
-                raise ValueError(f"{key} needs a duration [s] or a {rate} [{unit}]")
+            self._check_rate(self, key, rate, unit)
+        for name, target in self.frames.items():
+            for key, (rate, unit) in FRAME_RATES.items():
+                turned = "angle" if key == "rotation" and target.angle is not None else key
+                self._check_rate(target, turned, rate, unit, f"frames.{name}.")
         if self.duration is not None and not self.moves:
             raise ValueError("duration without anything that moves; to wait, give hold [s]")
         return self
+
+    def _check_rate(self, table: Table, key: str, rate: str, unit: str, where: str = "") -> None:
+        moves, has_rate = getattr(table, key) is not None, getattr(table, rate) is not None
+        if has_rate and not moves:
+            raise ValueError(f"{where}{rate} without {where}{key} has no effect; remove it or say where to go")
+        if has_rate and self.duration is not None:
+            raise ValueError(f"duration and {where}{rate} are both given; give one of them")
+        if moves and not has_rate and self.duration is None:
+            raise ValueError(f"{where}{key} needs a duration [s] or a {rate} [{unit}]")
 
     @model_validator(mode="after")
     def _check_waiting(self) -> "Step":
@@ -142,13 +183,13 @@ class Step(Moved):  # type: ignore[misc] # as above
         if self.timeout is not None and self.until is None:
             raise ValueError("timeout without until has no effect; remove it or give a condition")
         if not self.moves and self.until is None and self.hold is None:
-            raise ValueError(f"does nothing; it needs at least one of {', '.join(RATES)}, until, hold")
+            raise ValueError(f"does nothing; it needs at least one of {', '.join(RATES)}, frames, until, hold")
         return self
 
     @property
     def moves(self) -> bool:
         """Whether the step moves anything."""
-        return any(getattr(self, key) is not None for key in RATES)
+        return bool(self.frames) or any(getattr(self, key) is not None for key in RATES)
 
 
 class Script(Table):

@@ -51,6 +51,7 @@ class StepController(Controller):
         self._driven = self._targets.driven_first
         for index, waiting in enumerate(self._waiting):
             self._efforts(index)
+            self._frames(index)
             if waiting is not None:
                 waiting.reset(model)
         self._current, self._begun = None, []
@@ -92,7 +93,7 @@ class StepController(Controller):
         time, values, base = observation.time, self._targets.observed(observation), slice(TRANSLATION.start, None)
         stops = time
         for index, step in enumerate(self._steps):
-            way = self._way(step, values, self._efforts(index))
+            way = self._way(index, values, self._efforts(index))
             waits = self._waiting[index] is not None
             if (way.target != values)[base].any():
                 stops = time + (0.0 if waits else float(way.durations[base].max()))
@@ -128,6 +129,12 @@ class StepController(Controller):
         for (drive, actuator), place in self._targets.places.items():
             if actuator in observation.clipped:
                 reached[place] = read_drive(drive, observation, actuator)
+        observed = self._targets.observed(observation)
+        for name, frame in self._targets.frames.items():
+            halves = slice(frame.start, frame.start + 3), slice(frame.start + 3, frame.stop)
+            for part, half in zip(("translation", "rotation"), halves, strict=True):
+                if f"{name}_{part}" in observation.clipped:
+                    reached[half] = observed[half]
         if "base_translation" in observation.clipped:
             reached[TRANSLATION] = observation.base_translation
         if "base_rotation" in observation.clipped:
@@ -144,13 +151,13 @@ class StepController(Controller):
         waiting, hold = self._end_of(index)
         if index == len(self._steps):
             return StepInProgress(time, Ramp(values, values, np.zeros(len(values)), False), waiting, hold)
-        step, efforts, chosen = self._steps[index], self._efforts(index), np.zeros(len(self._driven), dtype=bool)
+        efforts, chosen = self._efforts(index), np.zeros(len(self._driven), dtype=bool)
         chosen[list(efforts)] = True
         start = values.copy()
         begins = np.flatnonzero(chosen & ~self._driven)
         start[begins] = self._targets.observed(observation)[begins]
         self._driven = self._targets.drive(self._driven, chosen)
-        return StepInProgress(time, self._way(step, start, efforts), waiting, hold)
+        return StepInProgress(time, self._way(index, start, efforts), waiting, hold)
 
     def _end_of(self, index: int) -> tuple[Waiting | None, float]:
         """What a step waits for, and how long it then rests [s]; what comes after the last step does not end."""
@@ -158,19 +165,25 @@ class StepController(Controller):
             return None, math.inf
         return self._waiting[index], self._steps[index].hold or 0.0
 
-    def _way(self, step: Step, start: np.ndarray, efforts: Mapping[int, float]) -> Ramp:
+    def _way(self, index: int, start: np.ndarray, efforts: Mapping[int, float]) -> Ramp:
         """The way from the values at the start of a step to its targets; `efforts` has actuators' targets by place."""
-        target = start.copy()
+        step, target, poses = self._steps[index], start.copy(), self._frames(index)
         target[list(efforts)] = list(efforts.values())
         if step.base_translation is not None:
             target[TRANSLATION] = step.base_translation
         if step.base_rotation is not None:
             target[ROTATION] = np.radians(step.base_rotation)
+        for name, pose in poses.items():
+            place = self._targets.frames[name]
+            target[place] = np.where(np.isnan(pose), start[place], pose)
         if step.duration is not None:
             return Ramp(start, target, np.full(len(start), step.duration), self._smooth)
         change = np.abs(target - start)
         change[TRANSLATION] = np.linalg.norm(change[TRANSLATION])
         change[ROTATION] = np.linalg.norm(np.degrees(change[ROTATION]))
+        for place in self._targets.frames.values():
+            way = change[place].reshape(2, 3)
+            change[place] = np.repeat(np.linalg.norm(way, axis=1) * [1.0, math.degrees(1.0)], 3)
         rate = np.full(len(start), math.inf)  # where none is given nothing moves
         for drive, part in self._targets.parts.items():
             given = getattr(step, drive.rate)
@@ -180,7 +193,17 @@ class StepController(Controller):
             rate[TRANSLATION] = step.base_speed
         if step.base_turning_speed is not None:
             rate[ROTATION] = step.base_turning_speed
+        for name, frame in step.frames.items():
+            speeds = [math.inf if speed is None else speed for speed in (frame.speed, frame.turning_speed)]
+            rate[self._targets.frames[name]] = np.repeat(speeds, 3)
         return Ramp(start, target, change / rate, smooth=False)
+
+    def _frames(self, index: int) -> dict[str, np.ndarray]:
+        """Poses of frames that a step asks for, NaN for what stays, shape (6,) each, by name."""
+        try:
+            return self._targets.read_frames(self._steps[index].frames)
+        except SceneError as error:
+            raise SceneError(f"{self._path}: steps.{index}.frames: {error}") from error
 
     def _efforts(self, index: int) -> dict[int, float]:
         """What a step asks of actuators, scaled, by the place in the array of targets."""
