@@ -1,13 +1,14 @@
 # make grasp   mesh the tutorial's finger and let the gripper grasp; the results are in out/grasp
 # make test    ruff and mypy, then every test
 # make bench   time the engine on this machine; the results are in out/bench. OPTIONS=--quick is passed on
+# make scoreboard  friction: problems of FCLIB and Siconos in the folder DATA=..., creep beside other programs
 # make site    the documents as a site in out/site, which opens from the disk
 # make clean   remove what these made
 #
 # All first install what they need into .venv; `make grasp` has no need of the tools of `make test`.
 # PYTHON=/path/to/python chooses the interpreter.
 
-.PHONY: grasp test bench site lint kernels clean system-libraries browser
+.PHONY: grasp test bench scoreboard site lint kernels clean system-libraries browser
 
 grasp: system-libraries
 	mkdir -p out/grasp
@@ -26,6 +27,11 @@ kernels: system-libraries
 
 bench: system-libraries .venv/test-tools
 	.venv/bin/python -m taichisoft_benchmarks --output out/bench $(OPTIONS)
+
+scoreboard: system-libraries .venv/test-tools
+	$(pip_install) '.[peers]'
+	.venv/bin/python -m taichisoft_benchmarks.studies.wall_creep
+	.venv/bin/python -m taichisoft_benchmarks.studies.friction_problems $(DATA)
 
 site: .venv/test-tools
 	.venv/bin/sphinx-build --quiet --fail-on-warning --keep-going -c docs/site . out/site

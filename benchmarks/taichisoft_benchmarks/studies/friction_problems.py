@@ -1,30 +1,36 @@
-"""Contact problems of other programs: what the contact solver and a plain Gauss-Seidel make of them, as a table.
+"""Contact problems of other programs: what the contact solver and a plain Gauss-Seidel make of them.
 
-    python -m taichisoft_benchmarks.studies.friction_problems FOLDER
+    python -m taichisoft_benchmarks.studies.friction_problems FOLDER --output docs/friction.md
 
-FOLDER holds problems as .npz files: W in compressed rows (`data`, `indices`, `indptr`), `q` and `mu`, three rows for
-each contact, the normal one first. Sought are impulses r with u = W r + q, Signorini's and Coulomb's laws, as in the
-collection FCLIB (Acary, Bremond, Koziara and Perignon 2014, FCLIB: a collection of discrete 3D frictional contact
-problems).
+FOLDER holds problems of FCLIB or Siconos (friction_files.py); the section "problems" of the page is filled. Sought are
+impulses r with u = W r + q, Signorini's and Coulomb's laws (Acary, Bremond, Koziara and Perignon 2014, FCLIB: a
+collection of discrete 3D frictional contact problems).
 """
 
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
-from scipy.sparse import csr_matrix
 
 from taichisoft.solver import BOUND_COLUMNS, SWEEPS, ContactSolver, Iterate, Problem, sweep_repeatedly
 from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.program import run_program
+from taichisoft_benchmarks.studies.friction_files import READERS, read_local_problem
 
 TOLERANCE = 1e-8
 """Residual at which both methods stop, as a share of the largest entry of q [-]."""
 PLAIN_SWEEPS = 10_000
 MOST_ITERATIONS = 1000
+BARS = (1e-4, 1e-8, 1e-12)
+"""Natural maps that are counted [-]."""
+HEADINGS = (
+    "problem", "contacts", "natural map", "sweeps", "s", "Gauss-Seidel: natural map", "sweeps", "s",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -59,18 +65,12 @@ class MethodResult(NamedTuple):
 
 
 def read_problem(path: Path) -> FrictionProblem:
-    """Read a problem; the symmetric part of W is taken.
+    """Read a problem.
 
     Raises:
         BenchmarkError: it cannot be read.
     """
-    try:
-        with np.load(path) as file:
-            q, mu = file["q"], file["mu"]
-            w = csr_matrix((file["data"], file["indices"], file["indptr"]), shape=(len(q), len(q))).toarray()
-    except (OSError, ValueError, KeyError) as error:
-        raise BenchmarkError(f"{path}: is not a contact problem: {error}") from error
-    return FrictionProblem(path.stem, 0.5 * (w + w.T), q, mu)
+    return FrictionProblem(path.stem, *read_local_problem(path))
 
 
 def project_on_cones(values: np.ndarray, friction: np.ndarray) -> np.ndarray:
@@ -106,17 +106,29 @@ def sweep_alone(problem: FrictionProblem) -> MethodResult:
     return MethodResult(problem.natural_map(iterate.impulse), int(outcome[SWEEPS]), seconds)
 
 
-def main(folder: Annotated[Path, typer.Argument(help="Folder of .npz files.")]) -> None:
-    """Solve contact problems of Siconos and LMGC90 by the engine's solver, beside a plain projected Gauss-Seidel."""
-    problems = [read_problem(path) for path in sorted(folder.glob("*.npz"))]
-    if not problems:
-        raise BenchmarkError(f"{folder}: has no .npz files")
-    print("| problem | contacts | natural map | sweeps | s | Gauss-Seidel: natural map | sweeps | s |")
-    print("|---|---|---|---|---|---|---|---|")
+def lines(problems: Sequence[FrictionProblem]) -> Iterator[str]:
+    """A table of the problems, and one of how many are solved how well."""
+    yield heading(HEADINGS)
+    answers = []
     for problem in problems:
-        answers = (solve(problem), sweep_alone(problem))
-        cells = [f"{one.natural_map:.1e} | {one.sweeps} | {one.seconds:.2f}" for one in answers]
-        print(f"| {problem.name} | {len(problem.mu)} | {' | '.join(cells)} |", flush=True)
+        answers.append((solve(problem), sweep_alone(problem)))
+        cells = [f"{one.natural_map:.1e} | {one.sweeps} | {one.seconds:.2f}" for one in answers[-1]]
+        yield row([problem.name, len(problem.mu), *cells])
+    yield f"\n{heading(['solved, of ' + str(len(problems)), *(f'natural map below {bar:g}' for bar in BARS)])}"
+    for number, method in enumerate(("taichisoft", "plain Gauss-Seidel")):
+        maps = [both[number].natural_map for both in answers]
+        yield row([method, *(sum(one < bar for one in maps) for bar in BARS)])
+
+
+def main(
+    folder: Annotated[Path, typer.Argument(help="Folder of problems: .hdf5, .h5, .dat, .npz.")],
+    output: PageOption = None,
+) -> None:
+    """Solve contact problems of other programs by the engine's solver, beside a plain projected Gauss-Seidel."""
+    problems = [read_problem(path) for path in sorted(folder.iterdir()) if path.suffix in READERS]
+    if not problems:
+        raise BenchmarkError(f"{folder}: has none of {', '.join(READERS)}")
+    fill_section(output, "problems", lines(problems))
 
 
 if __name__ == "__main__":
