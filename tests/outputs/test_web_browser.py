@@ -21,6 +21,7 @@ from taichisoft_outputs.web.web_output import WebOutput
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
 
+
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     """The tiny gripper with a page, paused at its start."""
