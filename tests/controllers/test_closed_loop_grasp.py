@@ -95,6 +95,23 @@ def test_the_controller_may_be_asked_less_often_than_every_step() -> None:
     assert lift_of_cube(state, controller, axis=2) == pytest.approx(10.0, abs=1.0)
 
 
+def test_it_holds_a_force_through_a_slow_line() -> None:
+    """Regulators with 0.2 s and tubes: a slow approach leaves little pressure on its way when the pads touch.
+
+    As tuned for regulated air it comes to rest, too, but presses with several times the set point before.
+    """
+    line = "{conductance = 0.05, response_time = 0.2, tube_length = 300.0, tube_diameter = 2.0}"
+    table = f'{{group = "cavity", air = "line", line = {line}}}'
+    overrides = tuple(f"soft_bodies.{side}.cavities.cavity={table}" for side in ("left", "right"))
+    settings = {"set_point": 60.0, "proportional_gain": 0.0025, **QUICK}
+    tuned, state = grasp(TINY_GRIPPER, 5.0, overrides, approach_rate=3.0, **settings)
+    assert tuned.signals[-1]["phase"] == Phase.HELD
+    assert lift_of_cube(state, tuned, axis=2) == pytest.approx(10.0, abs=1.0)
+    np.testing.assert_allclose(tuned.signal("force")[-20:], 60.0, rtol=0.01)
+    untuned, _ = grasp(TINY_GRIPPER, 2.0, overrides, **settings)
+    assert tuned.signal("force").max() < 2.0 * 60.0 < 4.0 * 60.0 < untuned.signal("force").max()
+
+
 def test_two_runs_of_one_controller_are_equal_bit_for_bit() -> None:
     controller, simulation = ClosedLoopController(set_point=60.0), Simulation(load_scene(TINY_GRIPPER))
     start = simulation.state
