@@ -11,6 +11,7 @@ from taichisoft.actuators.lines import Line
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.model import Model
 from taichisoft.state import State
+from taichisoft.step.kernels import momentum_change as kernels
 from taichisoft.step.rigid_motion import CarriedBodies
 from taichisoft.step.solution import StepSolution
 
@@ -23,10 +24,7 @@ class FrameWrenches:
         self._model, actuators = model, model.actuators
         bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
         self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]
-        if model.elasticity is not None:
-            self._mass = model.elasticity.node_mass[:, None]
-            self._drag = model.elasticity.node_rayleigh_mass[:, None]
-            self._constant = np.vstack([body.node_force for body in model.soft_bodies])
+        self._held = self._lay_out() if self._bodies else None
         cables = actuators.place(CABLES)
         coordinates = actuators.first_coordinate[[cables.start, cables.stop]]
         self._entries = slice(*actuators.coordinates.entry_start[coordinates].tolist())
@@ -43,11 +41,14 @@ class FrameWrenches:
             effort: efforts of their coordinates, shape (coordinate_count,).
             position: positions of the nodes there [mm], shape (node_count, 3).
         """
-        some, node = self._entries, self._model.actuators.coordinates.entry_node[self._entries]
+        some = self._entries
+        if some.start == some.stop:
+            return np.zeros((len(self._bodies), 2, 3))
+        node = self._model.actuators.coordinates.entry_node[some]
         force = effort[self._coordinate, None] * geometry.gradient.soft[some]
-        of_bodies = [(node >= nodes.start) & (node < nodes.stop) for _, nodes in self._bodies if some.stop > some.start]
+        of_bodies = [(node >= nodes.start) & (node < nodes.stop) for _, nodes in self._bodies]
         found = [_resultant(position[node[one]], force[one]) for one in of_bodies]
-        return np.array(found) if found else np.zeros((len(self._bodies), 2, 3))
+        return np.array(found).reshape(-1, 2, 3)
 
     def find(
         self,
@@ -69,9 +70,9 @@ class FrameWrenches:
         model = self._model
         frames, places, time_step = model.frames, model.places(start), model.scene.time.step
         wrench = np.zeros((len(frames.names), 2, 3))
-        force = self._node_forces(start, solution) if self._bodies else position
-        for (frame, nodes), by_cables in zip(self._bodies, cable_forces, strict=True):
-            wrench[frame] += _resultant(position[nodes], force[nodes]) + by_cables
+        of_bodies = self._of_bodies(start, position, solution)
+        for (frame, _), by_loads, by_cables in zip(self._bodies, of_bodies, cable_forces, strict=True):
+            wrench[frame] += by_loads + by_cables
         for line, coordinate in self._pulled:
             wrench[line.frame] += self._pull(line, start, float(solution.effort[coordinate]))
         impulses = solution.rigid_impulse[carried.index] / time_step
@@ -83,15 +84,38 @@ class FrameWrenches:
         wrench[:, 1] -= np.cross(frames.pivots(places), wrench[:, 0])
         return wrench
 
-    def _node_forces(self, start: State, solution: StepSolution) -> np.ndarray:
-        """Weight and other loads less inertia and drag of all nodes [mN], but for cables, shape (node_count, 3)."""
-        time, velocity = self._model.scene.time, solution.node_velocity
-        force = self._constant + solution.contact_node_impulse / time.step + self._mass * start.gravity
-        if time.dynamics == "second order":
-            force -= self._mass * ((velocity - start.velocity) / time.step + self._drag * velocity)
-        elif time.dynamics == "first order":
-            force -= self._mass * velocity
-        return force
+    def _lay_out(self) -> kernels.HeldBodies:
+        model, elasticity = self._model, self._model.elasticity
+        assert elasticity is not None
+        dynamics, count = model.scene.time.dynamics, model.node_count
+        drags = {
+            "second order": elasticity.node_rayleigh_mass,
+            "first order": np.ones(count),
+            "static": np.zeros(count),
+        }
+        impulse, before, after, place = (np.zeros((count, 3)) for _ in range(4))
+        return kernels.HeldBodies(
+            nodes=np.array([(nodes.start, nodes.stop) for _, nodes in self._bodies], dtype=np.int32).ravel(),
+            mass=elasticity.node_mass.copy(),
+            drag=drags[dynamics].copy(),
+            constant=np.vstack([body.node_force for body in model.soft_bodies]),
+            gravity=np.empty((1, 3)),
+            impulse=impulse,
+            before=before,
+            after=after,
+            place=place,
+            wrench=np.empty((len(self._bodies), 6)),
+        )
+
+    def _of_bodies(self, start: State, position: np.ndarray, solution: StepSolution) -> np.ndarray:
+        """Wrenches of the soft bodies about the origin, but for cables, shape (body_count, 2, 3)."""
+        held, time = self._held, self._model.scene.time
+        if held is None:
+            return np.zeros((0, 2, 3))
+        held.gravity[0], held.impulse[:], held.place[:] = start.gravity, solution.contact_node_impulse, position
+        held.before[:], held.after[:] = start.velocity, solution.node_velocity
+        kernels.sum_wrenches(time.step, float(time.dynamics == "second order"), held)
+        return held.wrench.reshape(-1, 2, 3)
 
     def _pull(self, line: Line, start: State, tension: float) -> np.ndarray:
         """What a cable exerts on a frame at its pull point, where it runs at the start of the step."""

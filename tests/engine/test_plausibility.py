@@ -51,6 +51,15 @@ def test_what_a_soft_body_cannot_have(block: Callable[..., str], changes: dict[s
     assert line in warning
 
 
+def test_shut_air_that_no_rubber_holds(block: Callable[..., str]) -> None:
+    """5/6 of 300 kPa."""
+    mesh = block((3, 3, 3), (30.0, 20.0, 20.0), hollow=True)
+    for pressure, count in ((249.0, 0), (251.0, 1)):
+        cavity = {"group": "cavity", "air": "sealed", "shut_pressure": pressure}
+        warned = told(soft(mesh, cavities={"cavity": cavity}))
+        assert len(warned) == count and all("holds more than 250 kPa" in line for line in warned)
+
+
 def test_a_mesh_in_metres(block: Callable[..., str]) -> None:
     (warning,) = told(soft(block((2, 2, 2), (0.02, 0.01, 0.01))))
     assert (
