@@ -10,6 +10,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft_outputs.csv_output import CsvOutput
+from taichisoft_outputs.plots.panels import PANELS, RunCurves
 from taichisoft_outputs.recording.reader import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import ResumeError, recorded_scene, resumed_simulation, state_at
@@ -57,6 +58,9 @@ def test_frames_are_recorded_and_go_on_from_every_frame(tmp_path: Path) -> None:
     with read_recording(tmp_path / "recording.h5") as recording:
         assert recording.frames.names == ("base", "jaw", "belt", "lid")
         assert recording.row("frame_pose", -1).tolist() == states[-1].frame_pose.tolist()
+        panel = PANELS["frame-force"](RunCurves(recording))
+        belt = next(curve for curve in panel.curves if curve.label == "belt")
+        assert belt.y[-1] == pytest.approx(0.05 * 9810.0, rel=1e-3)
         frame = recording.frame_at(0.08)
         assert not recording.has_state(frame)
         assert state_at(recording, frame) == states[8]

@@ -103,7 +103,7 @@ class FramePlace(Table):
         return self
 
 
-class FrameTarget(FramePlace):
+class FrameAim(FramePlace):
     """Where a frame goes, and how fast."""
 
     speed: Positive | None = None
@@ -140,7 +140,7 @@ class Step(Moved):  # type: ignore[misc] # as above
     """Target of the base, from the rest position [mm]; the base stays when it is not given."""
     base_rotation: Vector | None = None
     """Target of the base, rotation vector about the base pivot [degrees]; the base stays when it is not given."""
-    frames: dict[str, FrameTarget] = Field(default_factory=dict)
+    frames: dict[str, FrameAim] = Field(default_factory=dict)
     """Targets of other frames by name, with translation, rotation or angle, and speeds; what is not named stays."""
     duration: Positive | None = None
     """Duration of the way to all targets [s]; either this or a rate for each thing that moves."""

@@ -145,6 +145,13 @@ def _wrench(row: int, y_axis: str, run: RunCurves) -> Panel:
     return run.over_time(y_axis, run.recording.column("frame_wrench")[:, 0, row], ["x", "y", "z"], ["", "", ""])
 
 
+def frame_force(run: RunCurves) -> Panel:
+    """Amounts of the forces on the frames beside the base."""
+    names = run.recording.frames.names[1:]
+    forces = np.linalg.norm(run.recording.column("frame_wrench")[:, 1:, 0], axis=2)
+    return run.over_time("force on a frame [mN]", forces, names, [""] * len(names))
+
+
 def step_time(run: RunCurves) -> Panel:
     """Time that each step took to compute, beside the time that it simulated."""
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
@@ -178,6 +185,7 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "slip": slip,
     "base-force": partial(_wrench, 0, "force on the base [mN]"),
     "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),
+    "frame-force": frame_force,
     "step-time": step_time,
 }
 """The functions that make the panels, by name."""
@@ -189,14 +197,14 @@ def panels_of(recording: Recording) -> dict[str, Callable[[RunCurves], Panel]]:
 
 
 def expected(name: str, recording: Recording) -> bool:
-    """Whether somebody expects a panel: that of cables only where there are some, of air where it has its own law."""
+    """Whether somebody expects a panel: that of cables or frames only where there are some, of air with its own law."""
     for kind in ACTUATOR_KINDS:
         tables = recording.scene.actuators(kind.plural).values()
         for figure in kind.measured:
             if figure.name == name:
                 matters = figure.matters if isinstance(figure, StateFigure) else bool
                 return (kind.always_driven and figure not in kind.figures) or any(map(matters, tables))
-    return True
+    return name != "frame-force" or bool(recording.scene.frames)
 
 
 def _evenly_spaced(times: np.ndarray, count: int) -> np.ndarray:
