@@ -112,7 +112,8 @@ class Cavities(ActuatorSet):
         line = self._settings[number].line
         if line is None:
             exponent, dead_volume = self._settings[number].exponent, float(self._dead_volume[number])
-            return ShutAir(mass, exponent, rest_volume, dead_volume, self.atmosphere)
+            warm_space = float(state.warm_air_space[number])
+            return ShutAir(mass, exponent, warm_space, rest_volume, dead_volume, self.atmosphere)
         opening, in_tube = float(state.valve_opening[number]), float(state.tube_air_mass[number])
         source = float(state.supply_pressure[number]) if opening >= 0.0 else line.exhaust
         return LineAir(
@@ -130,13 +131,16 @@ class Cavities(ActuatorSet):
         """The air that is in the cavities at first, and their valves."""
         tubes = np.array([0.0 if tube is None else tube.volume for tube in self._tubes])
         in_tube = air_mass(self.rest_effort + self.atmosphere, tubes)
-        mass = air_mass(self.rest_effort + self.atmosphere, self.rest_value + self._dead_volume) + in_tube
+        space = self.rest_value + self._dead_volume
+        mass = air_mass(self.rest_effort + self.atmosphere, space) + in_tube
         flow = np.zeros(len(mass))
-        return {"air_mass": mass, "tube_air_mass": in_tube, "air_flow": flow, **self.valves.start()}
+        air = {"air_mass": mass, "tube_air_mass": in_tube, "warm_air_space": space, "air_flow": flow}
+        return {**air, **self.valves.start()}
 
     def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
         """The air in the cavities after a step: shut in, through a valve, or as much as a regulator let in."""
-        let_in = air_mass(effort + self.atmosphere, value + self._dead_volume)
+        space = value + self._dead_volume
+        let_in = air_mass(effort + self.atmosphere, space)
         mass, in_tube = np.where(self.has_law, start.air_mass, let_in), start.tube_air_mass.copy()
         flow = (mass - start.air_mass) / time_step
         for number in self.valves.lines:
@@ -146,7 +150,8 @@ class Cavities(ActuatorSet):
             mass[number] += time_step * flow[number]
             if law.tube is not None:
                 in_tube[number] += time_step * (flow[number] - into_cavity)
-        return {"air_mass": mass, "tube_air_mass": in_tube, "air_flow": flow}
+        warm = np.where(self.has_law, start.warm_air_space, space)
+        return {"air_mass": mass, "tube_air_mass": in_tube, "warm_air_space": warm, "air_flow": flow}
 
     def shapes(self, room: Room) -> "CavityVolumes":
         """What measures their volumes."""

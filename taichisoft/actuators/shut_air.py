@@ -23,13 +23,15 @@ class ShutAir:
     Attributes:
         mass: mass of the air [kg].
         exponent: n [-].
-        rest_volume: volume of the cavity at rest [mm^3], at which the air has room temperature.
+        warm_space: space in which the air has room temperature [mm^3].
+        rest_volume: volume of the cavity at rest [mm^3].
         dead_volume: volume of tube and fittings, at the same pressure [mm^3].
         atmosphere: absolute pressure outside [kPa].
     """
 
     mass: float
     exponent: float
+    warm_space: float
     rest_volume: float
     dead_volume: float
     atmosphere: float
@@ -51,6 +53,6 @@ class ShutAir:
             Growth over the rest volume [mm^3], and its change with the pressure [mm^3/kPa], which is negative.
         """
         absolute = pressure + self.atmosphere
-        at_rest = self.mass * PRESSURE_TIMES_VOLUME / self.scale
-        space = self.scale * (at_rest / absolute) ** (1.0 / self.exponent)
+        at_room_temperature = self.mass * PRESSURE_TIMES_VOLUME / self.warm_space
+        space = self.warm_space * (at_room_temperature / absolute) ** (1.0 / self.exponent)
         return space - self.scale, -space / (self.exponent * absolute)

@@ -136,6 +136,7 @@ def fake_state(step: int) -> FakeState:
         actuator_loss=np.zeros(0),
         air_mass=np.array([1e-5 + 1e-6 * step]),
         tube_air_mass=np.array([1e-6 * step]),
+        warm_air_space=np.array([300.0 + step]),
         air_flow=np.array([1e-4 * step]),
         valve_request=np.array([0.02 * step]),
         valve_opening=np.array([0.01 * step]),

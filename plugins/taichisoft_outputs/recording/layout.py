@@ -103,6 +103,7 @@ QUANTITIES = {
     "steps/young_modulus": RecordedQuantity("kPa", "young_modulus"),
     **{path: quantity for kind in ACTUATOR_KINDS for path, quantity in _quantities(kind).items()},
     "steps/tube_air_mass": RecordedQuantity("kg", "tube_air_mass"),
+    "steps/warm_air_space": RecordedQuantity("mm^3", "warm_air_space"),
     "steps/valve_request": RecordedQuantity("1", "valve_request"),
     "steps/supply_pressure": RecordedQuantity("kPa", "supply_pressure"),
     "steps/delayed_requests": RecordedQuantity("1 or kPa", "delayed_requests"),
