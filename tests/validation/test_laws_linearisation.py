@@ -13,6 +13,8 @@ import cable_block
 import numpy as np
 import pytest
 from conftest import Figures
+from scenes import simulate
+from test_laws_reduced import chamber, write_modes
 
 from taichisoft.building.scene_files import load_scene, scene_from_dict
 from taichisoft.building.simulation import Simulation
@@ -152,6 +154,21 @@ def test_a_valve_that_fills_a_cavity(figures: Figures) -> None:
     wide = simulation.linearise(Control(valve={"left.cavity": 1.0}), ("valve.left.cavity",))
     below = simulation.linearise(Control(valve={"left.cavity": 0.9999}), ("valve.left.cavity",))
     np.testing.assert_allclose(wide["pressures"], below["pressures"], rtol=1e-3, atol=1e-9)  # of the side that is free
+
+
+def test_a_body_that_moves_by_modes(tmp_path: Path, figures: Figures) -> None:
+    """Its derivatives come by the factor of the amplitudes; those by the base are left out."""
+    full = simulate(soft_bodies={"chamber": chamber(tmp_path)})
+    modes = write_modes(tmp_path / "modes.npz", full)
+    simulation = simulate(soft_bodies={"chamber": chamber(tmp_path, reduced=modes)})
+    pressure = ("pressure.chamber.air",)
+    for _ in range(2):
+        simulation.step(Control(pressure={"chamber.air": 1.0}))
+    seen = ("tip_positions.chamber", "volumes", "state.position", "base_force")
+    error = largest_error(simulation, Control(pressure={"chamber.air": 2.0}), pressure, seen)
+    figures.at_most("derivatives of a reduced body", error, 1e-6)
+    with pytest.raises(ControlError, match=r"'base_translation\.x' cannot be varied here"):
+        simulation.linearise(controls=["base_translation.x"])
 
 
 def test_what_limits_hold_back_has_no_derivative() -> None:
