@@ -40,7 +40,7 @@ SECTIONS = {
         *("Control", "Observation", "StepReport", "State"),
     ],
     "Running": ["run", "make_controller", "make_output", "Controller", "KeyEvent", "Slider", "Output", "Session"],
-    "Planning": ["rollouts", "Rollouts", "equilibrium", "Equilibrium"],
+    "Planning": ["rollouts", "Rollouts", "equilibrium", "Equilibrium", "Linearisation", "inverse", "InverseSolution"],
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
     "Plug-ins": [
         *("hookimpl", "RunOption", "Renderer", "group_with_default"),
@@ -190,7 +190,7 @@ def _class(made: type) -> str:
         types |= {name: _type(annotation) for name, annotation in inspect.get_annotations(base).items()}
         members |= {name: member for name, member in vars(base).items() if not name.startswith("_")}
     if dataclasses.is_dataclass(made):
-        _compare(made.__name__, [field.name for field in dataclasses.fields(made)], entries)
+        _compare(made.__name__, [one.name for one in dataclasses.fields(made) if not one.name.startswith("_")], entries)
     for name, member in members.items():
         if isinstance(member, property | cached_property):
             entries[name] = " ".join(inspect.cleandoc(member.__doc__ or "").split())

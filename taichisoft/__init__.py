@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from taichisoft.control.controller import Slider as Slider
     from taichisoft.control.keys import KeyEvent as KeyEvent
     from taichisoft.control.observation import Observation as Observation
+    from taichisoft.inverse_statics import InverseSolution as InverseSolution
+    from taichisoft.inverse_statics import inverse as inverse
+    from taichisoft.linearisation import Linearisation as Linearisation
     from taichisoft.meshes.files import read_volume_mesh as read_volume_mesh
     from taichisoft.meshes.files import write_volume_mesh as write_volume_mesh
     from taichisoft.meshes.volume_mesh import VolumeMesh as VolumeMesh
@@ -56,6 +59,8 @@ _NAMES = {
     "control.controller": ["Controller", "Slider"],
     "control.keys": ["KeyEvent"],
     "control.observation": ["Observation"],
+    "inverse_statics": ["InverseSolution", "inverse"],
+    "linearisation": ["Linearisation"],
     "meshes.files": ["read_volume_mesh", "write_volume_mesh"],
     "meshes.volume_mesh": ["VolumeMesh"],
     "model": ["Model"],

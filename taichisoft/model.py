@@ -182,8 +182,12 @@ class Model:
         """Make a variant whose steps are equilibria, whatever rates the scene limits; see `taichisoft.equilibrium`.
 
         Raises:
-            SceneError: the scene has rigid bodies, or a soft body without anchors.
+            SceneError: the scene has no soft body, or one without anchors.
         """
+        if not self.soft_bodies:
+            raise SceneError(
+                "an equilibrium is one of soft bodies, perhaps with rigid ones; this scene has no soft body"
+            )
         names = [name for name in type(self.scene.limits).model_fields if name.endswith(("_rate", "_speed"))]
         limits = self.scene.limits.model_copy(update=dict.fromkeys(names))
         time = self.scene.time.model_copy(update={"dynamics": "static"})
@@ -191,14 +195,8 @@ class Model:
         free = dict.fromkeys(("speed", "turning_speed", "path"))  # on a path it stays where it is now
         frames = {name: one.model_copy(update=free) for name, one in self.scene.frames.items()}
         other.scene = self.scene.model_copy(update={"time": time, "limits": limits, "frames": frames})
-        for kind, bodies in (
-            ("rigid body", self.rigid_bodies),
-            ("soft body without anchors", _loose(self.soft_bodies)),
-        ):
-            if bodies:
-                raise SceneError(
-                    f"an equilibrium is found of soft bodies with anchors alone; '{bodies[0].name}' is a {kind}"
-                )
+        for body in _loose(self.soft_bodies):
+            raise SceneError(f"an equilibrium needs anchors of every soft body; '{body.name}' has none")
         other.elasticity = Elasticity(list(self.soft_bodies), time)
         _make_read_only(other.elasticity)
         return other

@@ -25,6 +25,7 @@ from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution
+from taichisoft.step.step_derivative import StepDerivative
 
 
 class TimeStepper:
@@ -87,11 +88,7 @@ class TimeStepper:
         started = time.perf_counter()
         control = Control() if control is None else control
         start = apply_control(self.model, self.state, control)
-        requests = self._request(start)
-        self._begin_motion(start, requests)
-        contacts = self._prediction.find(start)
-        problem = StepProblem(start, contacts, self._geometry, requests)
-        solution = self._solver.solve(problem)
+        problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem)
         end = self._integrate(start, solution, shift, reported)
@@ -100,9 +97,47 @@ class TimeStepper:
         self.report = self._make_report(problem, solution, shift, end, control, started)
         return self.report
 
+    def derivative(self, control: Control) -> StepDerivative:
+        """Solve the step that `step` would make, and linearise it; the state stays.
+
+        Raises:
+            ControlError, SimulationDiverged: see `step`.
+            SceneError: see `StepDerivative`.
+        """
+        start = apply_control(self.model, self.state, control)
+        problem, solution = self._solve(start)
+        reported = self._constraint_solver.report(problem, solution)
+        shift = self._constraint_solver.find_shift(problem)
+        self._divergence_check.check(start, self._integrate(start, solution, shift, reported))
+        if shift is not None:  # which was found in the same work space
+            problem, solution = self._solve(start)
+        parts = self._soft, self._rigid, self._constraint_solver, self._solver
+        return StepDerivative(self.model, *parts, problem, solution, shift)
+
+    def end_along(self, derivative: StepDerivative, start: State, change: StepSolution, share: float) -> State:
+        """The end of the step of a derivative from a start with other requests, and with a share of a change."""
+        problem, solution, speeds = derivative.moved(start, change, share)
+        answer = self._constraint_solver.rows.solver.velocity[: len(speeds)]
+        before = answer.copy()
+        answer += share * speeds
+        reported = self._constraint_solver.report(problem, solution)
+        answer[:] = before
+        return self._integrate(start, solution, derivative.shift, reported)
+
     def observe(self) -> Observation:
         """What a controller sees; depends on the state only, so that a restored run gives the same observations."""
         return self._observer.observe(self.state)
+
+    def observe_state(self, state: State) -> Observation:
+        """What a controller sees in another state of the model."""
+        return self._observer.observe(state)
+
+    def _solve(self, start: State) -> tuple[StepProblem, StepSolution]:
+        requests = self._request(start)
+        self._begin_motion(start, requests)
+        contacts = self._prediction.find(start)
+        problem = StepProblem(start, contacts, self._geometry, requests)
+        return problem, self._solver.solve(problem)
 
     def _request(self, start: State) -> ActuatorRequests:
         """Measure volumes and lengths with their gradients, and make the actuators' requests."""

@@ -14,6 +14,7 @@ def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The built-in controllers."""
     places = {
         "closed-loop": "closed_loop.closed_loop_controller:ClosedLoopController",
+        "inverse": "inverse_controller:InverseController",
         "keyboard": "keyboard.keyboard_controller:KeyboardController",
         "scripted": "scripted.scripted_controller:scripted_controller",
     }

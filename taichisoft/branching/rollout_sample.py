@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.branching.rollout_figures import RolloutFigure
 from taichisoft.control.control import Control
+from taichisoft.control.observed_figures import ObservedFigure
 from taichisoft.errors import SimulationDiverged
 from taichisoft.state import State
 from taichisoft.time_stepper import TimeStepper
@@ -26,7 +26,7 @@ class RolloutSample:
     start: State
     controls: tuple[Control, ...]
     steps_per_control: int
-    figures: tuple[RolloutFigure, ...]
+    figures: tuple[ObservedFigure, ...]
 
 
 @dataclass(frozen=True)

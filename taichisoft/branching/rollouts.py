@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft.branching.rollout_figures import find_figure
 from taichisoft.branching.rollout_processes import RolloutProcesses, Task
 from taichisoft.branching.rollout_sample import RolloutOutcome, RolloutSample, roll_out
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.control.observed_figures import find_figure
 from taichisoft.errors import SimulationDiverged, TaichisoftError
 from taichisoft.state import State
 from taichisoft.time_stepper import TimeStepper

@@ -15,7 +15,9 @@ from taichisoft.building.plausibility import (
     say_region_volumes,
     warn_of_thin_walls,
 )
+from taichisoft.control.control import Control
 from taichisoft.errors import MeshError, PluginError, SceneError
+from taichisoft.linearisation import Linearisation, linearise
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
@@ -82,6 +84,27 @@ class Simulation(TimeStepper):
             lambda: find("renderer", renderer)(model=self.model, size=tuple(size), camera=place),
         )
         return drawing.picture(self.state, np.asarray(marks, np.float64).reshape(-1, 3))
+
+    def linearise(self, control: Control | None = None, controls: Sequence[str] | None = None) -> Linearisation:
+        """Derivatives of what is observed after the step that `step(control)` would make; the simulation stays.
+
+        They are exact as long as contacts stay open, sticking or sliding and actuators stay at the limits where they
+        are. At such a change the derivative jumps, and this is the one of the side on which the step lies. What limits
+        of the scene hold back has the derivative 0; a request at the end of a range, that of the side on which it is
+        free. Contacts are those found in the step: their normals do not turn. In a scene of static dynamics a step is
+        an equilibrium. The shift that separates surfaces which overlap stays as it is.
+
+        Args:
+            control: as for `step`.
+            controls: names of the controls by which to derive, see `Linearisation`; None: by all that can be varied.
+
+        Raises:
+            ControlError: `control` requests something impossible, or a name in `controls` is not that of something
+                which can be varied, such as the base of reduced bodies.
+            SimulationDiverged: the step failed.
+            SceneError: a contact in the step has restitution, spinning or rolling friction.
+        """
+        return linearise(self, control, controls)
 
     def keep(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """What is kept ready under a key until `close`, such as a renderer; made on the first call."""

@@ -7,3 +7,4 @@ from .fingertips import Fingertips as Fingertips
 from .keys import KeyEvent as KeyEvent
 from .observation import Observation as Observation
 from .observation import Pair as Pair
+from .observed_figures import find_figure as find_figure

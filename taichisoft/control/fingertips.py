@@ -19,6 +19,7 @@ class Fingertips:
 
     Attributes:
         names: of the fingers.
+        nodes: numbers of the nodes of each tip, a tuple of arrays.
     """
 
     def __init__(self, soft_bodies: tuple[SoftBody, ...], frames: MovingFrames):
@@ -31,9 +32,8 @@ class Fingertips:
         self.names = tuple(body.name for body in fingers)
         chosen = [body.tip_nodes if body.tip_nodes is not None else _farthest_nodes(body) for body in fingers]
         self._start = np.cumsum([0, *(len(nodes) for nodes in chosen)]).astype(np.int32)
-        self._nodes = np.concatenate(
-            [nodes + body.nodes.start for nodes, body in zip(chosen, fingers, strict=True)] or [np.zeros(0)]
-        ).astype(np.intp)
+        self.nodes = tuple(nodes + body.nodes.start for nodes, body in zip(chosen, fingers, strict=True))
+        self._nodes = np.concatenate([*self.nodes, np.zeros(0)]).astype(np.intp)
         self._rest = np.vstack(
             [_centred(body.rest_position[nodes], body.name) for nodes, body in zip(chosen, fingers, strict=True)]
             or [np.zeros((0, 3))]

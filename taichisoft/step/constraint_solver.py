@@ -57,6 +57,11 @@ class ConstraintSolver:
         self._node_impulse = np.zeros((model.node_count, 3))
         self._contact_node_impulse = np.zeros((model.node_count, 3))
 
+    @property
+    def rows(self) -> ConstraintRows:
+        """The rows that were last solved for."""
+        return self._rows
+
     def set_friction(self, model: Model) -> None:
         """Set the friction coefficients of a variant of the model."""
         self._laws.friction[:] = model.friction

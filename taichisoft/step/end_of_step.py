@@ -35,12 +35,15 @@ class EndOfStep:
         """
         self._model, self._soft, self._geometry = model, soft, geometry
         self._mass = elasticity.node_mass[:, None]
+        self._anchored = elasticity.diagonal - elasticity.inertia[:, None]
         self._time_step = model.scene.time.step
         self._has_inertia = model.scene.time.dynamics == "second order"
         self._has_drag = model.scene.time.dynamics == "first order"
         # The lag is h + b in second order dynamics, and 0 in first order ones, where nothing is damped.
         self._is_damped = bool((elasticity.node_lag > self._time_step).any())
         self._anchors = soft.anchors._replace(lag=np.maximum(elasticity.anchor_lag - self._time_step, 0.0))
+        no_nodes = {name: getattr(soft.anchors, name)[:0].copy() for name in ("node", "frame")}
+        self._no_anchors = self._anchors._replace(**no_nodes)
         pairs = elasticity.symbolic.block_pairs
         off = np.flatnonzero(pairs[:, 0] != pairs[:, 1])
         row, column = np.concatenate([pairs, pairs[off, ::-1]]).T
@@ -77,8 +80,20 @@ class EndOfStep:
         product: np.ndarray = (self._first_matrix @ node_velocity.ravel()).reshape(-1, 3)
         return product
 
-    def move(self, node_velocity: np.ndarray, rigid_position: np.ndarray, rigid_rotation: np.ndarray) -> None:
-        """Move the bodies to the positions by node velocities [mm/s], (node_count, 3), and by poses of rigid bodies."""
+    def move(
+        self,
+        node_velocity: np.ndarray,
+        rigid_position: np.ndarray,
+        rigid_rotation: np.ndarray,
+        frames: State | None = None,
+    ) -> None:
+        """Move the bodies to the positions by node velocities [mm/s], (node_count, 3), and by poses of rigid bodies.
+
+        Frames are where they are at the end of the step, or where another state has them.
+        """
+        if frames is not None:
+            self._soft.follow_frames(frames)
+            self._pull_point = self._model.placed_pull_points(frames)
         system = self._soft.system
         position = self._start.position + self._time_step * node_velocity
         system.position[:] = position
@@ -87,18 +102,20 @@ class EndOfStep:
         self._velocity[:] = node_velocity
         self._geometry.update(PosesAhead(position, rigid_position, rigid_rotation), self._pull_point)
 
-    def residual(self, effort: np.ndarray) -> np.ndarray:
+    def residual(self, effort: np.ndarray, with_anchors: bool = True) -> np.ndarray:
         """Residual impulses [mN s] of the equations at the current positions, without contacts, shape (node_count, 3).
 
         Args:
             effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
+            with_anchors: whether the anchors' springs count.
         """
+        anchors = self._anchors if with_anchors else self._no_anchors
         soft, velocity = self._soft, self._velocity
         kernels.sum_impulses(
             self._time_step,
             self._nodes,
             soft.forces,
-            self._anchors,
+            anchors,
             soft.frames,
             self._model.actuators.coordinates,
             self._geometry.gradient,
@@ -132,3 +149,12 @@ class EndOfStep:
         lacking = self.residual(load)
         soft.factorise(self._start, lacking, self._velocity)
         return lacking
+
+    def keep_matrix(self) -> None:
+        """Store the matrix of the last linearisation for `matrix_product`, before the bodies are moved."""
+        self._last_matrix = self._matrix(self._soft.system.solver.blocks)
+
+    def matrix_product(self, change: np.ndarray) -> np.ndarray:
+        """Product of the matrix kept, without the anchors' springs, and node velocities [mN s], (node_count, 3)."""
+        product: np.ndarray = (self._last_matrix @ change.ravel()).reshape(-1, 3) - self._anchored * change
+        return product

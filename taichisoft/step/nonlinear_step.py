@@ -8,6 +8,7 @@ from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.model import Model
 from taichisoft.solver.actuator_requests import ActuatorRequests
+from taichisoft.step.anderson_mixing import AndersonMixing
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.end_of_step import EndOfStep
 from taichisoft.step.rigid_motion import RigidMotion
@@ -30,6 +31,10 @@ class NonlinearStep:
     next motion (sequential quadratic programming). With the impulses of that solution as fixed forces the step is a
     descent direction, since the matrix is positive definite. A line search follows it until the product of residual and
     direction, the slope, is small. This needs no energy, which damping, friction and follower loads do not have.
+
+    Attributes:
+        geometry: geometry of the actuators where the bodies are.
+        equations: the equations of the soft bodies.
     """
 
     def __init__(
@@ -49,11 +54,12 @@ class NonlinearStep:
             rigid: the rigid bodies of the step.
             constraint_solver: solves the linearised problems.
         """
-        self._geometry = ActuatorGeometry(model.actuators, model.node_count)
-        self._equations = EndOfStep(model, elasticity, soft, self._geometry)
+        self.geometry = ActuatorGeometry(model.actuators, model.node_count)
+        self.equations = EndOfStep(model, elasticity, soft, self.geometry)
         self._soft, self._rigid, self._constraint_solver = soft, rigid, constraint_solver
         self._time_step, self._most = model.scene.time.step, model.scene.time.most_linearisations
         self._tolerance = model.scene.time.newton_tolerance
+        self._is_static = model.scene.time.dynamics == "static"
 
     def solve(self, problem: StepProblem) -> StepSolution:
         """Solve the problem of a step, with the soft bodies linearised at its start.
@@ -61,7 +67,7 @@ class NonlinearStep:
         Raises:
             SimulationDiverged: a matrix is not positive definite.
         """
-        equations, solver, first = self._equations, self._constraint_solver, problem.requests
+        equations, solver, first = self.equations, self._constraint_solver, problem.requests
         solution = solver.solve(problem)
         iterations, linearisations = solution.iterations, 1
         before = self._free_solution(problem, solution)
@@ -69,22 +75,38 @@ class NonlinearStep:
         force = equations.first_force(solution.node_velocity)
         values, rates = problem.geometry.values(), first.lead_rate
         velocity = problem.geometry.rates(solution.node_velocity, solution.rigid_velocity)
+        mixing, residual = AndersonMixing() if self._is_static else None, np.inf
         while True:
             aim = values + self._time_step * (velocity - rates)
-            solution = self._line_search(before, solution, force)
-            residual = self._time_step * max(self._missing_velocity(solution), self._missing_rate(first, aim))
+            mixed, last = mixing.next(before, solution) if mixing is not None else None, residual
+            if mixed is not None:
+                self.equations.move(mixed.node_velocity, *self._rigid.end_poses(mixed.rigid_velocity))
+                residual = self._missing(mixed, first, aim)
+            if mixed is not None and residual < last:
+                solution = mixed
+            else:
+                if mixing is not None and mixed is not None:
+                    mixing.forget()
+                solution = self._line_search(before, solution, force)
+                residual = self._missing(solution, first, aim)
             if not residual > self._tolerance or linearisations == self._most:
                 return replace(solution, iterations=iterations, linearisations=linearisations, newton_residual=residual)
-            values, rates = self._geometry.values(), self._rates(solution)
+            values, rates = self.geometry.values(), self._rates(solution)
             impulse = solution.effort[first.coordinates] * self._time_step
             growth = values - first.start_values
-            requests = first.linearised(self._geometry, growth, rates, impulse, self._time_step)
-            problem = replace(problem, geometry=self._geometry, requests=requests)
+            requests = first.linearised(self.geometry, growth, rates, impulse, self._time_step)
+            problem = replace(problem, geometry=self.geometry, requests=requests)
             force = equations.linearise(first.load)
             before, solution = solution, solver.solve(problem, solution)
             iterations, linearisations = iterations + solution.iterations, linearisations + 1
             force += solution.node_impulse
             velocity = self._rates(solution)
+
+    def linearise_at(self, solution: StepSolution, load: np.ndarray) -> None:
+        """Factorise the matrix of the motion of a solution; see `EndOfStep.linearise`."""
+        self.equations.move(solution.node_velocity, *self._rigid.end_poses(solution.rigid_velocity))
+        self.equations.linearise(load)
+        self.equations.keep_matrix()
 
     def _free_solution(self, problem: StepProblem, solution: StepSolution) -> StepSolution:
         """Nodes at rest under known loads only, the start of the first line search."""
@@ -132,16 +154,20 @@ class NonlinearStep:
 
     def _slope(self, solution: StepSolution, forces: StepSolution, way: np.ndarray) -> float:
         """Move the bodies to a solution, and return the slope: the product of the residual there and the direction."""
-        self._equations.move(solution.node_velocity, *self._rigid.end_poses(solution.rigid_velocity))
-        return -float(((self._equations.residual(forces.effort) + forces.contact_node_impulse) * way).sum())
+        self.equations.move(solution.node_velocity, *self._rigid.end_poses(solution.rigid_velocity))
+        return -float(((self.equations.residual(forces.effort) + forces.contact_node_impulse) * way).sum())
 
     def _rates(self, solution: StepSolution) -> np.ndarray:
         """Rates of the actuators' coordinates in a solution, by the gradients at the current positions."""
-        return self._geometry.rates(solution.node_velocity, solution.rigid_velocity)
+        return self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
+
+    def _missing(self, solution: StepSolution, requests: ActuatorRequests, aim: np.ndarray) -> float:
+        """Largest move of a node by another linearisation, or to the aims of the actuators' rows [mm]."""
+        return self._time_step * max(self._missing_velocity(solution), self._missing_rate(requests, aim))
 
     def _missing_velocity(self, solution: StepSolution) -> float:
         """Largest change of velocity by the residual impulses of the equations [mm/s]."""
-        lacking = self._equations.residual(solution.effort) + solution.contact_node_impulse
+        lacking = self.equations.residual(solution.effort) + solution.contact_node_impulse
         return float(np.abs(self._soft.response(lacking)).max())
 
     def _missing_rate(self, requests: ActuatorRequests, aim: np.ndarray) -> float:
@@ -149,5 +175,5 @@ class NonlinearStep:
         coordinates = requests.coordinates
         if not len(coordinates):
             return 0.0
-        missed = np.abs(self._geometry.values() - aim)[coordinates] / self._time_step
-        return float((missed / self._geometry.steepness()[coordinates]).max())
+        missed = np.abs(self.geometry.values() - aim)[coordinates] / self._time_step
+        return float((missed / self.geometry.steepness()[coordinates]).max())

@@ -82,7 +82,7 @@ class SoftMotion:
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
         has_inertia = self._model.scene.time.dynamics == "second order"
-        self._follow_frames(state)
+        self.follow_frames(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
             turn, shift = (part[self._frame_of_modes] for part in self.frames)
@@ -100,7 +100,21 @@ class SoftMotion:
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], shape (node_count, 3), by impulses on the nodes [mN s], shape (node_count, 3)."""
-        return self.system.solver.solve(node_impulse)
+        reduced = self.system.reduced
+        if reduced is None:
+            return self.system.solver.solve(node_impulse)
+        return reduced.node_velocity(self.system.solver.solve(reduced.response_to(node_impulse)))
+
+    def impulses(self, state: State, load: np.ndarray) -> np.ndarray:
+        """Impulses on the nodes at the place of the linearisation [mN s], shape (node_count, 3).
+
+        Args:
+            state: what gravity and base are in the step.
+            load: pressures [kPa] and tensions [mN], shape (coordinate_count,).
+        """
+        self.follow_frames(state)
+        self._sum_impulses(state, load)
+        return self.nodes.impulse.copy()
 
     def complete(self, columns: SparseColumns, multipliers: np.ndarray, count: int) -> np.ndarray:
         """Velocities of the nodes after the step [mm/s], shape (node_count, 3), with impulses in the rows of `columns`.
@@ -147,7 +161,8 @@ class SoftMotion:
         self.known_velocity[:] = 0.0
         self.system.solver.leave_out_right_hand_side()
 
-    def _follow_frames(self, state: State) -> None:
+    def follow_frames(self, state: State) -> None:
+        """Have the frames where a state has them."""
         if state.frame_pose is not self._frame_pose:
             places, self._frame_pose = self._model.places(state), state.frame_pose
             self.frames.turn[:], self.frames.shift[:] = places.turn, places.shift

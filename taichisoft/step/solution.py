@@ -59,20 +59,25 @@ class StepSolution:
 
     def towards(self, other: "StepSolution", share: float) -> "StepSolution":
         """Interpolate towards another solution by `share`, with the other's iterations and residual."""
-        return replace(
-            other,
-            node_velocity=_between(self.node_velocity, other.node_velocity, share),
-            node_impulse=_between(self.node_impulse, other.node_impulse, share),
-            contact_node_impulse=_between(self.contact_node_impulse, other.contact_node_impulse, share),
-            rigid_velocity=_between(self.rigid_velocity, other.rigid_velocity, share),
-            rigid_impulse=_between(self.rigid_impulse, other.rigid_impulse, share),
-            contact_impulse=_between(self.contact_impulse, other.contact_impulse, share),
-            effort=_between(self.effort, other.effort, share),
-        )
+        pairs = {name: (getattr(self, name), getattr(other, name)) for name in OF_MOTION}
+        return replace(other, **{name: here + share * (there - here) for name, (here, there) in pairs.items()})
+
+    def plus(self, change: "StepSolution", share: float) -> "StepSolution":
+        """This solution and a share of a change of it."""
+        pairs = {name: (getattr(self, name), getattr(change, name)) for name in OF_MOTION}
+        return replace(self, **{name: here + share * more for name, (here, more) in pairs.items()})
 
 
-def _between(here: np.ndarray, there: np.ndarray, share: float) -> np.ndarray:
-    return here + share * (there - here)
+OF_MOTION = (
+    "node_velocity",
+    "node_impulse",
+    "contact_node_impulse",
+    "rigid_velocity",
+    "rigid_impulse",
+    "contact_impulse",
+    "effort",
+)
+"""Fields of a solution that are arrays."""
 
 
 @dataclass(frozen=True)

@@ -137,18 +137,51 @@ def test_loads_that_nothing_carries_are_said(pads: Simulation) -> None:
         equilibrium(pads, Control(pressure={"middle": 1.0}))
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        ((), "an equilibrium is found of soft bodies with anchors alone; 'cube' is a rigid body"),
-        ((*WALL, "soft_bodies.left.anchors=[]"), "'left' is a soft body without anchors"),
-    ],
-)
-def test_bodies_that_are_not_held_are_refused(overrides: tuple[str, ...], message: str) -> None:
-    with pytest.raises(SceneError, match=message):
-        equilibrium(Simulation(load_scene(TINY_GRIPPER, overrides)))
-    with pytest.raises(SceneError, match=r"time\.dynamics = 'static'"):
-        load_scene(TINY_GRIPPER, [*overrides, 'time.dynamics="static"'])
+def test_a_cube_is_grasped_and_lifted_without_waiting(figures: Figures) -> None:
+    """Friction of the pads carries its weight, and a motion that begins there stays there."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, ("limits={}",)))
+    for height in (0.0, 4.0):
+        found = equilibrium(simulation, squeeze(9.0, base_translation=np.array([0.0, 0.0, height])))
+        simulation.restore(found.state)
+    state, step = found.state, simulation.model.scene.time.step
+    assert not state.rigid_velocity.any() and not state.rigid_angular_velocity.any()
+    assert state.rigid_position[0, 2] == pytest.approx(9.2, abs=0.2), "it rises with the base"
+    cube = simulation.model.body_names.index("cube")
+    side = (state.contact_body_pair[:, 1] == cube) * 1.0 - (state.contact_body_pair[:, 0] == cube)
+    carried = (side[:, None] * state.contact_impulse).sum(axis=0) / step
+    weight = simulation.model.rigid_mass[0] * simulation.model.gravity
+    figures.at_most("forces and weight of a held cube, mN", float(np.abs(carried + weight).max()), 1e-3)
+    for _ in range(50):
+        simulation.step()
+    moved = float(np.abs(simulation.state.rigid_position - state.rigid_position).max())
+    figures.at_most("from the end of a motion, a held cube, mm", moved, 1e-4)
+
+
+def test_a_start_that_is_not_at_rest_is_left_in_short_moves() -> None:
+    """At its own weight a pad sinks by more than half of the alarm distance; it may touch the cube on the way."""
+    heavy = ("soft_bodies.left.density=2e-5", "contact.alarm_distance=0.3", "limits={}")
+    simulation = Simulation(load_scene(TINY_GRIPPER, heavy))
+    found = equilibrium(simulation)
+    assert np.abs(found.state.position - simulation.state.position).max() > 0.2
+    simulation.restore(found.state)
+    simulation.step()
+    assert np.abs(simulation.state.position - found.state.position).max() < 1e-5
+
+
+def test_bodies_that_are_not_held_are_said() -> None:
+    falling = Simulation(load_scene(TINY_GRIPPER, ("obstacles={}",)))
+    with pytest.raises(
+        EquilibriumNotFound, match=r"after \d+ moves one still goes 0\.98 mm at a time; nothing holds it"
+    ):
+        equilibrium(falling)
+    loose = (*WALL, "soft_bodies.left.anchors=[]")
+    with pytest.raises(SceneError, match="an equilibrium needs anchors of every soft body; 'left' has none"):
+        equilibrium(Simulation(load_scene(TINY_GRIPPER, loose)))
+    for overrides in ((), loose):
+        with pytest.raises(SceneError, match=r"time\.dynamics = 'static'"):
+            load_scene(TINY_GRIPPER, [*overrides, 'time.dynamics="static"'])
+    with pytest.raises(SceneError, match="this scene has no soft body"):
+        equilibrium(Simulation(scene_from_dict({"rigid_bodies": {"cube": {"box": [1.0, 1.0, 1.0], "mass": 1e-6}}})))
 
 
 def test_a_model_that_was_changed_is_followed(pads: Simulation) -> None:

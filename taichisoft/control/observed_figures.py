@@ -1,4 +1,4 @@
-"""The figures of rollouts: parts of an observation by name, such as "object_positions.cube"."""
+"""Figures by name for rollouts, derivatives and targets: parts of an observation, such as "object_positions.cube"."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -17,7 +17,7 @@ OF_STATE = tuple(one.name for one in fields(State) if not one.name.startswith("c
 
 
 @dataclass(frozen=True)
-class RolloutFigure:
+class ObservedFigure:
     """A part of an observation.
 
     Attributes:
@@ -44,7 +44,7 @@ class RolloutFigure:
         return np.asarray(value, dtype=np.float64)
 
 
-def find_figure(name: str, observation: Observation, bodies: tuple[str, ...]) -> RolloutFigure:
+def find_figure(name: str, observation: Observation, bodies: tuple[str, ...]) -> ObservedFigure:
     """The figure that a name means.
 
     Args:
@@ -61,13 +61,13 @@ def find_figure(name: str, observation: Observation, bodies: tuple[str, ...]) ->
         hint = nearest(field, KNOWN, "there are")
         raise TaichisoftError(f"figures: '{name}': not a field of an observation with a fixed shape; {hint}")
     if field in BY_PAIR:
-        return RolloutFigure(name, field, _pair(name, key, bodies))
+        return ObservedFigure(name, field, _pair(name, key, bodies))
     value = getattr(observation, field)
     valid = OF_STATE if field == "state" else tuple(value) if isinstance(value, Mapping) else ()
     if key not in valid and (key or field == "state"):
         hint = nearest(key, valid, "there are") if valid else f"leave out what follows {field}"
         raise TaichisoftError(f"figures: '{name}': {field} has no '{key}'; {hint}")
-    return RolloutFigure(name, field, key)
+    return ObservedFigure(name, field, key)
 
 
 def _pair(name: str, key: str, bodies: tuple[str, ...]) -> tuple[str, str]:

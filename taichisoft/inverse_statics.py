@@ -1,0 +1,273 @@
+"""Inverse statics: pressures, pulls and poses of the base under which soft bodies come to rest where they should be."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.observed_figures import ObservedFigure, find_figure
+from taichisoft.errors import ControlError, EquilibriumNotFound, TaichisoftError
+from taichisoft.linearisation import asked_for, asking
+from taichisoft.statics import Equilibrium, Statics, statics_of
+
+SCALES = {"bending_angles": 0.01, "normal_forces": 10.0, "friction_forces": 10.0, "base_force": 10.0}
+"""Differences of targets that count as much as one of 1 mm, in the units of the figures; of all others 1."""
+REACHED = 1e-3
+"""Residual over its scale below which a target counts as reached [-]."""
+FOUND = 1e-5
+"""Residual over its scale at which the search ends [-]."""
+MOST_TRIALS = 60
+STARTS = (0.5, 0.25, 0.75, 0.05, 0.95)
+"""Places in the ranges where the search may begin, if nothing depends on anything where it is now."""
+INSIDE = 0.02
+"""Least distance from the ends of the ranges at the beginning, over the ranges [-]."""
+NO_FRICTION = 1e-6
+"""Friction below which the way to an equilibrium does not matter [mN]."""
+
+
+@dataclass(frozen=True)
+class InverseSolution:
+    """What to ask for to reach targets at rest, or to come nearest to them.
+
+    Attributes:
+        control: asks for it.
+        values: of the controls that `bounds` names, in kPa, mN, mm and so on.
+        equilibrium: the equilibrium under it; `equilibrium.linearise()` has the derivatives there.
+        residuals: what is observed less the target, in the figure's unit, NaN where a target leaves it free.
+        reached: whether all residuals are below a thousandth of their scales: 1e-3 mm, 1e-5 rad, 0.01 mN.
+        at_bounds: controls that are at an end of their range.
+        trials: number of equilibria that were looked for.
+        message: in words: reached, or how far each target is off, and which bounds stand in the way.
+    """
+
+    control: Control
+    values: Mapping[str, float]
+    equilibrium: Equilibrium
+    residuals: Mapping[str, np.ndarray]
+    reached: bool
+    at_bounds: tuple[str, ...]
+    trials: int
+    message: str
+
+
+def inverse(
+    simulation: Simulation,
+    targets: Mapping[str, Any],
+    bounds: Mapping[str, tuple[float, float]],
+    scales: Mapping[str, float] | None = None,
+) -> InverseSolution:
+    """Find what to ask for so that soft bodies come to rest at targets; the simulation stays where it is.
+
+    Nonlinear least squares over equilibria, with the derivatives of `Equilibrium.linearise`, by scipy's dogleg in
+    rectangular trust regions (Voglis and Lagaris 2004, A rectangular trust region dogleg approach for unconstrained and
+    bound constrained nonlinear optimization). Targets out of reach give the nearest that the bounds allow, each
+    residual over its scale. The search begins with what is asked for now; it is local, and finds one solution of
+    several. Where friction acts the equilibria are those on the straight way from the present state.
+
+    Args:
+        simulation: a simulation with soft bodies, all of them with anchors.
+        targets: values of figures by the names of `rollouts`, such as {"tip_positions.finger": [0.0, 12.0, -90.0],
+            "bending_angles.finger": 0.6, "normal_forces.finger|wall": 150.0}; NaN leaves an entry free.
+        bounds: lowest and highest value of every control that may change, by the names of `Linearisation`, such as
+            {"pressure.finger.cavity": (0.0, 40.0), "base_translation.z": (-5.0, 5.0)}.
+        scales: differences of targets that count equally, by the names of the targets; where none is given 1 mm,
+            0.01 rad and 10 mN, of other figures 1.
+
+    Raises:
+        TaichisoftError: a target, a bound or a scale is not valid, or nothing can be varied.
+        ControlError: a control cannot be asked for.
+        SceneError: see `equilibrium`.
+        EquilibriumNotFound: there is no equilibrium where the search begins.
+    """
+    from scipy.optimize import least_squares  # takes 0.2 s to import
+
+    search = _Search(simulation, targets, bounds, scales or {})
+    start = search.start()
+    with suppress(_Found):
+        least_squares(
+            search.residuals,
+            start,
+            search.jacobian,
+            method="dogbox",
+            bounds=search.bounds.T,
+            x_scale=np.diff(search.bounds)[:, 0],
+            ftol=1e-13,
+            xtol=1e-11,
+            gtol=1e-13,
+            max_nfev=MOST_TRIALS,
+        )
+    return search.solution()
+
+
+class _Found(Exception):
+    """The targets are reached: further steps would change nothing."""
+
+
+class _Search:
+    """The residuals of targets as a function of what is asked for, and their derivatives."""
+
+    def __init__(
+        self, simulation: Simulation, targets: Mapping[str, Any], bounds: Mapping[str, Any], scales: Mapping[str, Any]
+    ):
+        self._statics: Statics = statics_of(simulation)
+        self._state = simulation.state
+        self.names, self.bounds = tuple(bounds), _checked_bounds(bounds)
+        observation = simulation.observe()
+        self._figures: list[tuple[ObservedFigure, np.ndarray, float]] = []
+        if not isinstance(targets, Mapping) or not targets:
+            raise TaichisoftError("targets: must be a dictionary with a figure or more")
+        for name, target in targets.items():
+            figure = find_figure(name, observation, simulation.model.body_names)
+            scale = scales.get(name, SCALES.get(figure.field, 1.0))
+            if not isinstance(scale, int | float) or not 0.0 < scale < np.inf:
+                raise TaichisoftError(f"scales['{name}'] = {scale!r}: must be above 0")
+            self._figures.append((figure, _checked_target(name, target, figure.of(observation)), float(scale)))
+        for name in scales:
+            if name not in targets:
+                raise TaichisoftError(f"scales: '{name}' is not a target; targets are {', '.join(targets)}")
+        self._last: tuple[bytes, Equilibrium] | None = None
+        self._best: tuple[float, np.ndarray, Equilibrium] | None = None
+        self._trials = 0
+
+    def start(self) -> np.ndarray:
+        """Where to begin: what is asked for now, or where every target depends on something.
+
+        Raises:
+            EquilibriumNotFound: there is no equilibrium at any of these places.
+        """
+        low, high = self.bounds.T
+        room = INSIDE * (high - low)
+        now = np.array([asked_for(self._statics.model, self._state, name) for name in self.names])
+        inside = np.clip(now, low + room, high - room)
+        places = [inside, np.clip(now, low, high), *(low + share * (high - low) for share in STARTS)]
+        first: np.ndarray | None = None
+        problem = EquilibriumNotFound("no equilibrium within the bounds")
+        for place in places:
+            try:
+                residuals, rows = self.residuals(place), self.jacobian(place)
+            except EquilibriumNotFound as error:
+                problem = error
+                continue
+            except _Found:
+                return place
+            first = place if first is None else first
+            if (rows != 0.0).any(axis=1)[np.abs(residuals) > REACHED].all():
+                return place
+        if first is None:
+            raise problem
+        return first
+
+    def residuals(self, values: np.ndarray) -> np.ndarray:
+        """Of all targets over their scales; NaN where there is no equilibrium, so that the next step is shorter."""
+        try:
+            found = self._equilibrium(values)
+        except EquilibriumNotFound:
+            if self._best is None:
+                raise
+            return np.full(sum(int(np.isfinite(target).sum()) for _, target, _ in self._figures), np.nan)
+        residuals = np.concatenate([self._residual(found, *one) for one in self._figures])
+        size = float(residuals @ residuals)
+        if self._best is None or size < self._best[0]:
+            self._best = size, values.copy(), found
+        if np.abs(residuals).max(initial=0.0) < FOUND:
+            raise _Found
+        return residuals
+
+    def jacobian(self, values: np.ndarray) -> np.ndarray:
+        """Derivatives of the residuals, shape (residual_count, control_count)."""
+        linear = self._equilibrium(values).linearise(self.names)
+        return np.vstack([linear[one.name][np.isfinite(target)] / scale for one, target, scale in self._figures])
+
+    def solution(self) -> InverseSolution:
+        """The best that was found."""
+        assert self._best is not None
+        _, values, found = self._best
+        residuals = {one.name: one.of(found.observation) - target for one, target, _ in self._figures}
+        off = {
+            one.name: float(np.nanmax(np.abs(residuals[one.name]), initial=0.0)) / scale
+            for one, _, scale in self._figures
+        }
+        near = 1e-6 * np.diff(self.bounds)[:, 0]
+        at_end = (np.abs(values[:, None] - self.bounds) <= near[:, None]).any(axis=1)
+        at_bounds = tuple(name for name, is_there in zip(self.names, at_end, strict=True) if is_there)
+        missed = [name for name, size in off.items() if not size < REACHED]
+        return InverseSolution(
+            control=self._control(values),
+            values=dict(zip(self.names, values.tolist(), strict=True)),
+            equilibrium=found,
+            residuals=residuals,
+            reached=not missed,
+            at_bounds=at_bounds,
+            trials=self._trials,
+            message=_in_words(missed, residuals, at_bounds),
+        )
+
+    def _residual(self, found: Equilibrium, figure: ObservedFigure, target: np.ndarray, scale: float) -> np.ndarray:
+        asked = np.isfinite(target)
+        return np.asarray((figure.of(found.observation)[asked] - target[asked]) / scale)
+
+    def _equilibrium(self, values: np.ndarray) -> Equilibrium:
+        """The equilibrium; from the last one where there is no friction, on which the way would leave its mark."""
+        key = values.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._trials += 1
+            begin = self._state
+            if self._last is not None and _has_no_friction(self._last[1]):
+                begin = self._last[1].state
+            try:
+                found = self._statics.find(begin, self._control(values))
+                if begin is not self._state and not _has_no_friction(found):
+                    found = self._statics.find(self._state, self._control(values))
+            except EquilibriumNotFound:
+                if begin is self._state:
+                    raise
+                found = self._statics.find(self._state, self._control(values))
+            self._last = key, found
+        return self._last[1]
+
+    def _control(self, values: np.ndarray) -> Control:
+        return asking(self._state, dict(zip(self.names, values.tolist(), strict=True)))
+
+
+def _has_no_friction(found: Equilibrium) -> bool:
+    return sum(found.observation.friction_forces.values()) < NO_FRICTION
+
+
+def _in_words(missed: list[str], residuals: Mapping[str, np.ndarray], at_bounds: tuple[str, ...]) -> str:
+    if not missed:
+        return "reached"
+    off = ", ".join(f"{name} is off by {np.nanmax(np.abs(residuals[name])):.3g}" for name in missed)
+    why = f"; at the end of its range: {', '.join(at_bounds)}" if at_bounds else ""
+    return f"not reached, this is the nearest that was found: {off}{why}"
+
+
+def _checked_bounds(bounds: Mapping[str, Any]) -> np.ndarray:
+    """Lowest and highest values, shape (control_count, 2)."""
+    if not isinstance(bounds, Mapping) or not bounds:
+        raise ControlError("bounds: must be a dictionary with a control or more, such as pressure.finger1.cavity")
+    found = []
+    for name, ends in bounds.items():
+        try:
+            low, high = (float(end) for end in ends)
+        except (TypeError, ValueError):
+            low, high = np.nan, np.nan
+        if not -np.inf < low < high < np.inf:
+            raise ControlError(f"bounds['{name}'] = {ends!r}: must be a lowest and a higher finite value")
+        found.append((low, high))
+    return np.array(found)
+
+
+def _checked_target(name: str, target: Any, seen: np.ndarray) -> np.ndarray:
+    """A target as an array of the figure's shape."""
+    try:
+        wanted = np.asarray(target, dtype=np.float64)
+    except (TypeError, ValueError):
+        wanted = np.full(0, np.nan)
+    if wanted.shape != seen.shape or np.isinf(wanted).any() or np.isnan(wanted).all():
+        shape = f"an array of shape {seen.shape}" if seen.shape else "a number"
+        raise TaichisoftError(f"targets['{name}'] = {target!r}: must be {shape}, finite or NaN where it is free")
+    return wanted

@@ -1,0 +1,274 @@
+"""How the end of a step moves with what acts in it, by the factor of the step."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse.linalg as sparse_linalg
+
+from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.errors import SceneError
+from taichisoft.model import Model
+from taichisoft.solver.actuator_requests import ActuatorRequests, request
+from taichisoft.solver.kernels.actuator_bounds import GRIP
+from taichisoft.state import State
+from taichisoft.step.constraint_solver import ConstraintSolver
+from taichisoft.step.nonlinear_step import NonlinearStep
+from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.row_conditions import find_conditions, find_jacobians
+from taichisoft.step.soft_motion import SoftMotion
+from taichisoft.step.solution import Shift, StepProblem, StepSolution
+
+ACCURACY = 1e-11
+"""Residual of the equations of a derivative over their right-hand side [-]."""
+MOST_DIRECTIONS = 200
+"""Most directions in which their solution is sought."""
+WEIGHTLESS = 1e6
+"""Factor of the inverse masses of rigid bodies in the derivative of an equilibrium [-]."""
+SMALL_MOVE = 1e-4
+"""Largest move of a node in a difference of residuals [mm]: its cube and round-off are both below 1e-8 of it."""
+
+
+@dataclass(frozen=True)
+class Causes:
+    """What acts in a step at the motion found.
+
+    Attributes:
+        node_impulse: of all forces but contacts on the nodes [mN s], shape (node_count, 3).
+        rigid_velocity: of the rigid bodies without contacts, shape (rigid_count, 6).
+        row_velocity: velocities of the actuators' rows at this motion, 0 of contacts, shape (row_count,).
+        bounds: of the actuators' rows, shape (actuator_count, 6).
+        load: known efforts, shape (coordinate_count,).
+    """
+
+    node_impulse: np.ndarray
+    rigid_velocity: np.ndarray
+    row_velocity: np.ndarray
+    bounds: np.ndarray
+    load: np.ndarray
+
+    def difference(self, other: "Causes", share: float) -> "Causes":
+        """This less the other, times a share."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Causes(*(share * (here - there) for here, there in pairs))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Changes of the velocities of nodes, (node_count, 3), and rigid bodies, (rigid_count, 6), and of impulses."""
+
+    node_velocity: np.ndarray
+    rigid_velocity: np.ndarray
+    impulse: np.ndarray
+
+    def velocities(self) -> np.ndarray:
+        """All velocities, shape (3 node_count + 6 rigid_count,)."""
+        return np.concatenate([self.node_velocity.ravel(), self.rigid_velocity.ravel()])
+
+
+class StepDerivative:
+    """Linearises a solved step: contacts stay open, sticking or sliding, and actuators at their bounds.
+
+    Where a step is a single linearisation its equations are linear in what acts, and a solution with the factor is the
+    derivative. Where it solves the nonlinear equations, the factor is not their exact slope: GMRES (Saad and Schultz
+    1986) solves with the slope, whose products are differences of forces, and with the factor as preconditioner.
+
+    Attributes:
+        start: state at the start of the step, with what is asked for.
+        shift: what separates overlapping bodies at the end of the step, or None.
+        geometry: geometry of the actuators at the place of the linearisation.
+        inverse_mass: of the rigid bodies [1/kg] and [1/(kg mm^2)], shape (rigid_count, 6, 6).
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        soft: SoftMotion | None,
+        rigid: RigidMotion,
+        constraint_solver: ConstraintSolver,
+        solver: ConstraintSolver | NonlinearStep,
+        problem: StepProblem,
+        solution: StepSolution,
+        shift: Shift | None,
+    ):
+        """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is.
+
+        Raises:
+            SceneError: a contact in the step has restitution, spinning or rolling friction.
+        """
+        self._model, self._soft, self._rigid = model, soft, rigid
+        self._time_step, self._problem, self._solution = model.scene.time.step, problem, solution
+        self._nonlinear = solver if isinstance(solver, NonlinearStep) else None
+        self.geometry: ActuatorGeometry = problem.geometry
+        if self._nonlinear is not None:
+            self._nonlinear.linearise_at(solution, problem.requests.load)
+            self.geometry = self._nonlinear.geometry
+        rows = constraint_solver.rows
+        contacts, self._contact_count = rows.rows.contact[: rows.contact_count], rows.contact_count
+        if rows.moment_count or (rows.contact_count and model.restitution.any()):
+            raise SceneError(
+                "linearise: contacts with restitution, rolling_friction or spinning_friction have no derivative here; "
+                "leave these keys of the scene's [contact] out"
+            )
+        self._contacts, self._basis = contacts.copy(), rows.rows.basis[: rows.contact_count].copy()
+        self._coordinates = problem.requests.coordinates
+        local = np.einsum("cij,cj->ci", self._basis, solution.contact_impulse[contacts]).ravel()
+        self._impulse = np.concatenate([local, solution.effort[self._coordinates] * self._time_step])
+        causes = self.causes(problem.start)  # measures the actuators where they are linearised
+        self._of_soft, self._of_rigid = find_jacobians(
+            rows, model.actuators.coordinates, self.geometry.gradient, model.node_count, len(model.rigid_bodies)
+        )
+        self.start, self.shift = problem.start, shift
+        self.inverse_mass = inverse_mass = rigid.state.inverse_mass.copy()
+        if model.scene.time.dynamics == "static":  # masses slow the way to an equilibrium; they have no say in it
+            inverse_mass *= WEIGHTLESS
+        self._rigid_response = np.einsum(
+            "bij,rbj->bir", inverse_mass, self._of_rigid.reshape(len(self._impulse), len(inverse_mass), 6)
+        ).reshape(self._of_rigid.shape[::-1])
+        self._row_response = np.array([self._response(row) for row in self._of_soft.toarray()])
+        self._row_response = self._row_response.reshape(self._of_soft.shape)
+        own = self._own_compliance(self._requests)
+        self._compliance = self._of_soft @ self._row_response.T + self._of_rigid @ self._rigid_response + own
+        velocity = self._of_soft @ solution.node_velocity.ravel() + self._of_rigid @ solution.rigid_velocity.ravel()
+        velocity[3 * self._contact_count :] = causes.row_velocity[3 * self._contact_count :]
+        friction = rows.rows.friction[: rows.contact_count]
+        self._conditions = find_conditions(friction, causes.bounds, self._impulse, velocity)
+
+    def causes(self, start: State) -> Causes:
+        """What acts at the motion found, in a step from the same bodies with other requests or frames elsewhere."""
+        self._rigid.begin(start)
+        time_step, solution, first = self._time_step, self._solution, 3 * self._contact_count
+        impulse = self._impulse[first:]
+        effort = solution.effort.copy()
+        if self._nonlinear is None:
+            requests = request(self._model, start, self.geometry)
+            requests = requests.following([law.moved(impulse[law.row] / time_step) for law in requests.laws], time_step)
+        else:
+            requests = request(self._model, start, self._problem.geometry)
+            poses = self._rigid.end_poses(solution.rigid_velocity)
+            self._nonlinear.equations.move(solution.node_velocity, *poses, frames=start)
+            rates = self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
+            growth = self.geometry.values() - requests.start_values
+            requests = requests.linearised(self.geometry, growth, rates, impulse, time_step)
+        effort = requests.load.copy()
+        effort[self._coordinates] = impulse / time_step
+        node_impulse = np.zeros((0, 3))
+        if self._nonlinear is not None:
+            node_impulse = self._nonlinear.equations.residual(effort)
+        elif self._soft is not None:
+            node_impulse = self._soft.impulses(start, effort)
+        self._requests = requests
+        shift = np.zeros(len(self._impulse))
+        rates = self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
+        shift[first:] = rates[self._coordinates] - requests.target_rate
+        shift += self._own_compliance(requests) @ self._impulse
+        return Causes(node_impulse, self._rigid_by(effort), shift, requests.bounds, requests.load)
+
+    def along(self, change: Causes) -> StepSolution:
+        """The change of the solution with a change of what acts, per unit of it."""
+        motion = self._solve(change)
+        if self._nonlinear is not None:
+            self.causes(self.start)  # frames are where they were again
+            motion = self._with_exact_slope(motion)
+        impulse = motion.impulse
+        count, time_step = self._contact_count, self._time_step
+        contact_impulse = np.zeros_like(self._solution.contact_impulse)
+        world = np.einsum("cij,ci->cj", self._basis, impulse[: 3 * count].reshape(-1, 3))
+        contact_impulse[self._contacts] = world
+        effort = change.load.copy()
+        effort[self._coordinates] = impulse[3 * count :] / time_step
+        contact_rows = np.concatenate([impulse[: 3 * count], np.zeros(len(impulse) - 3 * count)])
+        shape = self._solution.node_velocity.shape
+        return replace(
+            self._solution,
+            node_velocity=motion.node_velocity,
+            node_impulse=(self._of_soft.T @ impulse).reshape(shape),
+            contact_node_impulse=(self._of_soft.T @ contact_rows).reshape(shape),
+            rigid_velocity=motion.rigid_velocity,
+            rigid_impulse=(self._of_rigid.T @ impulse).reshape(-1, 6),
+            contact_impulse=contact_impulse,
+            effort=effort,
+        )
+
+    def moved(self, start: State, change: StepSolution, share: float) -> tuple[StepProblem, StepSolution, np.ndarray]:
+        """The solution with a share of a change, where the bodies now are, in a step from another start.
+
+        Returns:
+            Its problem, the solution, and the change of the velocities of the contacts' rows, shape (3 contact_count,).
+        """
+        causes = self.causes(start)
+        solution = self._solution.plus(change, share)
+        if self._nonlinear is not None:
+            poses = self._rigid.end_poses(solution.rigid_velocity)
+            self._nonlinear.equations.move(solution.node_velocity, *poses, frames=start)
+        requests = replace(self._requests, load=causes.load)
+        count = 3 * self._contact_count
+        speeds = self._of_soft[:count] @ change.node_velocity.ravel()
+        speeds += self._of_rigid[:count] @ change.rigid_velocity.ravel()
+        return replace(self._problem, start=start, requests=requests), solution, speeds
+
+    def _solve(self, change: Causes) -> Motion:
+        """The change of the motion by the factor alone."""
+        free = self._response(change.node_impulse).reshape(-1, 3)
+        rows = self._of_soft @ free.ravel() + self._of_rigid @ change.rigid_velocity.ravel() + change.row_velocity
+        impulse = self._conditions.solve(rows, self._compliance, change.bounds)
+        rigid_velocity = change.rigid_velocity + (self._rigid_response @ impulse).reshape(-1, 6)
+        return Motion(free + (impulse @ self._row_response).reshape(-1, 3), rigid_velocity, impulse)
+
+    def _with_exact_slope(self, first: Motion) -> Motion:
+        """Solve (1 - P E) m = P c, where P is `_solve` and E what the factor's matrix has too much of the slope."""
+        shape = self._solution.node_velocity.shape
+
+        def correction(motion: np.ndarray) -> Motion:
+            node_velocity, rigid_velocity = np.split(motion, [first.node_velocity.size])
+            return self._solve(self._slope_error(node_velocity.reshape(shape), rigid_velocity.reshape(-1, 6)))
+
+        known = first.velocities()
+        operator = sparse_linalg.LinearOperator(
+            (known.size, known.size), lambda motion: motion - correction(motion).velocities(), dtype=np.float64
+        )
+        # Round-off of the differences may end it above the accuracy: then that is what can be known.
+        found, _ = sparse_linalg.gmres(operator, known, rtol=ACCURACY, atol=0.0, restart=MOST_DIRECTIONS, maxiter=1)
+        further = correction(found)
+        return Motion(*(one + more for one, more in zip(vars(first).values(), vars(further).values(), strict=True)))
+
+    def _slope_error(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> Causes:
+        """What the last linearisation leaves out of the change of what acts with velocities.
+
+        That is a difference of residuals on both sides, beside the matrix times the change. The anchors' springs are in
+        neither: they are linear, and so stiff that their round-off would be all that is seen.
+        """
+        assert self._nonlinear is not None
+        equations, solution = self._nonlinear.equations, self._solution
+        largest = max(np.abs(node_velocity).max(initial=0.0), np.abs(rigid_velocity).max(initial=0.0))
+        share, sides = SMALL_MOVE / max(float(largest) * self._time_step, 1e-300), []
+        for sign in (1.0, -1.0):
+            poses = self._rigid.end_poses(solution.rigid_velocity + sign * share * rigid_velocity)
+            equations.move(solution.node_velocity + sign * share * node_velocity, *poses)
+            bounds = np.zeros_like(self._requests.bounds)
+            bounds[:, GRIP] = self.geometry.grip[self._coordinates]
+            residual, free = equations.residual(solution.effort, with_anchors=False), self._rigid_by(solution.effort)
+            sides.append(Causes(residual, free, np.zeros(len(self._impulse)), bounds, np.zeros(len(solution.effort))))
+        error = sides[0].difference(sides[1], 0.5 / share)
+        return replace(error, node_impulse=error.node_impulse + equations.matrix_product(node_velocity))
+
+    def _response(self, node_impulse: np.ndarray) -> np.ndarray:
+        """Change of the velocities of the nodes by impulses on them, shape (3 node_count,)."""
+        if self._soft is None:
+            return np.zeros(0)
+        return self._soft.response(node_impulse.reshape(-1, 3)).ravel()
+
+    def _own_compliance(self, requests: ActuatorRequests) -> np.ndarray:
+        """Compliance of the actuators themselves, shape (row_count, row_count)."""
+        own = np.zeros((len(self._impulse), len(self._impulse)))
+        for row, compliance in requests.compliances:
+            place = slice(3 * self._contact_count + row, 3 * self._contact_count + row + len(compliance))
+            own[place, place] += compliance
+        return own
+
+    def _rigid_by(self, effort: np.ndarray) -> np.ndarray:
+        """Velocities of the rigid bodies without contacts, with the cables as they lie now, shape (rigid_count, 6)."""
+        rigid, coordinates = self._rigid.state, self._model.actuators.coordinates
+        impulse, count = np.zeros_like(rigid.impulse), np.diff(coordinates.rigid_start)
+        pulls = np.repeat(effort, count)[:, None] * self.geometry.gradient.rigid
+        np.add.at(impulse, coordinates.rigid_body, self._time_step * pulls)
+        return np.asarray(rigid.free + np.einsum("bij,bj->bi", rigid.inverse_mass, impulse))
