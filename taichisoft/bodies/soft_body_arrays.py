@@ -10,6 +10,7 @@ from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.elastic_laws import ElasticLaws, elastic_law
 from taichisoft.bodies.element_kinds import ELEMENT_KINDS
 from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.hexahedral_domains import hexahedral_masses, of_hexahedra
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAW_NUMBERS
 from taichisoft.bodies.modes import Modes, check_modes, read_modes
 from taichisoft.bodies.rotations import rotation_from_degrees
@@ -194,6 +195,8 @@ def _materials(mesh: VolumeMesh, body: settings.SoftBodySettings, key: str) -> t
     material = np.zeros(len(mesh.elements), dtype=np.int32)
     for index, region in enumerate(body.regions):
         material[select_elements(mesh, region, f"{key}.regions.{index}")] = 1 + index
+    if body.element == "hexahedral" and len(material) % 6 == 0:
+        material = of_hexahedra(material)
     laws = []
     for one in body.materials:
         poisson_ratio = body.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio
@@ -217,6 +220,8 @@ def _node_masses(mesh: VolumeMesh, body: settings.SoftBodySettings) -> np.ndarra
     node_count = len(mesh.nodes)
     if body.mass is not None:
         return np.full(node_count, body.mass / node_count)
+    if body.element == "hexahedral":
+        return hexahedral_masses(mesh.nodes, mesh.elements, body.density or 0.0)
     part = ELEMENT_KINDS[body.element].mass_shares
     share = (body.density or 0.0) * element_volumes(mesh.nodes, mesh.elements)
     return np.bincount(mesh.elements.ravel(), np.outer(share, part).ravel(), node_count)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blocks import make_block
+from blocks import block_hexahedra, make_block
 from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +21,7 @@ from taichisoft.model import Model
 
 SIZE = (30.0, 20.0, 10.0)
 ELEMENTS = ("linear", "smoothed", "quadratic")
-KINDS = (*ELEMENTS, "curved")
+KINDS = (*ELEMENTS, "curved", "hexahedral")
 """The curved ones are quadratic, with the sides inside the block bent."""
 YOUNG, POISSON = 500.0, 0.3
 
@@ -53,9 +53,20 @@ def _curved(mesh: str) -> str:
     return str(path)
 
 
+def _of_hexahedra(mesh: str) -> str:
+    """A file with the same nodes, and the 27 boxes that the tetrahedra divide."""
+    import meshio
+
+    path, nodes = Path(mesh).with_name("hexahedra.vtk"), read_volume_mesh(mesh).nodes
+    meshio.write(path, meshio.Mesh(nodes, [("hexahedron", block_hexahedra((3, 3, 3)))]), binary=False)
+    return str(path)
+
+
 def _model(mesh: str, kind: str, **changes: Any) -> Model:
     if kind == "curved":
         mesh, kind = _curved(mesh), "quadratic"
+    if kind == "hexahedral":
+        mesh = _of_hexahedra(mesh)
     body = silicone(mesh, element=kind, corotation="polar", **changes)
     return simulate(soft_bodies={"block": body}).model
 
