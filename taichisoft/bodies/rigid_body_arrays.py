@@ -32,6 +32,7 @@ class RigidBody:
         collides: whether it touches other bodies.
         groups: surfaces that have one in common do not touch each other.
         smooth: whether the surface stands for a curved one.
+        springs: what holds it, or None.
         follows: frame that carries it, or None; mass and inertia then mean nothing.
     """
 
@@ -49,6 +50,7 @@ class RigidBody:
     collides: bool = True
     groups: frozenset[int] = frozenset()
     smooth: bool = False
+    springs: settings.RigidSpringsSettings | None = None
     follows: str | None = None
 
     @property
@@ -94,11 +96,14 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
         body = body.model_copy(update={"density": 1e-6})
     shape = round_shape(body)
     vertices, triangles = _surface(body, shape)
+    is_open = body.follows is not None and count_open_edges(triangles) > 0
     if body.surface is not None:
-        triangles = closed_outward(vertices, triangles, body.surface)
+        triangles = triangles if is_open else closed_outward(vertices, triangles, body.surface)
     if body.smooth:
         refuse_unsmooth(vertices, triangles, f"rigid_bodies.{name}.smooth = true")
-    mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
+    mass, centre, inertia = 1.0, np.zeros(3), np.eye(3)
+    if not is_open:
+        mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
     if not np.allclose(inertia, inertia.T) or np.linalg.eigvalsh(inertia)[0] <= 0.0:
         raise SceneError(f"rigid_bodies.{name}.inertia = {inertia.tolist()}: must be symmetric and positive definite")
     first, second, third = np.linalg.eigvalsh(inertia)
@@ -123,6 +128,7 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
         collides=body.collides,
         groups=frozenset(body.groups),
         smooth=body.smooth,
+        springs=body.springs,
         follows=body.follows,
     )
 
