@@ -68,6 +68,10 @@ class PointsTarget:
         """The mechanical object."""
         return [self.state]
 
+    def frame_of(self, row: int) -> "tuple[Component, int]":
+        """The mechanical object, and the index in it of a point or frame."""
+        return self.state, int(self.indices[row])
+
 
 @dataclass(frozen=True)
 class MotionTarget:
