@@ -9,6 +9,7 @@ from taichisoft.bodies.rotations import (
     vector_from_rotation,
 )
 from taichisoft.model import Model
+from taichisoft.scenes.rigid_body import RigidSpringsSettings
 from taichisoft.state import State
 
 
@@ -25,7 +26,8 @@ class RigidMotion:
         count = len(model.rigid_bodies)
         self._time_step = model.scene.time.step
         self.carried = CarriedBodies(model)
-        self._springs = [BodySprings(model, i) for i, body in enumerate(model.rigid_bodies) if body.springs is not None]
+        bodies = enumerate(model.rigid_bodies)
+        self._springs = [BodySprings(model, i, one.springs) for i, one in bodies if one.springs is not None]
         self._bodies = kernels.RigidBodies(
             mass=np.empty(count),
             inertia=np.empty((count, 3, 3)),
@@ -146,11 +148,11 @@ class CarriedBodies:
 class BodySprings:
     """Springs between a rigid body and a frame, or a place in space."""
 
-    def __init__(self, model: Model, body: int):
+    def __init__(self, model: Model, body: int, springs: RigidSpringsSettings):
         """Of the body with this number."""
         self._body, self._frames = body, model.frames
-        (self._frame,) = model.frames.numbers([model.rigid_bodies[body].springs.follows])
-        self._springs, self._start = model.rigid_bodies[body].springs, model.rigid_bodies[body].start_position
+        (self._frame,) = model.frames.numbers([springs.follows])
+        self._springs, self._start = springs, model.rigid_bodies[body].start_position
         self._start_turn = matrices_from_quaternions(model.rigid_bodies[body].start_rotation[None])[0]
 
     def pull(self, state: State, time_step: float, rigid: kernels.RigidState) -> None:

@@ -115,16 +115,16 @@ class DrivenFrames:
             positions[nodes] = target.places(rows, self._time, self._poses)
         return bool(targets)
 
-    def frame_poses(self) -> dict[str, dict[str, np.ndarray]]:
-        """Translations [mm] and rotation vectors [rad] of the native frames from the start, by name, as in a control."""
-        start, translations, rotations = FramePoses(start_values), {}, {}
+    def frame_poses(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Translations [mm] and rotation vectors [rad] of the native frames from the start, by name."""
+        start, translations, rotations = FramePoses(start_values), dict[str, np.ndarray](), dict[str, np.ndarray]()
         for name, (state, index) in self._frames.items():
             before, now = start.of(state)[index], self._poses.of(state)[index]
             translations[name] = now[:3] - before[:3]
             if len(now) > POINT:
                 turn = Rotation.from_quat(now[3:]) * Rotation.from_quat(before[3:]).inv()
                 rotations[name] = turn.as_rotvec()
-        return {"frame_translation": translations, "frame_rotation": rotations}
+        return translations, rotations
 
     @property
     def joints(self) -> list[JointMotion]:

@@ -130,6 +130,7 @@ class SceneWrites:
         for body in self._stiffness:
             young_modulus |= body.take()
         gravity = self._gravity.take()
+        translations, rotations = self._driven.frame_poses()
         return Control(
             pressure=pressure,
             volume_growth=growth,
@@ -137,7 +138,8 @@ class SceneWrites:
             cable_pull=pull,
             pull_points=pull_points,
             anchor_positions=anchors,
-            **self._driven.frame_poses(),
+            frame_translation=translations,
+            frame_rotation=rotations,
             gravity=None if gravity is None else numbers(gravity),
             young_modulus=young_modulus,
         )

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from taichisoft.meshes import tetrahedron_volumes
-from taichisoft_sofa.components.anchor_targets import FrameTarget
+from taichisoft_sofa.components.anchor_targets import DrivenFrameTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial
 from taichisoft_sofa.components.dynamics import HELD
 from taichisoft_sofa.components.frames import base_frames, bases_of, index_pairs, rigid_indices
@@ -118,7 +118,7 @@ def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
         where = f"{part.state.getPathName()}, frame {part.index}"
         if is_driven(part.state, part.index, draft):
             note_springs(part.state, part.index, draft)
-            target = FrameTarget.carrying(part.state, part.index, body.position[part.points])
+            target = DrivenFrameTarget.carrying(part.state, part.index, body.position[part.points])
             body.anchors.append(DraftAnchor(mapping, part.points, HELD, follows_rest=False, target=target))
             continue
         for base, _ in base_frames(part.state, part.index):

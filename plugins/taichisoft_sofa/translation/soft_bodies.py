@@ -10,7 +10,7 @@ import numpy as np
 from taichisoft.meshes import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scenes import lame_parameters
 from taichisoft_sofa.components.actuator_components import PRESSURE, is_driven_by_force, value_type
-from taichisoft_sofa.components.anchor_targets import FrameTarget, MotionTarget
+from taichisoft_sofa.components.anchor_targets import DrivenFrameTarget, MotionTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.states import start_velocity
@@ -91,7 +91,7 @@ def add_soft_body(
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
         # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
-        prescribed = (FrameTarget, MotionTarget)
+        prescribed = (DrivenFrameTarget, MotionTarget)
         table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
