@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, TaichisoftError
 from taichisoft.meshes.surface_files import write_stl
 from taichisoft.scenes.file import scene_from_dict
 
@@ -165,3 +165,15 @@ def test_springs_lead_to_a_frame_that_exists() -> None:
     body = {"box": [1.0, 1.0, 1.0], "mass": MASS, "springs": {"stiffness": 1.0, "follows": "lfit"}}
     with pytest.raises(SceneError, match=r"rigid_bodies\.box\.springs\.follows is 'lfit', which is not a frame"):
         scene_from_dict({"rigid_bodies": {"box": body}})
+
+
+def test_what_follows_a_frame_need_not_be_a_solid(tmp_path: Any) -> None:
+    """A flat closed surface, which no free body can have, is one that follows a frame."""
+    corners, both = np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2], [0, 2, 1]])
+    write_stl(corners, both, tmp_path / "flat.stl")
+    body = {"surface": str(tmp_path / "flat.stl"), "collides": False}
+    simulation = Simulation(scene_from_dict({"rigid_bodies": {"flat": {**body, "follows": "base"}}}))
+    simulation.step(Control(base_translation=np.array([1.0, 2.0, 3.0])))
+    assert simulation.state.rigid_position[0] == pytest.approx([1.0, 2.0, 3.0])
+    with pytest.raises(TaichisoftError, match="encloses no volume"):
+        Simulation(scene_from_dict({"rigid_bodies": {"flat": {**body, "mass": MASS}}}))
