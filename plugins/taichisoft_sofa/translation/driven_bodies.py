@@ -33,7 +33,7 @@ def driven_frames(draft: "SceneDraft") -> list[DraftFrame]:
     """Frames that become bodies of their own; surfaces on frames that a soft body moves are given to that body."""
     parts, found = parts_of_bodies(draft), []
     for key in parts.keys() & draft.bodies.keys():
-        if (own := draft.bodies[key]).rigid and own.surfaces:
+        if (own := draft.bodies[key]).rigid and (own.surfaces or own.shapes):
             frame = DraftFrame(own.state, 0, own.surfaces, own.colours, own.shapes)
             draft.frames.setdefault((key, 0), frame)
     for frame in draft.frames.values():
