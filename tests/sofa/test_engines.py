@@ -51,3 +51,11 @@ def test_lists_of_values_and_indices() -> None:
 def test_mistakes_are_one_line(kind: str, data: dict[str, Any], output: str, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         getattr(engine(kind, **data), output).value  # noqa: B018
+
+
+def test_a_link_to_what_a_device_has_not_sent_is_no_value() -> None:
+    """SOFA's default holds where nothing has been written: no points, here of an object of points."""
+    root = Node("root")
+    root.addObject("CommunicationController", name="receiver", job="receiver", nbDataField=1)
+    state = root.addObject("MechanicalObject", name="points", position="@receiver.data1")
+    assert len(state.position.value) == 0

@@ -606,3 +606,16 @@ def test_constant_forces_act_on_points_as_in_sofa(folder: Path, data: str, each:
     for point, force in each.items():
         expected[point] = force
     assert found == pytest.approx(expected)
+
+
+def test_a_static_solver_leads_to_equilibrium(folder: Path) -> None:
+    still = """
+        node = body(root, "{}")
+        node.removeObject("EulerImplicitSolver")
+        node.addObject("StaticSolver", newton_iterations=10)
+        """
+    translation = translated(folder, still.format("a"))
+    assert not translation.refused
+    assert translation.tables["time"]["dynamics"] == "static"
+    (line,) = translated(folder, still.format("a") + "body(root, 'b')").refused
+    assert "StaticSolver for some of the bodies; all of a scene are at equilibrium, or none is" in line

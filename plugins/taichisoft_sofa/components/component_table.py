@@ -47,6 +47,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "FreeMotionAnimationLoop": dynamics.animation_loop,
     "DefaultAnimationLoop": dynamics.animation_loop,
     "EulerImplicitSolver": dynamics.time_integration,
+    "StaticSolver": dynamics.time_integration,
     **dict.fromkeys(
         (
             "SparseLDLSolver",

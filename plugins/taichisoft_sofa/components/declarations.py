@@ -193,6 +193,7 @@ declare(
     firstOrder=BOOL,
     trapezoidalScheme=BOOL,
 )
+declare("StaticSolver", newton_iterations=INTEGER)
 declare("CGLinearSolver", threshold=(SCALAR, 1e-5, FROM_0))
 
 # masses, elasticity, supports

@@ -37,7 +37,7 @@ def animation_loop(component: Component, draft: "SceneDraft") -> None:
 
 
 def time_integration(component: Component, draft: "SceneDraft") -> None:
-    """Translate implicit Euler with Rayleigh damping, for the bodies in its node and below."""
+    """Translate implicit Euler with Rayleigh damping, or equilibrium, for the bodies in its node and below."""
     draft.solvers[id(node_of(component))] = component
     if flag(component, "trapezoidalScheme", False):
         draft.refuse(component, "trapezoidalScheme; only the implicit Euler method is there")

@@ -93,6 +93,11 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     LOOPS: """
         parallelODESolving parallelCollisionDetectionAndFreeMotion computeBoundingBox threadSafeVisitor
     """,
+    ("StaticSolver",): """
+        absolute_correction_tolerance_threshold relative_correction_tolerance_threshold newtonSolver
+        absolute_residual_tolerance_threshold relative_residual_tolerance_threshold
+        should_diverge_when_residual_is_growing
+    """,
     ("EulerImplicitSolver",): """
         linearSolver computeResidual residual parallelInverseProduct
     """,

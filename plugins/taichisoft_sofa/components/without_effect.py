@@ -36,7 +36,7 @@ EQUATIONS = """
     TypedMatrixLinearSystem AssemblingMatrixSystem CompositeLinearSystem MatrixFreeSystem RotationMatrixSystem
     PrecomputedMatrixSystem BlockJacobiPreconditioner JacobiPreconditioner SSORPreconditioner WarpPreconditioner
     RotationFinder PrecomputedWarpPreconditioner IncompleteCholeskyPreconditioner DefaultCollisionGroupManager
-    CollisionGroup
+    CollisionGroup NewtonRaphsonSolver
 """
 # The equations are solved directly and together.
 

@@ -71,12 +71,12 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     except SceneError as error:
         draft.refused.append(str(error))
         bodies = []
-    first_order = _is_first_order(bodies, draft)
-    draft.effort_of_value = translation.effort_of_value = 1.0 if first_order else 1.0 / time_step
+    dynamics = _dynamics(bodies, draft)
+    draft.effort_of_value = translation.effort_of_value = 1.0 if dynamics == "first order" else 1.0 / time_step
     translation.tables = {
         "title": Path(tree.path).stem,
         "gravity": [float(value) for value in root.gravity.read_value()],
-        "time": {"step": time_step, **({"dynamics": "first order"} if first_order else {})},
+        "time": {"step": time_step, **({"dynamics": dynamics} if dynamics else {})},
     }
     if not draft.free_motion and any(body.cavities or body.cables for body in draft.bodies.values()):
         draft.depart(
@@ -136,14 +136,17 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
         draft.refused.append(refuse_unknown(component))
 
 
-def _is_first_order(bodies: list[DraftBody], draft: SceneDraft) -> bool:
-    """Whether bodies move without inertia; mixed scenes are refused."""
+def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
+    """How bodies move: without inertia ("first order"), to equilibrium ("static"), or ""; mixed scenes are refused."""
     found = [(body, moved_by(body, draft)) for body in bodies]
     moved = [solver for body, solver in found if solver is not None and not is_placed(body, solver)]
-    kinds = {flag(solver, "firstOrder", False) for solver in moved}
-    if len(kinds) > 1:
+    first_order = {flag(solver, "firstOrder", False) for solver in moved}
+    static = {solver.type_name == "StaticSolver" for solver in moved}
+    if len(first_order) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
-    return kinds == {True}
+    if len(static) > 1:
+        draft.refuse(moved[0], "StaticSolver for some of the bodies; all of a scene are at equilibrium, or none is")
+    return "static" if static == {True} else "first order" if first_order == {True} else ""
 
 
 def is_controller(component: "Component") -> bool:
