@@ -17,6 +17,7 @@ from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, nodal_forces, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
 from taichisoft.meshes.curved_walls import curved_walls, enclosed_volume_of_walls
+from taichisoft.meshes.hexahedra import hexahedra_of
 from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
@@ -156,6 +157,11 @@ def make_soft_body(
             f'{mesh.source}: has ten-node tetrahedra, with {key}.element = "{body.element}"; use "quadratic", or mesh '
             "with order = 1"
         )
+    if body.element == "hexahedral" and hexahedra_of(mesh.elements) is None:
+        raise MeshError(
+            f'{mesh.source}: has other cells than hexahedra, with {key}.element = "hexahedral"; use "smoothed", or a '
+            "mesh of hexahedra (.msh, .vtk, .vtu)"
+        )
     node_count = len(mesh.nodes)
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
@@ -195,7 +201,7 @@ def _materials(mesh: VolumeMesh, body: settings.SoftBodySettings, key: str) -> t
     material = np.zeros(len(mesh.elements), dtype=np.int32)
     for index, region in enumerate(body.regions):
         material[select_elements(mesh, region, f"{key}.regions.{index}")] = 1 + index
-    if body.element == "hexahedral" and len(material) % 6 == 0:
+    if body.element == "hexahedral":
         material = of_hexahedra(material)
     laws = []
     for one in body.materials:
