@@ -1,7 +1,7 @@
 """SOFA's energies of hyperelastic materials, the native laws of the same moduli at rest, and how far they differ.
 
 Energies are by volume [kPa], of principal stretches a, b, c. SOFA's are those of its folder hyperelastic/material since
-version 24.12; before, the second parameter of NeoHookean was a bulk modulus, and is Lame's lambda now.
+pull request 4603 of 2024; before, the second parameter of NeoHookean was a bulk modulus, and is Lame's lambda now.
 """
 
 from collections.abc import Callable, Mapping
