@@ -95,6 +95,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "path = { ... } of a frame": frame_settings.FramePath,
     "hinge = { ... } of a frame": frame_settings.HingeSettings,
     "[rigid_bodies.NAME]": rigid_body.RigidBodySettings,
+    "[rigid_bodies.NAME.springs]": rigid_body.RigidSpringsSettings,
     "[obstacles.NAME]": rigid_body.ObstacleSettings,
     "plane = { ... } of an obstacle": rigid_body.PlaneSettings,
     "sphere = { ... }": shape_settings.Sphere,

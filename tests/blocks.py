@@ -32,3 +32,11 @@ def make_block(cells: tuple[int, int, int], size: tuple[float, float, float], ho
         inner = (np.abs(nodes[walls]) < 0.5 * np.array(size) * (1 - 1e-9)).all(axis=(1, 2))
         groups["cavity"] = walls[inner][:, ::-1]
     return VolumeMesh("block", nodes, elements, groups).check()
+
+
+def block_hexahedra(cells: tuple[int, int, int]) -> np.ndarray:
+    """The boxes of `make_block` as hexahedra of its nodes, shape (count, 8)."""
+    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    lowest = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+    return np.asarray((lowest[:, None] + corners) @ strides)

@@ -5,7 +5,7 @@ from itertools import permutations
 
 import numpy as np
 
-from taichisoft.meshes import SIDES, VolumeMesh, tetrahedron_volumes, with_middle_nodes
+from taichisoft.meshes import SIDES, VolumeMesh, divided_hexahedra, tetrahedron_volumes, with_middle_nodes
 
 PRISM = np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]])
 """Three tetrahedra in a prism with the ends 0, 1, 2 and 3, 4, 5, whose nodes must ascend."""
@@ -51,11 +51,15 @@ def rounded(mesh: VolumeMesh, axes: int) -> VolumeMesh:
     return replace(mesh, nodes=nodes).check()
 
 
-def bar(cells: tuple[int, int, int], size: tuple[float, float, float]) -> VolumeMesh:
-    """A box from the origin on, [mm], of boxes that are cut into six tetrahedra each."""
+def bar(cells: tuple[int, int, int], size: tuple[float, float, float], element: str = "linear") -> VolumeMesh:
+    """A box from the origin on, [mm], of boxes that are cut into six tetrahedra each, or are hexahedra."""
     grid = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
     strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
     corner = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    if element == "hexahedral":
+        ends = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+        nodes = grid / cells * size
+        return VolumeMesh("bar", nodes, divided_hexahedra(nodes, (corner[:, None] + ends) @ strides, "bar")).check()
     paths = [
         np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
         for order in permutations(range(3))

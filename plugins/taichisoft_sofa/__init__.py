@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 @hookimpl
 def taichisoft_scene_readers() -> Mapping[str, Callable[..., Mapping[str, Any]]]:
-    """Readers of SOFA's scenes of both generations."""
-    return {".py": _read, ".pyscn": _read, ".scn": _read}  # a scene in XML is refused with a way out
+    """Readers of SOFA's scenes of both generations, and in XML."""
+    return {".py": _read, ".pyscn": _read, ".scn": _read}
 
 
 @hookimpl

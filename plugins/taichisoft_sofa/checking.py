@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_sofa.scene_reader import kept_files, split_path, with_files_in
-from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.parts import NOTHING, Translation
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.loading import load_tree
 
@@ -49,7 +49,9 @@ def checked(scene: Path, python_path: str, exact: bool, data_path: str = "", ste
             found.counts = {"understood": translation.understood, "without effect": translation.ignored}
             found.remarks += [f"otherwise than in SOFA: {line}" for line in translation.departures]
             found.problems += translation.refused
-            if not translation.refused:
+            if translation.is_empty and not translation.refused:
+                found.problems.append(f"{scene}: {NOTHING}")
+            elif not translation.refused:
                 _build(scene, translation, python_path, data_path, exact, steps, found)
         except TaichisoftError as error:
             found.problems.append(str(error))

@@ -12,7 +12,7 @@ from taichisoft.atomic_file import named_os_errors
 from taichisoft.cache_folder import cache_folder
 from taichisoft.checksum import checksum_file, is_as_kept, keep_checksum
 from taichisoft.errors import SceneError
-from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.parts import NOTHING, Translation
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.loading import load_tree
 
@@ -45,6 +45,8 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False, data
         more = len(translation.refused) - 1
         rest = f" (and {more} more: taichisoft sofa check {path})" if more else ""
         raise SceneError(f"{translation.refused[0]}{rest}")
+    if translation.is_empty:
+        raise SceneError(f"{path}: {NOTHING}")
     for line in translation.departures:
         LOGGER.info("otherwise than in SOFA: %s", line)
     if translation.ignored:

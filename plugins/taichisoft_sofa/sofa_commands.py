@@ -1,5 +1,7 @@
 """The commands `taichisoft sofa check` and `taichisoft sofa convert`."""
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,26 +23,35 @@ DataPath = Annotated[
 ]
 Exact = Annotated[bool, typer.Option("--sofa-exact", help="Follow SOFA exactly where the default departs from it.")]
 EXIT_REFUSED = 1
+PLACE = re.compile(r" \([^()]*, line \d+\)")
+"""A file and line in a message."""
 
 
 @sofa.command()
 def check(
-    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="SOFA scenes (.py, .pyscn).")],
+    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="SOFA scenes (.py, .pyscn, .scn).")],
     python_path: PythonPath = "",
     data_path: DataPath = "",
     sofa_exact: Exact = False,
     steps: Annotated[int, typer.Option(help="Make so many steps of each scene, too.", min=0)] = 0,
+    table: Annotated[bool, typer.Option("--table", help="Print a table of the scenes' folders alone.")] = False,
 ) -> None:
     """List the components of scenes that are understood, have no effect, depart from SOFA, or are refused.
 
     The model of a scene that can be run is built, as before the first step of a run; --steps makes some of it.
     """
     from taichisoft_sofa.checking import checked
+    from taichisoft_sofa.translation.parts import NOTHING
 
-    refused = 0
+    refused = empty = 0
+    folders: dict[Path, dict[str, str]] = {}
     for scene in scenes:
         found = checked(scene, python_path, sofa_exact, data_path, steps)
-        refused += bool(found.problems)
+        nothing = any(problem.endswith(NOTHING) for problem in found.problems)
+        refused, empty = refused + bool(found.problems), empty + nothing
+        folders.setdefault(scene.parent, {})[scene.name] = found.problems[0] if found.problems else ""
+        if table:
+            continue
         made = f", {steps} steps made" if steps else ""
         _line(f"{scene}: {'refused' if found.problems else f'can be run{made}'}")
         for title, counts in found.counts.items():
@@ -52,10 +63,26 @@ def check(
             _line(f"  {line}")
         for line in found.problems:
             _line(f"  refused: {line}")
+    for line in _table(folders) if table else ():
+        _line(line)
     if len(scenes) > 1:
-        _line(f"{len(scenes) - refused} of {len(scenes)} scenes can be run")
+        hold_nothing = f"; {empty} of the others hold nothing to run" if empty else ""
+        _line(f"{len(scenes) - refused} of {len(scenes)} scenes can be run{hold_nothing}")
     if refused:
         raise typer.Exit(EXIT_REFUSED)
+
+
+def _table(folders: "dict[Path, dict[str, str]]") -> "Iterator[str]":
+    """Rows of Markdown: how many scenes of each folder can be run, and why the first of the others cannot."""
+    yield "| folder | scenes | run | the others |"
+    yield "|---|---|---|---|"
+    for folder, scenes in folders.items():
+        why = []
+        for name, problem in scenes.items():
+            if problem:
+                what = re.sub(rf"^\S*{re.escape(name)}: ", "", PLACE.sub("", problem))
+                why.append(f"{name}: {what.partition(';')[0]}")
+        yield f"| {folder} | {len(scenes)} | {len(scenes) - len(why)} | {'; '.join(why)} |"
 
 
 def _line(text: str) -> None:
@@ -65,7 +92,7 @@ def _line(text: str) -> None:
 
 @sofa.command()
 def convert(
-    scene: Annotated[Path, typer.Argument(help="SOFA scene (.py, .pyscn).")],
+    scene: Annotated[Path, typer.Argument(help="SOFA scene (.py, .pyscn, .scn).")],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Native scene (.toml) to write, its meshes beside it.")
     ],

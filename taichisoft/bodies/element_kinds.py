@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.bodies.domains import IntegrationDomains, quadrature_domains
+from taichisoft.bodies.hexahedral_domains import domains_of_hexahedra, hexahedral_domains
 from taichisoft.bodies.shape_functions import linear_tetrahedra, quadratic_tetrahedra
 from taichisoft.bodies.smoothed_tetrahedra import domains_of_elements, smoothed_domains
 from taichisoft.meshes.ten_nodes import QUADRATURE_POINTS
@@ -59,5 +60,6 @@ def _quadratic_stress(elements: np.ndarray, node_count: int, material: np.ndarra
 ELEMENT_KINDS = {
     "linear": ElementKind(np.full(4, 1 / 4), _linear_domains, _linear_stress),
     "smoothed": ElementKind(np.full(4, 1 / 4), smoothed_domains, domains_of_elements),
+    "hexahedral": ElementKind(np.full(4, 1 / 4), hexahedral_domains, domains_of_hexahedra),
     "quadratic": ElementKind(np.repeat([1 / 36, 4 / 27], [4, 6]), _quadratic_domains, _quadratic_stress),
 }

@@ -8,7 +8,7 @@ from taichisoft.bodies.closed_form_shapes import RoundShape, round_shape
 from taichisoft.bodies.rotations import quaternion_from_matrix, rotation_from_degrees
 from taichisoft.errors import SceneError
 from taichisoft.meshes.smooth_normals import refuse_unsmooth
-from taichisoft.meshes.surface import closed_outward, count_open_edges
+from taichisoft.meshes.surface import closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.scenes import rigid_body as settings
 
@@ -32,6 +32,7 @@ class RigidBody:
         collides: whether it touches other bodies.
         groups: surfaces that have one in common do not touch each other.
         smooth: whether the surface stands for a curved one.
+        springs: what holds it, or None.
         follows: frame that carries it, or None; mass and inertia then mean nothing.
     """
 
@@ -49,6 +50,7 @@ class RigidBody:
     collides: bool = True
     groups: frozenset[int] = frozenset()
     smooth: bool = False
+    springs: settings.RigidSpringsSettings | None = None
     follows: str | None = None
 
     @property
@@ -94,11 +96,16 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
         body = body.model_copy(update={"density": 1e-6})
     shape = round_shape(body)
     vertices, triangles = _surface(body, shape)
+    is_open = body.follows is not None and _encloses_nothing(vertices, triangles)
     if body.surface is not None:
-        triangles = closed_outward(vertices, triangles, body.surface)
+        triangles = triangles if is_open else closed_outward(vertices, triangles, body.surface)
     if body.smooth:
         refuse_unsmooth(vertices, triangles, f"rigid_bodies.{name}.smooth = true")
-    mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
+    mass, centre, inertia = 1.0, np.zeros(3), np.eye(3)
+    if not is_open:
+        mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
+    if body.follows is not None:
+        mass, inertia = 1.0, np.eye(3)  # they mean nothing, so that a surface need not be that of a solid
     if not np.allclose(inertia, inertia.T) or np.linalg.eigvalsh(inertia)[0] <= 0.0:
         raise SceneError(f"rigid_bodies.{name}.inertia = {inertia.tolist()}: must be symmetric and positive definite")
     first, second, third = np.linalg.eigvalsh(inertia)
@@ -123,6 +130,7 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
         collides=body.collides,
         groups=frozenset(body.groups),
         smooth=body.smooth,
+        springs=body.springs,
         follows=body.follows,
     )
 
@@ -174,6 +182,12 @@ def _mass_properties(
     if body.inertia is not None:
         inertia = np.array(body.inertia)
     return mass, centre, inertia
+
+
+def _encloses_nothing(vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether a surface is open, or closed and flat."""
+    volume, size = enclosed_volume(vertices, triangles), float(np.ptp(vertices, axis=0).max())
+    return count_open_edges(triangles) > 0 or abs(volume) < ROUNDING * size**3
 
 
 def _surface(

@@ -10,12 +10,14 @@ from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.elastic_laws import ElasticLaws, elastic_law
 from taichisoft.bodies.element_kinds import ELEMENT_KINDS
 from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.hexahedral_domains import hexahedral_masses, of_hexahedra
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAW_NUMBERS
 from taichisoft.bodies.modes import Modes, check_modes, read_modes
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, nodal_forces, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
 from taichisoft.meshes.curved_walls import curved_walls, enclosed_volume_of_walls
+from taichisoft.meshes.hexahedra import hexahedra_of
 from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
@@ -155,6 +157,11 @@ def make_soft_body(
             f'{mesh.source}: has ten-node tetrahedra, with {key}.element = "{body.element}"; use "quadratic", or mesh '
             "with order = 1"
         )
+    if body.element == "hexahedral" and hexahedra_of(mesh.elements) is None:
+        raise MeshError(
+            f'{mesh.source}: has other cells than hexahedra, with {key}.element = "hexahedral"; use "smoothed", or a '
+            "mesh of hexahedra (.msh, .vtk, .vtu)"
+        )
     node_count = len(mesh.nodes)
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
@@ -194,6 +201,8 @@ def _materials(mesh: VolumeMesh, body: settings.SoftBodySettings, key: str) -> t
     material = np.zeros(len(mesh.elements), dtype=np.int32)
     for index, region in enumerate(body.regions):
         material[select_elements(mesh, region, f"{key}.regions.{index}")] = 1 + index
+    if body.element == "hexahedral":
+        material = of_hexahedra(material)
     laws = []
     for one in body.materials:
         poisson_ratio = body.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio
@@ -217,6 +226,8 @@ def _node_masses(mesh: VolumeMesh, body: settings.SoftBodySettings) -> np.ndarra
     node_count = len(mesh.nodes)
     if body.mass is not None:
         return np.full(node_count, body.mass / node_count)
+    if body.element == "hexahedral":
+        return hexahedral_masses(mesh.nodes, mesh.elements, body.density or 0.0)
     part = ELEMENT_KINDS[body.element].mass_shares
     share = (body.density or 0.0) * element_volumes(mesh.nodes, mesh.elements)
     return np.bincount(mesh.elements.ravel(), np.outer(share, part).ravel(), node_count)

@@ -161,6 +161,8 @@ def check_rigid_plausibility(model: Model) -> None:
     for body in model.rigid_bodies:
         key, table = f"rigid_bodies.{body.name}", model.scene.rigid_bodies[body.name]
         _check(f"{key}: its longest side", float(np.ptp(body.vertices, axis=0).max()), SIZE)
+        if table.follows is not None:
+            continue
         volume = enclosed_volume(body.vertices, body.triangles)
         if table.density is not None:
             _check(f"{key}.density", table.density, DENSITY)

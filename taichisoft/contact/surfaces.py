@@ -13,7 +13,7 @@ from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE, RoundShapes
 from taichisoft.contact.kernels.surface_vertices import Carriers, Planes, Surfaces
 from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
 from taichisoft.contact.smooth import find_smooth
-from taichisoft.meshes.surface import stacked
+from taichisoft.meshes.surface import count_open_edges, stacked
 from taichisoft.runtime.taichi_start import SOFT, STATIC
 
 # A rolling ball with ten thousand vertices sinks by the tolerance at each vertex that it passes, and gains the energy:
@@ -108,8 +108,9 @@ class ContactSurfaces:
         self.body_size = np.full(first_obstacle + len(obstacles), np.inf)
         # A soft body's collision surface may be a sheet without thickness.
         solids = [body.rest_position for body in soft] + [body.vertices for body in rigid]
+        sheets = [False] * len(soft) + [count_open_edges(body.triangles) > 0 for body in rigid]
         for number, points in enumerate(solids):
-            self.body_size[number] = np.ptp(points, axis=0).min()
+            self.body_size[number] = np.inf if sheets[number] else np.ptp(points, axis=0).min()
         for part in rounds:
             if part.owner != STATIC:
                 self.body_size[part.body] = part.shape.smallest_extent

@@ -8,6 +8,9 @@ from .files import VOLUME_SUFFIXES as VOLUME_SUFFIXES
 from .files import read_unchecked_mesh as read_unchecked_mesh
 from .files import read_volume_mesh as read_volume_mesh
 from .files import write_volume_mesh as write_volume_mesh
+from .hexahedra import SIX_TETRAHEDRA as SIX_TETRAHEDRA
+from .hexahedra import boundary_quads as boundary_quads
+from .hexahedra import divided_hexahedra as divided_hexahedra
 from .msh_reader import is_msh41 as is_msh41
 from .msh_reader import read_msh41 as read_msh41
 from .second_order import with_middle_nodes as with_middle_nodes

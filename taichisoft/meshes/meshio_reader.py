@@ -9,8 +9,8 @@ import numpy as np
 
 from taichisoft.meshes.volume_mesh import MeshContent, four_triangles
 
-NODE_COUNTS = {"triangle": 3, "triangle6": 6, "tetra": 4, "tetra10": 10}
-DIMENSIONS = {"triangle": 2, "triangle6": 2, "tetra": 3, "tetra10": 3}
+NODE_COUNTS = {"triangle": 3, "triangle6": 6, "tetra": 4, "tetra10": 10, "hexahedron": 8}
+DIMENSIONS = {"triangle": 2, "triangle6": 2, "tetra": 3, "tetra10": 3, "hexahedron": 3}
 
 # Cell data of this prefix is 1 for the cells of a group and 0 for the others.
 GROUP_PREFIX = "group:"
@@ -36,11 +36,14 @@ def read_with_meshio(path: Path) -> MeshContent:
         _refuse_lost_cells(path, sum(len(block.data) for block in content.cells))
     groups_of = _named_groups if suffix == ".msh" else _flagged_groups
     tetrahedra, element_groups = groups_of(content, _one_of(content, "tetra", "tetra10"))
+    hexahedra, hexahedron_groups = groups_of(content, "hexahedron")
     triangles, surface_groups = groups_of(content, _one_of(content, "triangle", "triangle6"))
     if triangles.shape[1] == 6:
         triangles = four_triangles(triangles)
         surface_groups = {name: (4 * group[:, None] + np.arange(4)).ravel() for name, group in surface_groups.items()}
-    return MeshContent(content.points, tetrahedra, triangles, element_groups, surface_groups, _other_volumes(content))
+    others = _other_volumes(content)
+    groups = element_groups, surface_groups
+    return MeshContent(content.points, tetrahedra, triangles, *groups, others, hexahedra, hexahedron_groups)
 
 
 def _named_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -10,8 +10,8 @@ from taichisoft.meshes.volume_mesh import MeshContent, four_triangles
 # By gmsh's number of a type of cell: how many nodes it has, and a name for those with a volume.
 NODE_COUNTS = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 15: 1}
 NODE_COUNTS |= {16: 8, 17: 20, 18: 15, 19: 13, 20: 9, 21: 10, 22: 12, 23: 15, 24: 15, 25: 21, 29: 20, 30: 35, 31: 56}
-VOLUME_NAMES = {5: "hexahedron", 6: "wedge", 7: "pyramid", 29: "tetra20"}
-TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES = 2, 9, 4, 11
+VOLUME_NAMES = {6: "wedge", 7: "pyramid", 29: "tetra20"}
+TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES, HEXAHEDRON = 2, 9, 4, 11, 5
 VTK_ORDER = [*range(8), 9, 8]  # of the nodes of a ten-node tetrahedron in gmsh's order
 
 Entity = tuple[int, int]
@@ -106,6 +106,8 @@ def read_msh41(path: Path) -> MeshContent:
         groups(3, entities[kind]),
         groups(2, np.concatenate([entities[TRIANGLE], np.repeat(entities[SIX_NODES], 4)])),
         {name: counts[kind] for kind, name in VOLUME_NAMES.items() if kind in counts},
+        cells[HEXAHEDRON],
+        groups(3, entities[HEXAHEDRON]),
     )
 
 
@@ -175,10 +177,10 @@ def _nodes(numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
 def _cells(
     numbers: Numbers, node_numbers: np.ndarray
 ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray], Mapping[int, int]]:
-    """Triangles and tetrahedra with indices of nodes, the entity of each, and how many cells each type has."""
+    """Triangles, tetrahedra, hexahedra with indices of nodes, the entity of each, and how many cells each type has."""
     rows = {
         kind: [np.empty((0, 2 + NODE_COUNTS[kind]), dtype=np.int64)]
-        for kind in (TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES)
+        for kind in (TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES, HEXAHEDRON)
     }
     counts: dict[int, int] = {}
     for _ in range(numbers.sizes(4)[0]):

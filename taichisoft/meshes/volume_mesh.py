@@ -1,12 +1,13 @@
 """A volume mesh as read from a file or made by a mesher, checked before anything is computed with it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.coordinates import refuse_coordinates
+from taichisoft.meshes.hexahedra import divided_hexahedra
 from taichisoft.meshes.ten_nodes import curved_volumes, least_volumes
 
 
@@ -76,6 +77,8 @@ class MeshContent:
         element_groups: indices of tetrahedra by name, each (count,).
         surface_groups: indices of triangles by name, each (count,).
         others: number of cells with a volume that are no such tetrahedra, by meshio's name of their type.
+        hexahedra, hexahedron_groups: node indices of hexahedra in VTK's order, shape (count, 8), and indices of these
+            by name.
     """
 
     nodes: np.ndarray
@@ -84,16 +87,31 @@ class MeshContent:
     element_groups: Mapping[str, np.ndarray]
     surface_groups: Mapping[str, np.ndarray]
     others: Mapping[str, int]
+    hexahedra: np.ndarray = field(default_factory=lambda: np.zeros((0, 8), dtype=np.int64))
+    hexahedron_groups: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def mesh(self, source: str) -> VolumeMesh:
         """The mesh, not checked yet; `source` begins its errors.
 
         Raises:
-            MeshError: there are other cells with a volume than tetrahedra of four or ten nodes.
+            MeshError: there are other cells with a volume than tetrahedra of four or ten nodes, or than hexahedra, or
+                hexahedra that cannot be divided.
         """
-        if self.others:
-            found = ", ".join(f"{count} of {name}" for name, count in self.others.items())
-            raise MeshError(f"{source}: has cells that are no tetrahedra ({found}); mesh again with tetrahedra only")
+        others = dict(self.others)
+        if len(self.hexahedra) and (len(self.tetrahedra) or others):
+            others["hexahedron"] = len(self.hexahedra)
+        if others:
+            found = ", ".join(f"{count} of {name}" for name, count in others.items())
+            raise MeshError(
+                f"{source}: has cells that are no tetrahedra ({found}); mesh again with tetrahedra, or hexahedra, only"
+            )
+        if len(self.hexahedra):
+            tetrahedra = divided_hexahedra(self.nodes, self.hexahedra, source)
+            groups = {
+                name: (6 * group[:, None] + np.arange(6)).ravel() for name, group in self.hexahedron_groups.items()
+            }
+            alone = replace(self, tetrahedra=tetrahedra, element_groups=groups, hexahedra=self.hexahedra[:0])
+            return alone.mesh(source)
         element_groups = {name: np.sort(group).astype(np.int32) for name, group in self.element_groups.items()}
         triangles = self.triangles.astype(np.int32)
         surface_groups = {name: triangles[group] for name, group in self.surface_groups.items()}

@@ -7,7 +7,20 @@ from pydantic import model_validator
 
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.shape_settings import SHAPES, Shaped
-from taichisoft.scenes.table import Groups, Positive, Table, Vector
+from taichisoft.scenes.table import Groups, NotNegative, Positive, Table, Vector
+
+
+class RigidSpringsSettings(Table):
+    """Springs between a rigid body and a frame, at rest where the scene puts both."""
+
+    follows: str | None = None
+    """Frame to which they lead; to a place in space when it is not given."""
+    stiffness: NotNegative
+    """Against displacements of the centre of mass [mN/mm]."""
+    angular_stiffness: NotNegative = 0.0
+    """Against turns [mN mm/rad]."""
+    rayleigh_stiffness: NotNegative = 0.0
+    """Time b [s] of their Rayleigh damping: their forces are those of where the body will be b later."""
 
 
 class RigidBodySettings(Shaped):
@@ -37,7 +50,9 @@ class RigidBodySettings(Shaped):
     """Angular velocity at the start [rad/s]."""
     follows: str | None = None
     """Frame that carries the body instead of forces: "base", as a palm that is screwed to the gripper, or one of
-    `frames`; it has no mass."""
+    `frames`; it has no mass, and its surface may be open."""
+    springs: RigidSpringsSettings | None = None
+    """Springs that hold the body, as the table [rigid_bodies.NAME.springs]."""
     collides: bool = True
     """Whether the body touches others; one that does not goes through them."""
     groups: Groups = []
@@ -53,7 +68,7 @@ class RigidBodySettings(Shaped):
         given = [key for key in ("mass", "density") if getattr(self, key) is not None]
         if self.follows is None and len(given) != 1:
             raise ValueError(f"exactly one of mass, density is needed; given: {', '.join(given) or 'none'}")
-        moved = {"mass", "density", "inertia", "centre_of_mass", "velocity", "angular_velocity"}
+        moved = {"mass", "density", "inertia", "centre_of_mass", "velocity", "angular_velocity", "springs"}
         useless = [key for key in type(self).model_fields if key in moved and self._is_given(key)]
         if self.follows is not None and useless:
             raise ValueError(f"{', '.join(useless)} would have no effect beside follows; remove it")

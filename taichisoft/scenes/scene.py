@@ -314,10 +314,11 @@ class Scene(Table):
     @model_validator(mode="after")
     def _check_dynamics(self) -> Self:
         dynamics = self.time.dynamics
-        if dynamics != "second order" and self.rigid_bodies:
+        free = [name for name, one in self.rigid_bodies.items() if dynamics != "first order" or one.follows is None]
+        if dynamics != "second order" and free:
             raise ValueError(
-                f"time.dynamics = '{dynamics}' is for soft bodies alone; remove the rigid body "
-                f"'{next(iter(self.rigid_bodies))}', or leave it 'second order'"
+                f"time.dynamics = '{dynamics}' is for soft bodies alone; remove the rigid body '{free[0]}', or leave "
+                "it 'second order'"
             )
         for name, body in self.soft_bodies.items():
             if dynamics == "static" and not body.anchors:
@@ -328,9 +329,10 @@ class Scene(Table):
     def _check_frames(self) -> Self:
         if BASE in self.frames:
             raise ValueError("frames.base: every scene has this frame; give base_pivot, limits.base_speed, and so on")
+        springs = {f"{name}.springs": one.springs for name, one in self.rigid_bodies.items() if one.springs is not None}
         tables: dict[str, dict[str, Any]] = {
             "frames": dict(self.frames),
-            "rigid_bodies": dict(self.rigid_bodies),
+            "rigid_bodies": {**self.rigid_bodies, **springs},
             "soft_bodies": dict(self.soft_bodies),
         }
         for kind, members in tables.items():

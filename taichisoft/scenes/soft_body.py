@@ -160,10 +160,11 @@ class SoftBodySettings(ActuatorTables):
     """Placement: shift after the rotation [mm]."""
     velocity: Vector = (0.0, 0.0, 0.0)
     """Velocity of all nodes at the start [mm/s]."""
-    element: Literal["linear", "smoothed", "quadratic"] = "smoothed"
+    element: Literal["linear", "smoothed", "quadratic", "hexahedral"] = "smoothed"
     """What the tetrahedra of the mesh become: linear elements, which are cheap, but bend too little and lock where
     Poisson's ratio comes near 0.5; linear ones whose strains are smoothed around edges and nodes, which do neither;
-    quadratic ones, the most accurate."""
+    quadratic ones, the most accurate. In a mesh of hexahedra each is six tetrahedra, which may become one hexahedral
+    element instead."""
     material: Material | None = None
     """Name of a material (`taichisoft materials` lists them), or a file (.toml); instead of law, young_modulus and
     coefficients. What it says

@@ -9,6 +9,7 @@ from taichisoft.bodies.rotations import (
     vector_from_rotation,
 )
 from taichisoft.model import Model
+from taichisoft.scenes.rigid_body import RigidSpringsSettings
 from taichisoft.state import State
 
 
@@ -25,6 +26,8 @@ class RigidMotion:
         count = len(model.rigid_bodies)
         self._time_step = model.scene.time.step
         self.carried = CarriedBodies(model)
+        bodies = enumerate(model.rigid_bodies)
+        self._springs = [BodySprings(model, i, one.springs) for i, one in bodies if one.springs is not None]
         self._bodies = kernels.RigidBodies(
             mass=np.empty(count),
             inertia=np.empty((count, 3, 3)),
@@ -69,6 +72,8 @@ class RigidMotion:
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:
                 rigid.free[body, :3] += self._time_step * acceleration
+        for springs in self._springs:
+            springs.pull(state, self._time_step, rigid)
 
     def apply_impulses(self) -> None:
         """Apply the impulses to the velocities of the bodies."""
@@ -138,6 +143,31 @@ class CarriedBodies:
     def place(self, end: kernels.RigidState) -> None:
         """Put them where they are at the end of the step, to the last bit."""
         end.position[self.index], end.quaternion[self.index] = self.position, self._quaternion
+
+
+class BodySprings:
+    """Springs between a rigid body and a frame, or a place in space."""
+
+    def __init__(self, model: Model, body: int, springs: RigidSpringsSettings):
+        """Of the body with this number."""
+        self._body, self._frames = body, model.frames
+        (self._frame,) = model.frames.numbers([springs.follows])
+        self._springs, self._start = springs, model.rigid_bodies[body].start_position
+        self._start_turn = matrices_from_quaternions(model.rigid_bodies[body].start_rotation[None])[0]
+
+    def pull(self, state: State, time_step: float, rigid: kernels.RigidState) -> None:
+        """Let them act implicitly: (M + h (h + b) K) v = M v_free - h K d, with the displacement d and the lag b."""
+        body, springs, place, turn = self._body, self._springs, self._start, self._start_turn
+        if self._frame >= 0:
+            places = self._frames.places(state.frame_pose)
+            place, turn = places.moved(place[None], self._frame)[0], places.turn[self._frame] @ turn
+        off = vector_from_rotation(matrices_from_quaternions(state.rigid_rotation[[body]])[0] @ turn.T)
+        stiffness = np.repeat([springs.stiffness, springs.angular_stiffness], 3)
+        mass = np.linalg.inv(rigid.inverse_mass[body])
+        load = mass @ rigid.free[body] - time_step * stiffness * np.append(rigid.position[body] - place, off)
+        mass += np.diag(time_step * (time_step + springs.rayleigh_stiffness) * stiffness)
+        rigid.inverse_mass[body] = np.linalg.inv(mass)
+        rigid.free[body] = rigid.inverse_mass[body] @ load
 
 
 def _external_forces(model: Model) -> list[tuple[int, int, int, np.ndarray]]:

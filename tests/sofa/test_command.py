@@ -276,3 +276,19 @@ def test_a_page_steers_the_scenes_own_controllers_where_they_heed_keys(
     code, _, errors = command("run", "own.py", "--web", "--duration", "0.02", "--outputs", "csv", "-o", "out")
     assert code == 0, errors
     assert f'name = "{"sofa" if heeds else "keyboard"}"' in (folder / "out/scene.toml").read_text()
+
+
+def test_a_table_counts_the_scenes_of_each_folder(folder: Path, command: Command) -> None:
+    written(folder, {"empty.py": "def createScene(root):\n    pass\n"})
+    wrong = "def createScene(root):\n    root.addObject('TriangularFEMForceField')\n"
+    written(folder, {"other/wrong.py": wrong})
+    scenes = ("scene.py", "empty.py", "other/wrong.py")
+    code, shown, _ = command("sofa", "check", *scenes, "--python-path", "library", "--table")
+    assert code == 1
+    assert shown.splitlines()[:4] == [
+        "| folder | scenes | run | the others |",
+        "|---|---|---|---|",
+        "| . | 2 | 1 | empty.py: holds nothing that moves, touches or can be seen: there is nothing to run |",
+        "| other | 1 | 0 | wrong.py: TriangularFEMForceField '/TriangularFEMForceField': is not known here |",
+    ]
+    assert shown.splitlines()[4] == "1 of 3 scenes can be run; 1 of the others hold nothing to run"

@@ -4,15 +4,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes_of_sofa import BODY, loaded
 
+from taichisoft.bodies.elasticity import internal_force
+from taichisoft.building.simulation import make_model
+from taichisoft.meshes.hexahedra import boundary_quads
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft_sofa.components import computed as computed  # declares all data
-from taichisoft_sofa.components.regular_grids import boundary_quads, divided
+from taichisoft_sofa.components.regular_grids import divided
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
+from taichisoft_sofa.scene_reader import with_files_in
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.node import Node
 
@@ -103,3 +109,61 @@ def test_a_grid_is_a_body_of_tetrahedra_with_a_surface(tmp_path: Path, mapped: b
 def test_a_grid_without_points_or_with_too_many_is_an_error(size: list[int]) -> None:
     with pytest.raises(Exception, match=r"RegularGridTopology '/grid'.*(n = |must be above 0)"):
         _ = grid(n=size).grid.position.value
+
+
+BEAM = """
+    root.gravity = [0, 0, 0]
+    free_motion(root)
+    beam = root.addChild("beam")
+    for kind in ("EulerImplicitSolver", "SparseLDLSolver", "LinearSolverConstraintCorrection"):
+        beam.addObject(kind)
+    beam.addObject({grid})
+    beam.addObject("MechanicalObject")
+    beam.addObject("UniformMass", totalMass=0.1)
+    beam.addObject("HexahedronFEMForceField", youngModulus=300, poissonRatio=0.45)
+"""
+
+
+def test_hexahedra_of_a_grid_become_hexahedral_elements(tmp_path: Path) -> None:
+    """Stretched by a force on its end, a bar of hexahedra is longer by F L / (E A): the test of a patch."""
+    made = '"RegularGridTopology", n=[5, 3, 3], min=[0, 0, 0], max=[40, 10, 10]'
+    held = """
+    beam.addObject("BoxROI", name="end", box=[-1, -1, -1, 0.1, 11, 11])
+    beam.addObject("PartialFixedConstraint", indices="@end.indices", fixedDirections=[1, 0, 0])
+    beam.addObject("PartialFixedConstraint", indices=[0], fixedDirections=[0, 1, 1])
+    beam.addObject("PartialFixedConstraint", indices=[4], fixedDirections=[0, 1, 1])
+    """
+    translation = translate(loaded(tmp_path, BEAM.format(grid=made) + held, BODY))
+    assert not translation.refused
+    table = translation.tables["soft_bodies"]["beam"]
+    assert (table["element"], table["corotation"], table["young_modulus"]) == ("hexahedral", "polar", 300.0)
+    translation.files.write(tmp_path)
+    model = make_model(scene_from_dict(with_files_in(tmp_path, translation.tables)))
+    position = model.rest_position.copy()
+    stretch = 1e-4
+    position *= 1.0 + stretch * np.array([1.0, -0.45, -0.45])
+    assert model.elasticity is not None
+    force = internal_force(model.elasticity, position)
+    end = np.isclose(model.rest_position[:, 0], 40.0)
+    assert -force[end, 0].sum() == pytest.approx(300.0 * 100.0 * stretch, rel=1e-6)
+    assert np.abs(force[:, 1:]).max() < 1e-6 * np.abs(force[end, 0].sum())
+
+
+def test_a_sparse_grid_has_the_cells_that_a_surface_touches_or_encloses(tmp_path: Path) -> None:
+    """A ball of 10 mm in cells of 2.04 mm: all cells whose centres are inside, none that is wholly outside, no hole."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
+    ball.export(tmp_path / "ball.stl")
+    made = '"SparseGridTopology", n=[11, 11, 11], fileTopology="ball.stl"'
+    tree = loaded(tmp_path, BEAM.format(grid=made), BODY)
+    translation = translate(tree)
+    assert not translation.refused
+    grid = next(one for one in tree.components() if one.type_name == "SparseGridTopology")
+    points, cells = np.array(grid.position.value), np.array(grid.hexahedra.value)
+    assert np.ptp(points, axis=0) == pytest.approx([20.4] * 3, rel=1e-3)
+    distances = np.linalg.norm(points[cells], axis=2)
+    assert (distances.min(axis=1) < 10.0).all()
+    assert len(cells) * 2.04**3 > 4 / 3 * np.pi * 10**3
+    centres = points[cells].mean(axis=1)
+    whole = np.round((np.stack(np.meshgrid(*[np.arange(-9.18, 9.2, 2.04)] * 3), axis=-1)).reshape(-1, 3), 2)
+    inside = {tuple(one) for one in np.round(whole[np.linalg.norm(whole, axis=1) < 9.8], 1).tolist()}
+    assert inside <= {tuple(one) for one in np.round(centres, 1).tolist()}

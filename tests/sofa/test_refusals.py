@@ -92,15 +92,54 @@ def test_components_are_found_by_the_names_of_other_versions(tmp_path: Path) -> 
         tree.root.BlockGaussSeidelConstraintSolver  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["scene.scn", "scene.py"])
-def test_a_scene_in_xml_names_the_way_to_python(tmp_path: Path, name: str) -> None:
-    from taichisoft.building.scene_files import load_scene
+XML = """<?xml version="1.0"?>
+<Node name="root" dt="0.02" gravity="0 -9.81 0">
+  <DefaultAnimationLoop/>
+  <Node name="child">
+    <EulerImplicitSolver rayleighStiffness="0.1"/>
+    <CGLinearSolver iterations="25" name="solver" tolerance="1e-9" threshold="1e-9"/>
+    <RegularGridTopology name="grid" n="4 2 2" min="0 0 0" max="30 10 10"/>
+    <Object type="MechanicalObject" name="dofs"/>
+    <UniformMass totalMass="0.1"/>
+    <FixedConstraint indices="0 4 8 12"/>
+    <HexahedronFEMForceField name="FEM" youngModulus="4000" poissonRatio="0.3" method="large"/>
+  </Node>
+</Node>
+"""
+
+
+def test_a_scene_in_xml_is_read(tmp_path: Path) -> None:
+    """Its values are texts, and its components have the lines on which they stand."""
     from taichisoft_sofa.tree.loading import load_tree
 
-    (tmp_path / name).write_text('<?xml version="1.0"?>\n<Node name="root"><MechanicalObject/></Node>\n')
-    for load in (load_tree, load_scene):
-        with pytest.raises(SceneError, match=r"is a scene in XML.*root\.addChild\('a'\).*addObject"):
-            load(tmp_path / name)
+    (tmp_path / "scene.scn").write_text(XML)
+    tree = load_tree(tmp_path / "scene.scn")
+    translation = translate(tree)
+    assert not translation.refused
+    assert translation.tables["time"]["step"] == 0.02
+    assert translation.tables["gravity"] == [0.0, -9.81, 0.0]
+    body = translation.tables["soft_bodies"]["child"]
+    assert (body["element"], body["rayleigh_stiffness"], body["young_modulus"]) == ("hexahedral", 0.1, 4000.0)
+    assert len(body["anchors"][0]["nodes"]) == 4
+    assert str(tree.root.child.dofs.place).endswith("scene.scn, line 8")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<Node><A></Node>", "line 1: no scene in XML: mismatched tag"),
+        ("<Node>\n<include href='a.xml'/></Node>", "line 2: includes 'a.xml'; write its nodes into this file instead"),
+        ("<A/>", "line 1: begins with <A>"),
+        ("<Node><A><B/></A></Node>", "<B> is inside a component"),
+        ("<Node>\n<Wrong/></Node>", "line 2.: is not known here"),
+    ],
+)
+def test_mistakes_in_xml_are_one_line(tmp_path: Path, text: str, message: str) -> None:
+    from taichisoft.building.scene_files import load_scene
+
+    (tmp_path / "scene.scn").write_text(text)
+    with pytest.raises(SceneError, match=message):
+        load_scene(tmp_path / "scene.scn")
 
 
 def test_meshes_are_found_in_the_data_path(tmp_path: Path) -> None:

@@ -224,7 +224,7 @@ def test_joints_of_a_chain_turn_and_shift_what_comes_after_them(tmp_path: Path) 
         ),
         (
             FREE.format(held=HELD_BY_SPRINGS.replace("1e9", "1e3")),
-            "stiffness = 1000 on a frame of a soft body; 1e+06 or more",
+            "stiffness = 1000 on a frame that others follow; 1e+06 or more",
         ),
         (DRIVEN.replace("indexPairs=[0, 1]", "indexPairs=[0, 7]"), "names frame 7 of /servo/joint/wheel/dofs"),
         (DRIVEN.replace("indexPairs=[0, 1]", "indexPairs=[4, 1]"), "indexPairs must be pairs of one of 1 inputs"),

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, TaichisoftError
+from taichisoft.meshes.surface_files import write_stl
 from taichisoft.scenes.file import scene_from_dict
 
 STEP, MASS = 0.01, 0.05
@@ -109,3 +110,70 @@ def test_tables_that_make_no_sense(changes: dict[str, Any], message: str) -> Non
 def test_a_carried_body_has_no_mass_to_vary() -> None:
     with pytest.raises(SceneError, match="'palm' follows the frame 'base' and has no mass"):
         tray().model.varied(masses={"palm": 1.0})
+
+
+def test_a_driven_sheet_without_thickness_pushes_a_soft_block_in_first_order(block: Any, tmp_path: Any) -> None:
+    """An open surface is a body that follows: in first order dynamics it moves a free block at its own speed."""
+    sheet = tmp_path / "sheet.stl"
+    write_stl(np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]), np.array([[0, 1, 2], [0, 2, 3]]), sheet)
+    table = {"mesh": block((1, 1, 1), (10.0, 10.0, 10.0)), "mass": 0.01, "young_modulus": 100.0, "poisson_ratio": 0.3}
+    scene = {
+        "gravity": [0.0, 0.0, 0.0],
+        "time": {"step": STEP, "dynamics": "first order"},
+        "contact": {"friction": 0.5, "contact_distance": 0.2, "alarm_distance": 2.0},
+        "soft_bodies": {"block": {**table, "translation": [0.0, 0.0, 5.2]}},
+        "frames": {"lift": {}},
+        "rigid_bodies": {"sheet": {"surface": str(sheet), "follows": "lift"}},
+    }
+    simulation = Simulation(scene_from_dict(scene))
+    lowest = simulation.state.position[:, 2].min()
+    for number in range(20):
+        simulation.step(Control(frame_translation={"lift": np.array([0.0, 0.0, 0.1 * (number + 1)])}))
+    moved = simulation.state.position[:, 2].min() - lowest
+    gap = simulation.state.position[:, 2].min() - 2.0
+    assert moved == pytest.approx(2.0, abs=0.21)  # but for the distance at which contact begins
+    assert gap == pytest.approx(0.2, abs=1e-6)
+
+
+def test_springs_hold_a_rigid_body_as_implicit_euler_has_them(figures: Figures) -> None:
+    """m x'' = -k x - b k x' + m g and J q'' = -c q - b c q': each step is that of implicit Euler, to round-off.
+
+    v1 = (m v0 + h (m g - k (x0 - a))) / (m + h (h + b) k), x1 = x0 + h v1, about a frame at a that moves; a turn about
+    a principal axis alike. At rest the body hangs m g / k below the frame.
+    """
+    springs = {"stiffness": 300.0, "angular_stiffness": 9000.0, "rayleigh_stiffness": 0.02, "follows": "lift"}
+    body = {"box": [20.0, 30.0, 40.0], "mass": MASS, "position": [1.0, 2.0, 3.0], "angular_velocity": [0.0, 0.0, 4.0]}
+    scene = {"time": {"step": STEP}, "frames": {"lift": {}}, "rigid_bodies": {"box": {**body, "springs": springs}}}
+    simulation = Simulation(scene_from_dict(scene))
+    inertia, lag = MASS * (20.0**2 + 30.0**2) / 12, STEP * (STEP + 0.02)
+    height, speed, angle, turning, worst = 3.0, 0.0, 0.0, 4.0, 0.0
+    for number in range(40):
+        aim = 3.0 + 0.2 * min(number, 10)
+        simulation.step(Control(frame_translation={"lift": np.array([0.0, 0.0, aim - 3.0])}))
+        speed = (MASS * speed - STEP * (WEIGHT + 300.0 * (height - aim))) / (MASS + lag * 300.0)
+        turning = (inertia * turning - STEP * 9000.0 * angle) / (inertia + lag * 9000.0)
+        height, angle = height + STEP * speed, angle + STEP * turning
+        half = simulation.state.rigid_rotation[0, 3]
+        worst = max(worst, abs(simulation.state.rigid_position[0, 2] - height), abs(2.0 * np.arcsin(half) - angle))
+    figures.at_most("place [mm] and angle [rad] against implicit Euler's", worst, 1e-11)
+    for _ in range(400):
+        simulation.step()
+    assert simulation.state.rigid_position[0, 2] == pytest.approx(5.0 - WEIGHT / 300.0, abs=1e-9)
+
+
+def test_springs_lead_to_a_frame_that_exists() -> None:
+    body = {"box": [1.0, 1.0, 1.0], "mass": MASS, "springs": {"stiffness": 1.0, "follows": "lfit"}}
+    with pytest.raises(SceneError, match=r"rigid_bodies\.box\.springs\.follows is 'lfit', which is not a frame"):
+        scene_from_dict({"rigid_bodies": {"box": body}})
+
+
+def test_what_follows_a_frame_need_not_be_a_solid(tmp_path: Any) -> None:
+    """A flat closed surface, which no free body can have, is one that follows a frame."""
+    corners, both = np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2], [0, 2, 1]])
+    write_stl(corners, both, tmp_path / "flat.stl")
+    body = {"surface": str(tmp_path / "flat.stl"), "collides": False}
+    simulation = Simulation(scene_from_dict({"rigid_bodies": {"flat": {**body, "follows": "base"}}}))
+    simulation.step(Control(base_translation=np.array([1.0, 2.0, 3.0])))
+    assert simulation.state.rigid_position[0] == pytest.approx([1.0, 2.0, 3.0])
+    with pytest.raises(TaichisoftError, match="encloses no volume"):
+        Simulation(scene_from_dict({"rigid_bodies": {"flat": {**body, "mass": MASS}}}))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blocks import make_block
+from blocks import block_hexahedra, make_block
 from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +14,8 @@ from scenes import advance, silicone, simulate, soft_momentum
 from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies.elasticity import ElasticSystem, internal_force
+from taichisoft.bodies.hexahedral_domains import hexahedral_masses
+from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
 from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
@@ -21,7 +23,7 @@ from taichisoft.model import Model
 
 SIZE = (30.0, 20.0, 10.0)
 ELEMENTS = ("linear", "smoothed", "quadratic")
-KINDS = (*ELEMENTS, "curved")
+KINDS = (*ELEMENTS, "curved", "hexahedral")
 """The curved ones are quadratic, with the sides inside the block bent."""
 YOUNG, POISSON = 500.0, 0.3
 
@@ -53,9 +55,20 @@ def _curved(mesh: str) -> str:
     return str(path)
 
 
+def _of_hexahedra(mesh: str) -> str:
+    """A file with the same nodes, and the 27 boxes that the tetrahedra divide."""
+    import meshio
+
+    path, nodes = Path(mesh).with_name("hexahedra.vtk"), read_volume_mesh(mesh).nodes
+    meshio.write(path, meshio.Mesh(nodes, [("hexahedron", block_hexahedra((3, 3, 3)))]), binary=False)
+    return str(path)
+
+
 def _model(mesh: str, kind: str, **changes: Any) -> Model:
     if kind == "curved":
         mesh, kind = _curved(mesh), "quadratic"
+    if kind == "hexahedral":
+        mesh = _of_hexahedra(mesh)
     body = silicone(mesh, element=kind, corotation="polar", **changes)
     return simulate(soft_bodies={"block": body}).model
 
@@ -202,3 +215,40 @@ def test_momentum_and_spin_stay(irregular: str, kind: str) -> None:
         largest = max(largest, np.abs(part).sum())
         assert np.abs(soft_momentum(simulation)).max() < 1e-10
         assert np.abs(part.sum(axis=0)).max() < 0.01 * largest
+
+
+def test_meshes_that_cannot_be_hexahedral(irregular: str, tmp_path: Path) -> None:
+    """Tetrahedra, hexahedra beside tetrahedra, and neighbours whose nodes are numbered from different corners."""
+    import meshio
+
+    nodes, boxes = read_volume_mesh(irregular).nodes, block_hexahedra((3, 3, 3))
+    turned = boxes.copy()
+    turned[4] = turned[4][[1, 2, 3, 0, 5, 6, 7, 4]]
+    tetrahedron = ("tetra", boxes[:1, [0, 1, 3, 4]])
+    with pytest.raises(MeshError, match=r"has other cells than hexahedra, with soft_bodies\.block\.element"):
+        simulate(soft_bodies={"block": silicone(irregular, element="hexahedral")})
+    for name, cells, message in (
+        ("mixed", [("hexahedron", boxes[1:]), tetrahedron], r"cells that are no tetrahedra \(26 of hexahedron\)"),
+        ("turned", [("hexahedron", turned)], "divided along different diagonals of their faces"),
+        ("outside", [("hexahedron", boxes + 60)], r"has a node index outside 0\.\.63"),
+    ):
+        path = tmp_path / f"{name}.vtk"
+        meshio.write(path, meshio.Mesh(nodes, cells), binary=False)
+        with pytest.raises(MeshError, match=message):
+            read_volume_mesh(path)
+
+
+def test_a_hexahedron_has_the_material_of_most_of_its_parts(tmp_path: Path) -> None:
+    """A region that cuts through hexahedra takes those whole of which it has more than half; masses are row sums."""
+    import meshio
+
+    mesh, path = make_block((4, 2, 2), (40.0, 20.0, 20.0)), tmp_path / "block.vtk"
+    meshio.write(path, meshio.Mesh(mesh.nodes, [("hexahedron", block_hexahedra((4, 2, 2)))]), binary=False)
+    regions = [{"box": [[-1.0, -99, -99], [99, 99, 99]], "young_modulus": 50.0}]
+    body = silicone(str(path), element="hexahedral", density=1e-6, regions=regions)
+    (made,) = simulate(soft_bodies={"block": body}).model.soft_bodies
+    assert (made.material.reshape(-1, 6) == made.material[::6, None]).all()
+    assert made.material[::6].tolist() == [0] * 8 + [1] * 8
+    assert made.node_mass == pytest.approx(hexahedral_masses(made.rest_position, made.elements, 1e-6))
+    corners = (np.abs(made.rest_position) == [20, 10, 10]).all(axis=1)
+    assert made.node_mass[corners] == pytest.approx(1e-6 * 1000 / 8)

@@ -31,7 +31,7 @@ class AnchorTarget(Protocol):
 
 
 @dataclass(frozen=True)
-class FrameTarget:
+class DrivenFrameTarget:
     """Points that a driven frame carries: mechanical object and index of it, and their places in its axes [mm]."""
 
     state: "Component"
@@ -39,7 +39,7 @@ class FrameTarget:
     local: np.ndarray
 
     @classmethod
-    def carrying(cls, state: "Component", index: int, places: np.ndarray) -> "FrameTarget":
+    def carrying(cls, state: "Component", index: int, places: np.ndarray) -> "DrivenFrameTarget":
         """The target of points at these places at the start [mm], shape (count, 3)."""
         frame = FramePoses(start_values).of(state)[[index]]
         return cls(state, index, relative(np.repeat(frame, len(places), axis=0), places))
@@ -67,6 +67,10 @@ class PointsTarget:
     def sources(self) -> "Sequence[Component]":
         """The mechanical object."""
         return [self.state]
+
+    def frame_of(self, row: int) -> "tuple[Component, int]":
+        """The mechanical object, and the index in it of a point or frame."""
+        return self.state, int(self.indices[row])
 
 
 @dataclass(frozen=True)

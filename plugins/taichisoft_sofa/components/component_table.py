@@ -9,6 +9,7 @@ from taichisoft_sofa.components import (
     joints,
     selections,
     spheres,
+    springs,
     visuals,
 )
 from taichisoft_sofa.components.draft import SceneDraft
@@ -46,6 +47,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "FreeMotionAnimationLoop": dynamics.animation_loop,
     "DefaultAnimationLoop": dynamics.animation_loop,
     "EulerImplicitSolver": dynamics.time_integration,
+    "StaticSolver": dynamics.time_integration,
     **dict.fromkeys(
         (
             "SparseLDLSolver",
@@ -104,6 +106,7 @@ UNDERSTOOD: dict[str, Contribution] = {
             "PointSetTopologyContainer",
             "HexahedronSetTopologyContainer",
             "RegularGridTopology",
+            "SparseGridTopology",
             "Tetra2TriangleTopologicalMapping",
             "Hexa2TetraTopologicalMapping",
             "Hexa2QuadTopologicalMapping",
@@ -112,11 +115,15 @@ UNDERSTOOD: dict[str, Contribution] = {
             "RigidMapping",
             "IdentityMapping",
             "SkinningMapping",
+            "SubsetMapping",
             "ArticulatedHierarchyContainer",
             "ArticulationCenter",
             "Articulation",
         ),
         _is_read,
+    ),
+    **dict.fromkeys(
+        ("TransformEngine", "IndexValueMapper", "ValuesFromIndices", "PointsFromIndices", "MergeSets"), _is_read
     ),
     "SubsetMultiMapping": joints.subset_mapping,
     "ArticulatedSystemMapping": joints.articulated_mapping,
@@ -130,10 +137,16 @@ UNDERSTOOD: dict[str, Contribution] = {
     "TetrahedronFEMForceField": dynamics.tetrahedron_elasticity,
     "FastTetrahedralCorotationalForceField": dynamics.tetrahedron_elasticity,
     "TetrahedralCorotationalFEMForceField": dynamics.tetrahedron_elasticity,
+    "HexahedronFEMForceField": dynamics.hexahedron_elasticity,
+    "ParallelHexahedronFEMForceField": dynamics.hexahedron_elasticity,
     "TetrahedronHyperelasticityFEMForceField": dynamics.hyperelasticity,
     "RestShapeSpringsForceField": dynamics.rest_shape_springs,
     "FixedProjectiveConstraint": dynamics.fixed_points,
     "PartialFixedProjectiveConstraint": dynamics.fixed_points,
+    "StiffSpringForceField": springs.single_springs,
+    "SpringForceField": springs.single_springs,
+    "MeshSpringForceField": springs.mesh_springs,
+    "PlaneForceField": contact_components.penalty_plane,
     "ConstantForceField": dynamics.constant_forces,
     "LinearMovementProjectiveConstraint": dynamics.prescribed_motion,
     # contact

@@ -7,6 +7,13 @@ from typing import Any
 import numpy as np
 
 from taichisoft_sofa.components import other_data as other_data  # declares the kinds of computed data
+from taichisoft_sofa.components.data_engines import (
+    chosen_points,
+    chosen_values,
+    mapped_values,
+    merged_set,
+    transformed_points,
+)
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
 from taichisoft_sofa.components.loaders import (
     CORNERS,
@@ -25,9 +32,10 @@ from taichisoft_sofa.components.selections import (
     engine_points,
     point_indices,
 )
+from taichisoft_sofa.components.sparse_grids import SPARSE, sparse_cells, sparse_position
 from taichisoft_sofa.components.states import WIDTHS, start_position, width_of
 from taichisoft_sofa.tree.component import COMPUTED, Component
-from taichisoft_sofa.tree.value_kinds import ANY, INDICES, ValueKind, declare, index_rows, vectors
+from taichisoft_sofa.tree.value_kinds import ANY, INDICES, VECTOR, ValueKind, declare, index_rows, vectors
 
 ENGINES = ("BoxROI", "SphereROI")
 
@@ -76,7 +84,8 @@ def _cells(function: Callable[..., np.ndarray]) -> dict[str, tuple[Any, Callable
 for _loader in LOADERS:
     _declare(_loader, {"position": (vectors(3), loader_position), **_cells(_loader_cells)})
 _declare(GRID, {"position": (vectors(3), grid_position), **_cells(grid_cells)})
-for _container in TOPOLOGIES - {GRID}:
+_declare(SPARSE, {"position": (vectors(3), sparse_position), **_cells(sparse_cells)})
+for _container in TOPOLOGIES - {GRID, SPARSE}:
     _declare(_container, {"position": (vectors(3), container_position), **_cells(container_cells)})
 for _engine in ENGINES:
     _declare(
@@ -89,6 +98,11 @@ for _engine in ENGINES:
             **{name: (index_rows(CORNERS[kind]), partial(cells_in, kind=kind)) for name, kind in CELLS_IN.items()},
         },
     )
+_declare("TransformEngine", {"output_position": (vectors(3), transformed_points)})
+_declare("IndexValueMapper", {"outputValues": (VECTOR, mapped_values)})
+_declare("ValuesFromIndices", {"out": (VECTOR, chosen_values)})
+_declare("PointsFromIndices", {"indices_position": (vectors(3), chosen_points)})
+_declare("MergeSets", {"out": (INDICES, merged_set)})
 _declare(
     STATE,
     {

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.draft import DraftSurface
+from taichisoft_sofa.components.draft import DraftPlane, DraftSurface
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
-from taichisoft_sofa.components.typed_values import computed, described, flag, number, numbers, text
+from taichisoft_sofa.components.typed_values import computed, described, flag, number, numbers, text, vector
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
 
 if TYPE_CHECKING:
@@ -62,9 +62,27 @@ def distances_of(distance: "Component") -> tuple[float, float]:
     return number(distance, "alarmDistance", default=1.0), number(distance, "contactDistance", default=0.5)
 
 
+def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
+    """Translate a plane that pushes the points of a body out of what is behind it."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    normal = vector(component, "normal", "planeNormal", default=(0.0, 1.0, 0.0))
+    length = float(np.linalg.norm(normal))
+    if length == 0.0:
+        draft.refuse(component, "normal = 0 0 0 has no direction")
+        return
+    if flag(component, "bilateral", False):
+        draft.refuse(component, "bilateral = true; planes push from one side here")
+        return
+    draft.planes.append(
+        DraftPlane(component, body, normal / length, number(component, "d", "planeD", default=0.0) / length)
+    )
+
+
 def collision_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate a collision model; all models of a node are one surface."""
-    body = draft.body_of(component)
+    body = draft.carrier_of(component)
     if body is None:
         return
     path = node_of(component).getPathName()

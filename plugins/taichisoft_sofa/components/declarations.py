@@ -1,6 +1,7 @@
 """Declarations of the data that are read: kinds, SOFA's defaults, and valid ranges."""
 
 from taichisoft_sofa.components import older_names as older_names  # declared under the present names
+from taichisoft_sofa.components.graph import STATE, nearest, node_of
 from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.components.typed_values import text
 from taichisoft_sofa.tree.bounds import ABOVE_0, FINITE, FROM_0, LIMIT, LIMIT_FROM_0, RATIO
@@ -32,8 +33,10 @@ def _derivatives(state: Component) -> ValueKind:
 
 
 def _forces(component: Component) -> ValueKind:
-    """Forces on points, or with torques on the frames of a template Rigid3."""
-    return vectors(6 if text(component, "template").startswith("Rigid") else 3)
+    """Forces on points, or with torques on frames."""
+    state = nearest(node_of(component), {STATE}) if component.getContext() is not None else None
+    rigid = text(component, "template").startswith("Rigid") or (state is not None and is_rigid(state))
+    return vectors(6 if rigid else 3)
 
 
 declare(
@@ -119,6 +122,7 @@ for _mapping in ("BarycentricMapping", "RigidMapping", "IdentityMapping", "Subse
     declare(_mapping, **LINKS)
 declare("RigidMapping", index=INTEGER, rigidIndexPerPoint=(INDICES, (), FROM_0), globalToLocalCoords=BOOL)
 declare("SubsetMultiMapping", indexPairs=INDICES)
+declare("SubsetMapping", **LINKS, indices=(INDICES, (), FROM_0))
 declare("SkinningMapping", nbRef=INDICES, indices=INDICES, weight=VECTOR)
 declare("ArticulatedSystemMapping", **LINKS, indexInput2=INTEGER)
 declare("ArticulatedHierarchyContainer", filename=TEXT)
@@ -144,6 +148,42 @@ declare(
     **{f"{axis}{end}": (SCALAR, value) for axis in "xyz" for end, value in (("min", 0.0), ("max", 1.0))},
 )
 
+declare(
+    "SparseGridTopology",
+    n=(INDICES, (2, 2, 2), ABOVE_0),
+    min=fixed(3),
+    max=fixed(3),
+    cellWidth=(SCALAR, 0.0, FROM_0),
+    **{f"n{axis}": (INTEGER, 2, ABOVE_0) for axis in "xyz"},
+    filename=TEXT,
+    fileTopology=TEXT,
+    src=TEXT,
+    scale=(SCALAR, 1.0),
+    scale3d=(fixed(3), (1.0, 1.0, 1.0)),
+    rotation=fixed(3),
+    translation=fixed(3),
+    vertices=vectors(3),
+)
+
+declare(
+    "TransformEngine",
+    input_position=vectors(3),
+    translation=fixed(3),
+    rotation=VECTOR,
+    scale=(fixed(3), (1.0, 1.0, 1.0)),
+    inverse=BOOL,
+)
+declare(
+    "IndexValueMapper",
+    inputValues=VECTOR,
+    indices=(INDICES, (), FROM_0),
+    value=SCALAR,
+    defaultValue=(SCALAR, 1.0),
+)
+declare("ValuesFromIndices", indices=(INDICES, (), FROM_0), **{"in": VECTOR})
+declare("PointsFromIndices", position=vectors(3), indices=(INDICES, (), FROM_0))
+declare("MergeSets", in1=INDICES, in2=INDICES, op=(TEXT, "union"))
+
 # time and systems of equations
 
 declare(
@@ -153,6 +193,7 @@ declare(
     firstOrder=BOOL,
     trapezoidalScheme=BOOL,
 )
+declare("StaticSolver", newton_iterations=INTEGER)
 declare("CGLinearSolver", threshold=(SCALAR, 1e-5, FROM_0))
 
 # masses, elasticity, supports
@@ -170,6 +211,8 @@ for _field in (
     "TetrahedronFEMForceField",
     "FastTetrahedralCorotationalForceField",
     "TetrahedralCorotationalFEMForceField",
+    "HexahedronFEMForceField",
+    "ParallelHexahedronFEMForceField",
 ):
     declare(
         _field,
@@ -185,6 +228,7 @@ declare(
     points=(INDICES, (), FROM_0),
     indices=(INDICES, (), FROM_0),
     stiffness=(VECTOR, (), FROM_0),
+    angularStiffness=(VECTOR, (), FROM_0),
     external_rest_shape=LINK,
     external_points=(INDICES, (), FROM_0),
 )
@@ -196,6 +240,43 @@ for _support in ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"
         fixedDirections=(BOOLS, (True, True, True)),
     )
 
+for _springs in ("StiffSpringForceField", "SpringForceField"):
+    declare(
+        _springs,
+        object1=LINK,
+        object2=LINK,
+        spring=VECTOR,
+        springs=VECTOR,
+        indices1=(INDICES, (), FROM_0),
+        indices2=(INDICES, (), FROM_0),
+        lengths=(VECTOR, (), FROM_0),
+        length=(VECTOR, (), FROM_0),
+        stiffness=(VECTOR, (100.0,), FROM_0),
+        damping=(VECTOR, (5.0,), FROM_0),
+    )
+declare(
+    "MeshSpringForceField",
+    object1=LINK,
+    object2=LINK,
+    topology=LINK,
+    noCompression=BOOL,
+    **{
+        f"{cells}{what}": (SCALAR, 0.0, FROM_0)
+        for cells in ("lines", "triangles", "quads", "tetrahedra", "tetras", "cubes")
+        for what in ("Stiffness", "Damping")
+    },
+    stiffness=(SCALAR, 0.0, FROM_0),
+    damping=(SCALAR, 0.0, FROM_0),
+)
+declare(
+    "PlaneForceField",
+    normal=(fixed(3), (0.0, 1.0, 0.0)),
+    planeNormal=(fixed(3), (0.0, 1.0, 0.0)),
+    d=SCALAR,
+    planeD=SCALAR,
+    bilateral=BOOL,
+    stiffness=(SCALAR, 500.0, FROM_0),
+)
 declare(
     "ConstantForceField",
     indices=(INDICES, (), FROM_0),
@@ -283,7 +364,7 @@ declare(
 # appearance
 
 for _shown in ("OglModel", "VisualModel", "BackgroundSetting"):
-    declare(_shown, color=ANY)
+    declare(_shown, color=ANY, filename=TEXT, fileMesh=TEXT)
 declare("OglSceneFrame", draw=(BOOL, True))
 for _camera in ("Camera", "InteractiveCamera"):
     declare(_camera, position=fixed(3), lookAt=fixed(3))

@@ -1,10 +1,12 @@
 """Draft of a scene: data of its components by body, gathered before a native scene is made."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft_sofa.components.frames import frame_carrying, local_position
 from taichisoft_sofa.components.graph import (
     STATE,
     in_node,
@@ -35,6 +37,8 @@ class DraftMaterial:
         poisson_ratio: Poisson's ratios [-], shape (count,).
         corotation: "edges" or "polar".
         law: the native law of elasticity.
+        coefficients: of a law that takes more than Young's modulus.
+        element: the native kind of element.
     """
 
     component: "Component"
@@ -43,6 +47,8 @@ class DraftMaterial:
     poisson_ratio: np.ndarray
     corotation: str
     law: str = "hooke"
+    coefficients: Mapping[str, float] = field(default_factory=dict)
+    element: str = "linear"
 
 
 @dataclass(frozen=True)
@@ -104,6 +110,7 @@ class DraftSurface:
         triangles: point indices, shape (count, 3).
         groups: collision groups.
         self_collision: whether the surface may touch itself.
+        is_carried: whether it is that of a rigid part.
         spheres: centres and radii of the spheres that the triangles stand for [mm], shape (count, 4).
     """
 
@@ -112,6 +119,7 @@ class DraftSurface:
     triangles: np.ndarray
     groups: frozenset[int]
     self_collision: bool
+    is_carried: bool = False
     spheres: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
 
@@ -133,6 +141,27 @@ class DraftCable:
     places: list[Any]
 
 
+@dataclass(frozen=True)
+class DraftSpring:
+    """A spring between two points.
+
+    Attributes:
+        component: the force field.
+        ends: mechanical objects of the two points.
+        points: indices of the points in them.
+        modulus: force by relative stretch [mN], over the distance at the start.
+        pull: by how much the spring at rest is shorter than the distance at the start [mm].
+        pushes: whether it resists compression, too.
+    """
+
+    component: "Component"
+    ends: "tuple[Component, Component]"
+    points: tuple[int, int]
+    modulus: float
+    pull: float
+    pushes: bool
+
+
 @dataclass
 class DraftJoint:
     """The angles of a mechanical object of Vec1, held by springs.
@@ -151,6 +180,25 @@ class DraftJoint:
 
 
 @dataclass
+class DraftFrame:
+    """A frame that follows others, with what it carries.
+
+    Attributes:
+        state: mechanical object of the frame.
+        index: index of the frame in it.
+        surfaces: collision surfaces by the path of their node, in the axes of the frame.
+        colours: colours of its visual models.
+        shapes: points in the axes of the frame [mm] and triangles of its visual models.
+    """
+
+    state: "Component"
+    index: int
+    surfaces: dict[str, DraftSurface] = field(default_factory=dict)
+    colours: list[str] = field(default_factory=list)
+    shapes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+
+
+@dataclass
 class DraftBody:
     """All data of one independent mechanical object.
 
@@ -159,6 +207,7 @@ class DraftBody:
         position: initial points [mm] or poses, shape (count, 3) or (count, 7).
         surfaces: collision surfaces by the path of their node.
         colours: colours of its visual models, "#rrggbb".
+        shapes: points [mm] and triangles of the visual models of a rigid body, in its axes.
     """
 
     state: "Component"
@@ -171,6 +220,7 @@ class DraftBody:
     cavities: list[DraftCavity] = field(default_factory=list)
     cables: list[DraftCable] = field(default_factory=list)
     colours: list[str] = field(default_factory=list)
+    shapes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
 
     @property
     def node(self) -> "Node":
@@ -183,6 +233,16 @@ class DraftBody:
         return is_rigid(self.state)
 
 
+@dataclass(frozen=True)
+class DraftPlane:
+    """A plane that pushes a body: its component, the body, its unit normal, and its distance from the origin [mm]."""
+
+    component: "Component"
+    body: DraftBody
+    normal: np.ndarray
+    offset: float
+
+
 @dataclass
 class SceneDraft:
     """Data gathered from the components of a scene, in the order of the tree.
@@ -192,14 +252,17 @@ class SceneDraft:
         effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in first order
             the same.
         bodies: one body per independent mechanical object, by the identity of the component.
+        frames: frames that follow others, by the identity of their mechanical object and their index.
         joints: angles by the identity of their mechanical object.
+        springs: springs between points.
+        planes: planes that push bodies.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.
         corrections: constraint corrections by node.
         pipeline: components of the contact pipeline, by role.
-        sprung: frames of soft bodies that follow `rest_position`.
+        sprung: frames that follow `rest_position`.
         own_groups: number of collision groups that the translation adds to those of the scene.
-        guides: mechanical objects to which springs lead, with the springs of each.
+        visuals: visual models.
         inverse: components of the inverse solver.
         free_motion: whether the animation loop solves constraints.
         appearance: entries of the native table `appearance`.
@@ -210,14 +273,17 @@ class SceneDraft:
     exact: bool = False
     effort_of_value: float = 1.0
     bodies: dict[int, DraftBody] = field(default_factory=dict)
+    frames: dict[tuple[int, int], DraftFrame] = field(default_factory=dict)
     joints: dict[int, DraftJoint] = field(default_factory=dict)
+    planes: list[DraftPlane] = field(default_factory=list)
+    springs: list[DraftSpring] = field(default_factory=list)
     solvers: dict[int, "Component"] = field(default_factory=dict)
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
     pipeline: dict[str, "Component"] = field(default_factory=dict)
     sprung: dict["Component", None] = field(default_factory=dict)
     own_groups: int = 0
-    guides: list[tuple["Component", "Component"]] = field(default_factory=list)
+    visuals: list["Component"] = field(default_factory=list)
     inverse: list["Component"] = field(default_factory=list)
     free_motion: bool = False
     appearance: dict[str, Any] = field(default_factory=dict)
@@ -247,6 +313,18 @@ class SceneDraft:
             self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
 
+    def carrier_of(self, component: "Component") -> DraftBody | DraftFrame | None:
+        """The body, or the frame that follows others, on which a surface or visual model is; None if refused.
+
+        Raises:
+            SceneError: it hangs on several frames.
+        """
+        state = independent_state(node_of(component))
+        if state is None or not (is_assembled(state) and is_rigid(state)):
+            return self.body_of(component)
+        found = frame_carrying(component)
+        return None if found is None else self.frames.setdefault((id(found[0]), found[1]), DraftFrame(*found))
+
     def joint_of(self, component: "Component") -> DraftJoint | None:
         """The angles on which a component acts, or None if it acts on something else."""
         state = nearest(node_of(component), {STATE})
@@ -259,7 +337,7 @@ class SceneDraft:
         state = in_node(node_of(component), {STATE})
         if state is None:
             state = independent_state(node_of(component))
-        return np.zeros((0, 3)) if state is None else start_position(state)[:, :3]
+        return np.zeros((0, 3)) if state is None else local_position(state)[:, :3]
 
     def has_points(self, component: "Component", named: np.ndarray, count: int) -> bool:
         """Whether all indices of a component are valid; otherwise the component is refused.

@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.errors import SceneError
+from taichisoft.errors import MeshError, SceneError
+from taichisoft.meshes import divided_hexahedra
 from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
+from taichisoft_sofa.components.hyperelastic_energies import MATERIALS
 from taichisoft_sofa.components.joints import hold_joint, weigh_joint
 from taichisoft_sofa.components.regular_grids import divided, hexahedra_of
 from taichisoft_sofa.components.states import start_position
@@ -24,8 +26,8 @@ HELD = 1e12
 SPRING = 100.0
 """SOFA's default stiffness of rest shape springs [mN/mm]."""
 ENGINES = {"BoxROI", "SphereROI"}
-HYPERELASTIC = {"StVenantKirchhoff": "hooke", "NeoHookean": "neo-hookean"}
-"""Native laws, by SOFA's names."""
+EQUAL = 0.01
+"""Difference of two laws that is not worth a line [%]."""
 COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "polar", "svd": "polar"}
 
 
@@ -35,7 +37,7 @@ def animation_loop(component: Component, draft: "SceneDraft") -> None:
 
 
 def time_integration(component: Component, draft: "SceneDraft") -> None:
-    """Translate implicit Euler with Rayleigh damping, for the bodies in its node and below."""
+    """Translate implicit Euler with Rayleigh damping, or equilibrium, for the bodies in its node and below."""
     draft.solvers[id(node_of(component))] = component
     if flag(component, "trapezoidalScheme", False):
         draft.refuse(component, "trapezoidalScheme; only the implicit Euler method is there")
@@ -116,13 +118,13 @@ def young_modulus(component: Component, count: int) -> np.ndarray:
     Raises:
         SceneError: the data is neither one number nor one per tetrahedron.
     """
-    return _of_tetrahedra(component, "youngModulus", 5000.0, count)
+    return _of_cells(component, "youngModulus", 5000.0, count)
 
 
-def _of_tetrahedra(component: Component, name: str, default: float, count: int) -> np.ndarray:
+def _of_cells(component: Component, name: str, default: float, count: int, cells: str = "tetrahedra") -> np.ndarray:
     values = numbers(component, name, default=[default])
     if len(values) not in (1, count):
-        raise SceneError(f"{described(component)}: {name} has {len(values)} numbers for {count} tetrahedra")
+        raise SceneError(f"{described(component)}: {name} has {len(values)} numbers for {count} {cells}")
     return np.broadcast_to(values, count)
 
 
@@ -139,8 +141,40 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     count = len(tetrahedra)
     if not count or not draft.has_points(component, tetrahedra, len(body.position)):
         return
-    young, poisson = young_modulus(component, count), _of_tetrahedra(component, "poissonRatio", 0.45, count)
+    young, poisson = young_modulus(component, count), _of_cells(component, "poissonRatio", 0.45, count)
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, COROTATIONS[method]))
+
+
+def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
+    """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    link = text(component, "topology")
+    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_hexahedra)
+    hexahedra = hexahedra_of(topology)[0] if topology is not None else np.zeros((0, 8), dtype=np.int64)
+    if not len(hexahedra):
+        draft.refuse(component, "finds no hexahedra in a topology of its node or above")
+        return
+    if not draft.has_points(component, hexahedra, len(body.position)):
+        return
+    try:
+        tetrahedra = divided_hexahedra(body.position, hexahedra, described(component))
+    except MeshError as error:
+        raise SceneError(str(error)) from error
+    young, poisson = (
+        np.repeat(_of_cells(component, name, default, len(hexahedra), "hexahedra"), 6)
+        for name, default in (("youngModulus", 5000.0), ("poissonRatio", 0.45))
+    )
+    draft.depart(
+        f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
+        "in SOFA it turns on the whole"
+    )
+    body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, "polar", element="hexahedral"))
+
+
+def _has_hexahedra(topology: Component) -> bool:
+    return len(hexahedra_of(topology)[0]) > 0
 
 
 def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
@@ -148,29 +182,34 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    material, values = text(component, "materialName"), numbers(component, "ParameterSet")
-    if material not in HYPERELASTIC:
-        draft.refuse(component, f"materialName '{material}'; known are: {', '.join(HYPERELASTIC)}")
+    name, values = text(component, "materialName"), numbers(component, "ParameterSet")
+    if name not in MATERIALS:
+        draft.refuse(component, f"materialName '{name}'; known are: {', '.join(MATERIALS)}")
         return
-    if len(values) != 2 or values[0] <= 0.0:
-        draft.refuse(component, f"ParameterSet = {values.tolist()}; {material} has two, of which the first is positive")
+    count, make = MATERIALS[name]
+    if len(values) != count:
+        draft.refuse(component, f"ParameterSet = {values.tolist()}; {name} has {count} parameters")
         return
-    # The second parameter is Lame's lambda, or the bulk modulus.
-    shear = values[0]
-    dilation = values[1] if material == "StVenantKirchhoff" else values[1] - 2.0 * shear / 3.0
-    ratio = dilation / (2.0 * (dilation + shear))
-    if not -1.0 < ratio < 0.5:
-        draft.refuse(component, f"ParameterSet = {values.tolist()} makes a Poisson's ratio of {ratio:.3g}")
+    made = make(*values.tolist())
+    if not -1.0 < made.ratio < 0.5:
+        draft.refuse(
+            component,
+            f"ParameterSet = {values.tolist()} makes a shear modulus of {made.shear:.3g} kPa, and a Poisson's ratio of "
+            f"{made.ratio:.3g}",
+        )
         return
     tetrahedra = _tetrahedra_of(component, draft)
     if not len(tetrahedra) or not draft.has_points(component, tetrahedra, len(body.position)):
         return
-    draft.depart(
-        f"{component.getPathName()}: {material} is the law '{HYPERELASTIC[material]}' of the same moduli at rest; its "
-        "energy differs for large strains"
-    )
-    young, poisson = np.full(len(tetrahedra), 2.0 * (1.0 + ratio) * shear), np.full(len(tetrahedra), ratio)
-    body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, "polar", HYPERELASTIC[material]))
+    more = 100.0 * (made.pull_ratio() - 1.0)
+    if abs(more) > EQUAL:
+        draft.depart(
+            f"{component.getPathName()}: {name} is the law '{made.law}' of the same moduli at rest; SOFA's pulls by "
+            f"{abs(more):.1f} % {'more' if more > 0.0 else 'less'} where a bar is stretched by 30 %"
+        )
+    ratio, each = made.ratio, np.ones(len(tetrahedra))
+    moduli = (each * 2.0 * (1.0 + ratio) * made.shear, each * ratio)
+    body.materials.append(DraftMaterial(component, tetrahedra, *moduli, "polar", made.law, made.coefficients))
 
 
 def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
@@ -192,10 +231,7 @@ def _has_tetrahedra(topology: Component) -> bool:
 
 
 def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
-    """Translate springs from points to their rest positions; without indices, from all points.
-
-    Springs of a joint hold its angle.
-    """
+    """Translate springs from points, or all of them, to rest positions or others; those of a joint hold its angle."""
     if (joint := draft.joint_of(component)) is not None:
         hold_joint(component, joint)
         return
@@ -213,8 +249,6 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     # As in SOFA: the first stiffness holds for all points unless there is one per point.
     each = stiffness if len(stiffness) == len(chosen) else np.full(len(chosen), stiffness[0])
     external = _external_points(component, chosen)
-    if external is not None:
-        draft.guides.append((external.state, component))
     for value in np.unique(each):
         target = None if external is None else replace(external, indices=external.indices[each == value])
         own = DraftAnchor(component, chosen[each == value], float(value), follows_rest=target is None, target=target)
@@ -249,25 +283,26 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    if body.rigid:
-        draft.refuse(component, "acts on a rigid body; constant forces act on the points of soft bodies here")
-        return
+    width = 6 if body.rigid else 3
     points = numbers(component, "indices", "points").astype(np.int64)
     points = points if len(points) else np.arange(len(body.position))
     if not draft.has_points(component, points, len(body.position)):
         return
     if is_given(component, "totalForce"):
-        each = numbers(component, "totalForce").reshape(-1, 3)[:1] / max(len(points), 1)
+        each = numbers(component, "totalForce").reshape(-1, width)[:1] / max(len(points), 1)
     elif is_given(component, "forces"):
-        each = numbers(component, "forces").reshape(-1, 3)
+        each = numbers(component, "forces").reshape(-1, width)
     else:
-        each = numbers(component, "force", default=(0.0, 0.0, 0.0)).reshape(-1, 3)[:1]
+        each = numbers(component, "force", default=(0.0,) * width).reshape(-1, width)[:1]
     if not len(each):
         draft.refuse(component, "has no force; give force, forces or totalForce")
         return
     # As in SOFA: points beyond the list have its last force.
     forces = each[np.minimum(np.arange(len(points)), len(each) - 1)]
-    body.forces.append(DraftForces(component, points, forces))
+    if forces[:, 3:].any():
+        draft.refuse(component, "has a torque on a rigid body; forces alone act on rigid bodies here")
+        return
+    body.forces.append(DraftForces(component, points, forces[:, :3]))
 
 
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
@@ -300,6 +335,11 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
     if body is None:
         return
     fixed = numbers(component, "fixedDirections", default=[1.0, 1.0, 1.0]).astype(bool)
+    if body.rigid and len(fixed) == 6:
+        if not fixed.all():
+            draft.refuse(component, "holds a rigid body along some axes; all of it is held here, or nothing")
+            return
+        fixed = fixed[:3]
     if len(fixed) != 3:
         draft.refuse(component, f"fixedDirections has {len(fixed)} numbers; three are needed, for x, y and z")
         return

@@ -7,8 +7,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.graph import inputs_of, linked_state, mapping_of, node_of, upwards
-from taichisoft_sofa.components.states import start_position, width_of
+from taichisoft_sofa.components.graph import (
+    STATE,
+    in_node,
+    inputs_of,
+    linked_state,
+    mapping_of,
+    nearest,
+    node_of,
+    upwards,
+)
+from taichisoft_sofa.components.states import is_rigid, start_position, width_of
 from taichisoft_sofa.components.typed_values import described, flag, number, numbers, text, vector
 from taichisoft_sofa.tree.value_kinds import canonical
 
@@ -68,6 +77,8 @@ class FramePoses:
                 start = FramePoses(start_values)
                 local = relative(np.array([start._frame(mapping, inputs[0], i) for i in carriers]), local)
             return composed(frames, local)
+        if not is_rigid(state):  # points that follow a body, whose values are known
+            return self._values(state)
         raise SceneError(f"{described(mapping)}: frames that follow others by {kind} are not known here")
 
     def _frame(self, mapping: "Component", state: "Component", index: int) -> np.ndarray:
@@ -141,6 +152,40 @@ def rigid_indices(mapping: "Component", count: int) -> np.ndarray:
     if len(each) == count:
         return each
     return np.full(count, int(number(mapping, "index", default=0)))
+
+
+def local_position(state: "Component") -> np.ndarray:
+    """Positions of points at the start [mm], in the axes of the frames that they follow by a RigidMapping."""
+    points, mapping = start_position(state), mapping_of(state)
+    if (
+        mapping is None
+        or canonical(mapping.type_name) != "RigidMapping"
+        or not flag(mapping, "globalToLocalCoords", False)
+    ):
+        return points
+    frames = FramePoses(start_values).of(inputs_of(mapping)[0])
+    return relative(frames[rigid_indices(mapping, len(points))], points)
+
+
+def frame_carrying(component: "Component") -> "tuple[Component, int] | None":
+    """The mechanical object of Rigid3 and the index in it of the frame to which a component's node is fixed, or None.
+
+    Raises:
+        SceneError: its points follow several frames.
+    """
+    node = node_of(component)
+    state = nearest(node, {STATE})
+    if state is None or is_rigid(state):
+        mapping = None if state is None or node is node_of(state) else in_node(node, {"RigidMapping"})
+        last = 0 if mapping is None else int(number(mapping, "index", default=0))
+        return None if state is None else (state, last)
+    mapping = mapping_of(state)
+    if mapping is None or canonical(mapping.type_name) != "RigidMapping":
+        return None
+    each = np.unique(rigid_indices(mapping, len(start_position(state))))
+    if len(each) != 1:
+        raise SceneError(f"{described(component)}: follows {len(each)} frames; a surface follows one here")
+    return inputs_of(mapping)[0], int(each[0])
 
 
 def composed(frames: np.ndarray, local: np.ndarray) -> np.ndarray:

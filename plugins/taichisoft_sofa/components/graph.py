@@ -27,6 +27,7 @@ ASSEMBLING = {"SubsetMultiMapping", "ArticulatedSystemMapping"}
 """Mappings from several mechanical objects."""
 TOPOLOGIES = {
     "RegularGridTopology",
+    "SparseGridTopology",
     "MeshTopology",
     "TetrahedronSetTopologyContainer",
     "TriangleSetTopologyContainer",

@@ -36,6 +36,7 @@ CONTAINERS = (
 )
 MAPPINGS = (
     *("BarycentricMapping", "RigidMapping", "IdentityMapping", "SubsetMultiMapping", "SkinningMapping"),
+    "SubsetMapping",
     "ArticulatedSystemMapping",
 )
 TOPOLOGICAL = (
@@ -77,6 +78,7 @@ UNUSED: dict[tuple[str, ...], dict[str, Any]] = {
     },
     ("TetrahedronHyperelasticityFEMForceField",): {"AnisotropyDirections": ()},
     ("RestShapeSpringsForceField",): {"activeDirections": (), "mstate": ""},
+    ("PlaneForceField",): {"indices": (), "localRange": ()},
     ("PartialFixedProjectiveConstraint",): {"projectVelocity": False},
     ("FixedProjectiveConstraint",): {"activate_projectVelocity": False},
     ("RuleBasedContactManager",): {"rules": "", "variables": ""},
@@ -90,6 +92,11 @@ UNUSED: dict[tuple[str, ...], dict[str, Any]] = {
 WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     LOOPS: """
         parallelODESolving parallelCollisionDetectionAndFreeMotion computeBoundingBox threadSafeVisitor
+    """,
+    ("StaticSolver",): """
+        absolute_correction_tolerance_threshold relative_correction_tolerance_threshold newtonSolver
+        absolute_residual_tolerance_threshold relative_residual_tolerance_threshold
+        should_diverge_when_residual_is_growing
     """,
     ("EulerImplicitSolver",): """
         linearSolver computeResidual residual parallelInverseProduct
@@ -137,7 +144,7 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     MAPPINGS: """
         mapForces mapMasses mapMatrices applyRestPosition useRestPosition isMechanical mapGeometricStiffness
         initialPoints geometricStiffness useX0 indexFromEnd repartition pointMap mapper inputTopology outputTopology
-        parallelMapping object1 object2 pointsPerFrame displayWeights
+        parallelMapping handleTopologyChange ignoreNotFound resizeToModel object1 object2 pointsPerFrame displayWeights
     """,
     ("ArticulationCenter",): """
         globalPosition articulations
@@ -176,6 +183,12 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     """,
     ("RestShapeSpringsForceField",): """
         angularStiffness drawSpring springColor recompute_indices topology
+    """,
+    ("StiffSpringForceField", "SpringForceField", "MeshSpringForceField"): """
+        showArrowSize drawMode drawMinElongationRange drawMaxElongationRange drawSpringSize template showFactorSize
+    """,
+    ("PlaneForceField",): """
+        showPlane showPlaneSize planeColor color drawSize drawIsEnabled template damping maxForce
     """,
     ("ConstantForceField",): """
         arrowSizeCoef showArrowSize showColor indexFromEnd topology

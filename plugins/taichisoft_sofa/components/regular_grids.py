@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft.meshes import boundary_triangles
+from taichisoft.meshes import SIX_TETRAHEDRA, boundary_quads, boundary_triangles
 from taichisoft_sofa.components.graph import TOPOLOGIES, in_node, nearest, node_of
 from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, number, numbers, text, vector
 from taichisoft_sofa.meshes.loaded_mesh import no_cells, split_quads
@@ -18,10 +18,6 @@ GRID = "RegularGridTopology"
 MOST_POINTS = 1_000_000
 """Largest number of points of a grid."""
 
-TETRAHEDRA = np.array([[0, 5, 1, 6], [0, 1, 3, 6], [1, 3, 6, 2], [6, 3, 0, 7], [6, 7, 0, 5], [7, 5, 4, 0]])
-"""Corners of the six tetrahedra of a hexahedron, as SOFA divides it."""
-FACES = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
-"""Corners of the six faces of a hexahedron, facing outward."""
 MIRRORED = np.array([[1, 0, 3, 2, 5, 4, 7, 6], [3, 2, 1, 0, 7, 6, 5, 4], [4, 5, 6, 7, 0, 1, 2, 3]])
 """Corners of a hexahedron with opposite ends of its edges along x, y or z exchanged."""
 
@@ -94,14 +90,7 @@ def divided(hexahedra: np.ndarray, grid: "Component | None", alternating: bool) 
         i = np.arange(len(cells))
         for odd, corners in zip(((i % nx) % 2 == 0, (i // nx) % ny % 2, i // (nx * ny) % 2), MIRRORED, strict=True):
             cells = np.where(np.asarray(odd, dtype=bool)[:, None], cells[:, corners], cells)
-    return cells[:, TETRAHEDRA].reshape(-1, 4)
-
-
-def boundary_quads(hexahedra: np.ndarray) -> np.ndarray:
-    """Faces of hexahedra that belong to one of them alone, facing outward, shape (count, 4)."""
-    quads = hexahedra[:, FACES].reshape(-1, 4)
-    _, first, count = np.unique(np.sort(quads, axis=1), axis=0, return_index=True, return_counts=True)
-    return quads[np.sort(first[count == 1])]
+    return cells[:, SIX_TETRAHEDRA].reshape(-1, 4)
 
 
 def hexahedra_of(topology: "Component") -> tuple[np.ndarray, "Component | None"]:

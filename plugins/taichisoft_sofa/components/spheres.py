@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
-from taichisoft_sofa.components.draft import DraftSurface
+from taichisoft_sofa.components.draft import DraftBody, DraftSurface
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.typed_values import flag, number, numbers
 
@@ -20,7 +20,7 @@ FEW = 20
 
 def sphere_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate spheres about points: a single one of a rigid body or point stays round, others become polyhedra."""
-    body = draft.body_of(component)
+    body = draft.carrier_of(component)
     if body is None:
         return
     centres = draft.points_of(component)
@@ -37,9 +37,11 @@ def sphere_model(component: "Component", draft: "SceneDraft") -> None:
     triangles = (np.arange(len(centres))[:, None, None] * len(ball.vertices) + np.array(ball.faces)).reshape(-1, 3)
     groups = frozenset(numbers(component, "group").astype(int).tolist())
     own = flag(component, "selfCollision", False)
-    surface = DraftSurface(component, points, triangles, groups, own, np.column_stack([centres, radii]))
+    spheres = np.column_stack([centres, radii])
+    surface = DraftSurface(component, points, triangles, groups, own, spheres=spheres)
     body.surfaces[f"{node_of(component).getPathName()} {component.getName()}"] = surface
-    if len(centres) > 1 or not (body.rigid or len(body.position) == 1):
+    moves_as_one = not isinstance(body, DraftBody) or body.rigid or len(body.position) == 1
+    if len(centres) > 1 or not moves_as_one:
         draft.depart(
             f"{component.getPathName()}: each sphere is a polyhedron of {len(ball.faces)} triangles, which deforms "
             "with a soft body"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
+from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, inputs_of, nearest, node_of
 from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
 from taichisoft_sofa.meshes.placement import multiply_quaternions, placed, quaternion
 
@@ -88,6 +88,11 @@ def _source(state: "Component", width: int) -> np.ndarray:
     source = state.linked("src") if link else in_node(node_of(state), TOPOLOGIES) or in_node(node_of(state), LOADERS)
     if source is not None and (points := computed(source, "position", 3)).size:
         return points
+    if (subset := in_node(node_of(state), {"SubsetMapping"})) is not None and inputs_of(subset):
+        whole, chosen = start_position(inputs_of(subset)[0]), numbers(subset, "indices").astype(np.int64)
+        if len(chosen) and chosen.max() >= len(whole):
+            raise SceneError(f"{described(subset)}: names point {int(chosen.max())}; there are {len(whole)}, from 0 on")
+        return whole[chosen]
     if in_node(node_of(state), {"IdentityMapping"}) is not None:
         above = next((nearest(parent, {STATE}) for parent in node_of(state).parents), None)
         if above is not None:

@@ -1,14 +1,21 @@
 """Appearance: colours, axes and camera."""
 
+import contextlib
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_sofa.components.graph import independent_state, is_assembled, node_of
+from taichisoft.errors import SceneError
+from taichisoft_sofa.components.contact_components import surface_triangles
+from taichisoft_sofa.components.graph import LOADERS, TOPOLOGIES, in_node, independent_state, node_of
+from taichisoft_sofa.components.loaders import read_loader
 from taichisoft_sofa.components.states import is_rigid, width_of
-from taichisoft_sofa.components.typed_values import described, flag, value_of
+from taichisoft_sofa.components.typed_values import computed, described, flag, number, text, value_of, vector
 from taichisoft_sofa.components.typed_values import numbers as numbers_of
+from taichisoft_sofa.meshes.loaded_mesh import split_quads
+from taichisoft_sofa.meshes.placement import placed
 from taichisoft_sofa.tree.value_kinds import WrongValue, numbers
 
 if TYPE_CHECKING:
@@ -30,14 +37,46 @@ NAMED = {
 
 
 def visual_model(component: "Component", draft: "SceneDraft") -> None:
-    """Translate the colour of a body; its opacity has no effect."""
-    colour = _colour(component, draft)
-    state = independent_state(node_of(component))
-    if colour is None or state is None or width_of(state) == 1 or (is_assembled(state) and is_rigid(state)):
+    """Translate the colour of a body, and the shape of one that is rigid; its opacity has no effect."""
+    draft.visuals.append(component)
+    colour, state = _colour(component, draft), independent_state(node_of(component))
+    if state is None or width_of(state) == 1:
         return
-    body = draft.body_of(component)
-    if body is not None:
+    body = draft.carrier_of(component)
+    if body is None:
+        return
+    if colour is not None:
         body.colours.append(colour)
+    if is_rigid(state):
+        body.shapes += visible_shapes([component])
+
+
+def visible_shapes(components: "Sequence[Component]") -> list[tuple[np.ndarray, np.ndarray]]:
+    """Points [mm] and triangles of the visual models whose shape can be read; a picture without it is no mistake."""
+    found = []
+    for component in components:
+        with contextlib.suppress(SceneError):
+            if len((shape := _shape(component))[1]):
+                found.append(shape)
+    return found
+
+
+def _shape(component: "Component") -> tuple[np.ndarray, np.ndarray]:
+    """Points [mm] and triangles of a visual model: those of a file, its source, or the nearest mesh in its node."""
+    if text(component, "filename", "fileMesh"):
+        mesh = read_loader(component)
+        points, triangles = mesh.points, np.vstack([mesh.triangles, split_quads(mesh.quads)])
+    else:
+        node = node_of(component)
+        source = (
+            component.linked("src") if text(component, "src") else in_node(node, TOPOLOGIES) or in_node(node, LOADERS)
+        )
+        if source is None:
+            return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+        points, triangles = computed(source, "position", 3), surface_triangles(source)
+    scale = vector(component, "scale3d", default=[number(component, "scale", default=1.0)] * 3)
+    turn, shift = (vector(component, name, default=(0.0, 0.0, 0.0)) for name in ("rotation", "translation"))
+    return placed(points, scale.tolist(), turn.tolist(), shift.tolist()), triangles
 
 
 def background(component: "Component", draft: "SceneDraft") -> None:

@@ -31,9 +31,20 @@ MODIFIERS = """
 """
 # Meshes never change here.
 
+EQUATIONS = """
+    MechanicalMatrixMapper MappedMatrixForceFieldAndMass MatrixLinearSystem ConstantSparsityPatternSystem
+    TypedMatrixLinearSystem AssemblingMatrixSystem CompositeLinearSystem MatrixFreeSystem RotationMatrixSystem
+    PrecomputedMatrixSystem BlockJacobiPreconditioner JacobiPreconditioner SSORPreconditioner WarpPreconditioner
+    RotationFinder PrecomputedWarpPreconditioner IncompleteCholeskyPreconditioner DefaultCollisionGroupManager
+    CollisionGroup NewtonRaphsonSolver
+"""
+# The equations are solved directly and together.
+
+MEASURES = "VolumeFromTriangles VolumeFromTetrahedrons"
+
 DEVICES = "SerialPortBridgeGeneric CommunicationController ServerCommunicationOSC ServerCommunicationZMQ"
 
-IGNORED = set(" ".join((PLUGINS_AND_SETTINGS, PICTURES, RECORDS, MODIFIERS, DEVICES)).split())
+IGNORED = set(" ".join((PLUGINS_AND_SETTINGS, PICTURES, RECORDS, MODIFIERS, EQUATIONS, MEASURES, DEVICES)).split())
 """Types without effect on the motion of a scene."""
 BEGINNINGS, ENDINGS = ("Ogl",), ("Exporter", "Monitor", "Light", "Shader")
 """Beginnings and ends of the names of other such types."""

@@ -1,6 +1,7 @@
 """Frames of a scene that joints drive, and the soft bodies' nodes that follow them."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.frames import FramePoses, bases_of, start_values
@@ -10,7 +11,7 @@ from taichisoft_sofa.components.typed_values import described, flag, number, num
 from taichisoft_sofa.translation.parts import Joint, Translation
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.loading import SceneTree
-from taichisoft_sofa.tree.value_kinds import canonical
+from taichisoft_sofa.tree.value_kinds import POINT, canonical
 
 SPRING = 100.0
 """SOFA's default stiffness of rest shape springs, here of angles [mN mm]."""
@@ -94,7 +95,7 @@ class DrivenFrames:
         self._driven = [component for component in tree.components() if self._is_driven(component)]
         self._poses = FramePoses(start_values)
         self._time = 0.0
-        self._sprung = translation.sprung
+        self._sprung, self._frames = translation.sprung, translation.driven
 
     def advance(self, time_step: float) -> None:
         """Move all joints by a time step [s], and all frames with them."""
@@ -114,6 +115,17 @@ class DrivenFrames:
             positions[nodes] = target.places(rows, self._time, self._poses)
         return bool(targets)
 
+    def frame_poses(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Translations [mm] and rotation vectors [rad] of the native frames from the start, by name."""
+        start, translations, rotations = FramePoses(start_values), dict[str, np.ndarray](), dict[str, np.ndarray]()
+        for name, (state, index) in self._frames.items():
+            before, now = start.of(state)[index], self._poses.of(state)[index]
+            translations[name] = now[:3] - before[:3]
+            if len(now) > POINT:
+                turn = Rotation.from_quat(now[3:]) * Rotation.from_quat(before[3:]).inv()
+                rotations[name] = turn.as_rotvec()
+        return translations, rotations
+
     @property
     def joints(self) -> list[JointMotion]:
         """Motion of the joints."""
@@ -132,8 +144,11 @@ class DrivenFrames:
         if id(state) in self._joints:
             return self._joints[id(state)].angle
         rest = state.findData("rest_position") if state in self._sprung else None
-        if rest is not None and rest.is_set():
-            return np.reshape(rest.given(), (-1, width_of(state)))
+        if state in self._sprung:
+            given = rest is not None and rest.is_set()
+            return (
+                np.reshape(rest.given(), (-1, width_of(state))) if rest is not None and given else start_values(state)
+            )
         data = state.findData("position")
         assert data is not None
         return np.reshape(data.read_value(), (-1, width_of(state)))

@@ -8,6 +8,7 @@ import numpy as np
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuator_components import VOLUME, is_driven_by_force, value_type
+from taichisoft_sofa.components.frames import base_frames
 from taichisoft_sofa.components.typed_values import described, flag, is_given, number
 from taichisoft_sofa.components.without_effect import is_without_effect
 from taichisoft_sofa.controller.driven_frames import DrivenFrames
@@ -51,6 +52,8 @@ class SceneWrites:
         self._tree, self._translation, self._driven = tree, translation, driven
         targets = (target for part in translation.soft.values() for target, _, _ in part.targets)
         self._steering = {id(source) for target in targets for source in target.sources()}
+        bases = (base for frame in translation.driven.values() for base, _ in base_frames(*frame))
+        self._steering |= {id(base) for base in bases}
         self._steering |= {id(joint.springs) for joint in translation.joints}
         self.time_step = model.scene.time.step
         self._cavities, self._cables = [], []
@@ -104,7 +107,7 @@ class SceneWrites:
             else:
                 value = self._varied(cavity, value, "maxPressureVariation", "pressure")
                 pressure[name] = self._translation.signs[cavity] * value * self._translation.effort_of_value
-        tension, pull, pull_points = {}, {}, {}
+        tension, pull, pull_points = {}, dict(self._translation.springs), {}
         for cable, name in self._cables:
             value = _present(cable)
             if is_driven_by_force(cable):
@@ -127,6 +130,7 @@ class SceneWrites:
         for body in self._stiffness:
             young_modulus |= body.take()
         gravity = self._gravity.take()
+        translations, rotations = self._driven.frame_poses()
         return Control(
             pressure=pressure,
             volume_growth=growth,
@@ -134,6 +138,8 @@ class SceneWrites:
             cable_pull=pull,
             pull_points=pull_points,
             anchor_positions=anchors,
+            frame_translation=translations,
+            frame_rotation=rotations,
             gravity=None if gravity is None else numbers(gravity),
             young_modulus=young_modulus,
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 import taichisoft
 from taichisoft.meshes import VolumeMesh, write_stl, write_volume_mesh
+from taichisoft_sofa.components.frames import FramePoses, start_values
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.anchor_targets import AnchorTarget
@@ -56,6 +57,10 @@ class Joint:
     solver: "Component | None"
 
 
+NOTHING = "holds nothing that moves, touches or can be seen: there is nothing to run"
+"""Why a scene is refused that SOFA opens, and where nothing happens."""
+
+
 @dataclass
 class Translation:
     """A native scene made of a SOFA scene.
@@ -68,8 +73,10 @@ class Translation:
         signs: 1 for a cavity whose walls face outward, seen from the air; -1 if a pressure shrinks it.
         soft: soft bodies by native name.
         rigid: rigid bodies by native name.
+        driven: mechanical object of SOFA, and index in it, of each native frame, by its name.
         joints: angles that turn frames.
-        sprung: mechanical objects of frames that follow `rest_position`, not `position`.
+        sprung: mechanical objects of frames that lead to `rest_position`, not `position`.
+        springs: how far the cables that stand for springs are pulled in [mm], by native name.
         departures: differences from SOFA, one line each.
         understood: number of components of each type that were translated.
         ignored: number of components of each type without effect on the motion.
@@ -83,12 +90,25 @@ class Translation:
     signs: "dict[Component, float]" = field(default_factory=dict)
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, DraftBody]" = field(default_factory=dict)
+    driven: "dict[str, tuple[Component, int]]" = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
     sprung: "dict[Component, None]" = field(default_factory=dict)
+    springs: dict[str, float] = field(default_factory=dict)
     departures: list[str] = field(default_factory=list)
     understood: dict[str, int] = field(default_factory=dict)
     ignored: dict[str, int] = field(default_factory=dict)
     refused: list[str] = field(default_factory=list)
+
+    def add_frame(self, name: str, state: "Component", index: int) -> None:
+        """Add a native frame that moves as a frame or point of SOFA; at rest it is where that one is at the start."""
+        self.driven[name] = state, index
+        pivot = FramePoses(start_values).of(state)[index, :3].tolist()
+        self.tables.setdefault("frames", {})[name] = {"pivot": pivot}
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the scene has no body that a run could show."""
+        return not self.tables.keys() & {"soft_bodies", "rigid_bodies"}
 
 
 class MeshFiles:

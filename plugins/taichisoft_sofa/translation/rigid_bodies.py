@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from taichisoft_sofa.components.draft import DraftBody, SceneDraft
+from taichisoft_sofa.components.anchor_targets import PointsTarget
+from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
+from taichisoft_sofa.components.dynamics import SPRING
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.states import start_velocity
 from taichisoft_sofa.components.typed_values import number
@@ -14,6 +16,8 @@ from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.tree.value_kinds import canonical
 
+LONGEST = 1e9
+"""Duration of a force that never ends [s]."""
 UNIT_INERTIA = np.eye(3)
 """Default inertia over mass of SOFA and STLIB [mm^2]."""
 
@@ -26,8 +30,6 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     if body.mass is None:
         draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
         return
-    for anchor in body.anchors:
-        draft.refuse(anchor.component, "holds a rigid body; rigid bodies are free or stand still")
     points, triangles = joined_surfaces(body)
     mass = body.mass.total if body.mass.total is not None else body.mass.each or 0.0
     pose = body.position[0] if body.rigid else np.array([*body.position[0], 0.0, 0.0, 0.0, 1.0])
@@ -64,9 +66,37 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     else:
         draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA assumes 1 mm^2 per mass")
     _note_lost_weight(body, float(mass), draft)
+    _add_springs(name, body, table, draft, translation)
+    for push in body.forces:
+        one = {"body": name, "force": push.forces.sum(axis=0).tolist(), "start": 0.0, "duration": LONGEST}
+        translation.tables.setdefault("external_forces", []).append(one)
     translation.tables.setdefault("rigid_bodies", {})[name] = table
     translation.names[body.state] = name
     translation.rigid[name] = body
+
+
+def _add_springs(
+    name: str, body: DraftBody, table: dict[str, Any], draft: SceneDraft, translation: Translation
+) -> None:
+    """Springs of a rigid body, to its rest pose or to a frame of another mechanical object."""
+    for anchor in body.anchors:
+        if anchor.directions != "xyz" or "springs" in table:
+            draft.refuse(
+                anchor.component, "holds a rigid body in part, or twice; one spring field holds all of it here"
+            )
+            return
+        solver = draft.above(body.node, draft.solvers)
+        table["springs"] = {
+            "stiffness": anchor.stiffness,
+            "angular_stiffness": number(anchor.component, "angularStiffness", default=SPRING),
+            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness", default=0.0),
+            "follows": name,
+        }
+        if isinstance(anchor.target, PointsTarget):
+            translation.add_frame(name, *anchor.target.frame_of(0))
+        else:
+            translation.add_frame(name, body.state, 0)
+            draft.sprung[body.state] = None
 
 
 def add_obstacle(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
@@ -88,13 +118,13 @@ def add_obstacle(name: str, body: DraftBody, draft: SceneDraft, translation: Tra
     translation.names[body.state] = name
 
 
-def only_sphere(body: DraftBody) -> np.ndarray | None:
+def only_sphere(body: DraftBody | DraftFrame) -> np.ndarray | None:
     """Centre and radius of the single sphere that is the whole surface of a body [mm], shape (4,), or None."""
     surfaces = list(body.surfaces.values())
     return surfaces[0].spheres[0] if len(surfaces) == 1 and len(surfaces[0].spheres) == 1 else None
 
 
-def joined_surfaces(body: DraftBody) -> tuple[np.ndarray, np.ndarray]:
+def joined_surfaces(body: DraftBody | DraftFrame) -> tuple[np.ndarray, np.ndarray]:
     """Points and triangles of all collision surfaces of a body."""
     points, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for surface in body.surfaces.values():
@@ -104,7 +134,7 @@ def joined_surfaces(body: DraftBody) -> tuple[np.ndarray, np.ndarray]:
     return np.vstack(points), np.vstack(triangles)
 
 
-def groups_of(body: DraftBody) -> list[int]:
+def groups_of(body: DraftBody | DraftFrame) -> list[int]:
     """Collision groups of all surfaces of a body."""
     return sorted({group for surface in body.surfaces.values() for group in surface.groups})
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from taichisoft.meshes import tetrahedron_volumes
-from taichisoft_sofa.components.anchor_targets import FrameTarget
+from taichisoft_sofa.components.anchor_targets import DrivenFrameTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial
 from taichisoft_sofa.components.dynamics import HELD
 from taichisoft_sofa.components.frames import base_frames, bases_of, index_pairs, rigid_indices
@@ -72,26 +72,26 @@ def parts_of_bodies(draft: "SceneDraft") -> "dict[int, DraftBody]":
     return found
 
 
-def is_driven(part: RigidPart, draft: "SceneDraft") -> bool:
-    """Whether the scene says where the frame of a part is: joints turn it, it is held, or nothing moves it."""
+def is_driven(state: "Component", index: int, draft: "SceneDraft") -> bool:
+    """Whether the scene says where a frame is: joints turn it, it is held, or nothing moves it."""
     return all(
         width_of(base) == 1
         or draft.above(node_of(base), draft.solvers) is None
-        or any(anchor.directions == "xyz" and index in (None, *anchor.points) for anchor in _anchors(base, draft))
-        for base, index in base_frames(part.state, part.index)
+        or any(anchor.directions == "xyz" and own in (None, *anchor.points) for anchor in _anchors(base, draft))
+        for base, own in base_frames(state, index)
     )
 
 
-def _note_springs(part: RigidPart, draft: "SceneDraft") -> None:
+def note_springs(state: "Component", index: int, draft: "SceneDraft") -> None:
     """Record frames that springs hold to their rest pose, which stiff ones alone do here."""
-    for base, index in base_frames(part.state, part.index):
+    for base, own in base_frames(state, index):
         for anchor in _anchors(base, draft):
-            if not anchor.follows_rest or index not in (None, *anchor.points):
+            if not anchor.follows_rest or own not in (None, *anchor.points):
                 continue
             if anchor.stiffness < STIFF:
                 draft.refuse(
                     anchor.component,
-                    f"stiffness = {anchor.stiffness:g} on a frame of a soft body; {STIFF:g} or more holds it here",
+                    f"stiffness = {anchor.stiffness:g} on a frame that others follow; {STIFF:g} or more holds it here",
                 )
             draft.sprung[base] = None
             draft.depart(
@@ -116,9 +116,9 @@ def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
     _take_anchors(body, mapping, draft)
     for part in rigid_parts(body.state):
         where = f"{part.state.getPathName()}, frame {part.index}"
-        if is_driven(part, draft):
-            _note_springs(part, draft)
-            target = FrameTarget.carrying(part.state, part.index, body.position[part.points])
+        if is_driven(part.state, part.index, draft):
+            note_springs(part.state, part.index, draft)
+            target = DrivenFrameTarget.carrying(part.state, part.index, body.position[part.points])
             body.anchors.append(DraftAnchor(mapping, part.points, HELD, follows_rest=False, target=target))
             continue
         for base, _ in base_frames(part.state, part.index):

@@ -10,7 +10,7 @@ import numpy as np
 from taichisoft.meshes import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scenes import lame_parameters
 from taichisoft_sofa.components.actuator_components import PRESSURE, is_driven_by_force, value_type
-from taichisoft_sofa.components.anchor_targets import FrameTarget, MotionTarget
+from taichisoft_sofa.components.anchor_targets import DrivenFrameTarget, MotionTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.states import start_velocity
@@ -79,7 +79,7 @@ def add_soft_body(
     table: dict[str, Any] = {
         "points_outside": "extrapolated",
         "mesh": translation.files.volume(name, VolumeMesh(name, node_position, elements, {}, groups)),
-        "element": "linear",
+        "element": body.materials[0].element if body.materials else "linear",
         **_mass(body.mass if moves else None, len(points), len(body.position)),
         "young_modulus": regions[0]["young_modulus"],
         "poisson_ratio": regions[0]["poisson_ratio"],
@@ -91,17 +91,24 @@ def add_soft_body(
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
         # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
-        prescribed = (FrameTarget, MotionTarget)
+        prescribed = (DrivenFrameTarget, MotionTarget)
         table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
         table["embedding"] = "grid"
-    kinds = {(material.corotation, material.law) for material in body.materials}
+    kinds = {
+        (material.corotation, material.law, material.element, *material.coefficients.items())
+        for material in body.materials
+    }
     if len(kinds) > 1:
         draft.refuse(
-            body.materials[1].component, "force fields of one body must take law and rotation of elements alike"
+            body.materials[1].component,
+            "force fields of one body must take law, element and rotation of elements alike",
         )
-    table["corotation"], table["law"] = next(iter(kinds), ("edges", "hooke"))
+    table["corotation"], table["law"], *_ = next(iter(kinds), ("edges", "hooke", "linear"))
+    if body.materials and body.materials[0].coefficients:
+        table["coefficients"] = dict(body.materials[0].coefficients)
+        del table["young_modulus"]
     node_of_point = np.full(len(body.position), -1)
     node_of_point[points] = np.arange(len(points))
     anchors = body.anchors if moves else [DraftAnchor(body.state, np.arange(len(body.position)), STANDING, False)]
@@ -196,12 +203,14 @@ def _anchors(anchors: list[DraftAnchor], node_of_point: np.ndarray) -> list[dict
     return tables
 
 
-def _part_open_surfaces(surfaces: list[dict[str, Any]], name: str, draft: SceneDraft) -> None:
-    """Give the open surfaces of a body a group in common.
+def _part_open_surfaces(
+    surfaces: list[dict[str, Any]], name: str, draft: SceneDraft, parts_touch: bool = False
+) -> None:
+    """Give the open surfaces of a body a group in common, or all if some are those of rigid parts, which overlap.
 
     What lies behind an open surface is inside of it, so that two that stand back to back would overlap.
     """
-    open_ones = [surface for surface in surfaces if surface.get("open")]
+    open_ones = surfaces if parts_touch else [surface for surface in surfaces if surface.get("open")]
     if len(open_ones) < 2:
         return
     taken = {group for body in draft.bodies.values() for one in body.surfaces.values() for group in one.groups}
@@ -209,7 +218,8 @@ def _part_open_surfaces(surfaces: list[dict[str, Any]], name: str, draft: SceneD
     draft.own_groups += 1
     for surface in open_ones:
         surface["groups"] = sorted({*surface.get("groups", []), group})
-    draft.depart(f"{name}: its {len(open_ones)} open surfaces do not touch each other; in SOFA they do")
+    kind = "surfaces" if parts_touch else "open surfaces"
+    draft.depart(f"{name}: its {len(open_ones)} {kind} do not touch each other; in SOFA they do")
 
 
 def _forces(body: DraftBody, node_of_point: np.ndarray, draft: SceneDraft) -> list[dict[str, Any]]:
@@ -252,7 +262,8 @@ def _add_surfaces(
         if count_open_edges(merged_triangles(surface.points, surface.triangles)):
             made["open"] = True
         table.setdefault("collision_surface", []).append(made)
-    _part_open_surfaces(table.get("collision_surface", []), name, draft)
+    parts_touch = any(surface.is_carried for surface in surfaces)
+    _part_open_surfaces(table.get("collision_surface", []), name, draft, parts_touch)
 
 
 def _add_cavities(

@@ -6,20 +6,29 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # registers computed data
 from taichisoft_sofa.components.component_table import UNDERSTOOD
-from taichisoft_sofa.components.draft import DraftBody, SceneDraft
+from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.joints import check_joints
 from taichisoft_sofa.components.refusals import INVERSE, refuse_inverse, refuse_unknown
 from taichisoft_sofa.components.remarks import remarks
 from taichisoft_sofa.components.typed_values import described, flag
 from taichisoft_sofa.components.without_effect import instead_of, is_without_effect
-from taichisoft_sofa.translation.contact import contact_table
+from taichisoft_sofa.translation.contact import collides, contact_table
 from taichisoft_sofa.translation.distinct_names import body_names
+from taichisoft_sofa.translation.driven_bodies import (
+    add_driven_body,
+    add_picture,
+    driven_frames,
+    is_placed,
+    placed_frame,
+)
 from taichisoft_sofa.translation.own_bodies import moved_by, own_bodies
 from taichisoft_sofa.translation.parts import Joint, Translation
+from taichisoft_sofa.translation.penalty_planes import add_planes
 from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body, only_sphere
 from taichisoft_sofa.translation.rigid_parts import add_rigid_parts
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
+from taichisoft_sofa.translation.spring_cables import add_springs
 from taichisoft_sofa.tree.own_components import OwnComponent
 from taichisoft_sofa.tree.value_kinds import canonical
 
@@ -55,17 +64,19 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
+    frames: list[DraftFrame] = []
     try:
         bodies = own_bodies(draft)
+        frames = driven_frames(draft)
     except SceneError as error:
         draft.refused.append(str(error))
         bodies = []
-    first_order = _is_first_order(bodies, draft)
-    draft.effort_of_value = translation.effort_of_value = 1.0 if first_order else 1.0 / time_step
+    dynamics = _dynamics(bodies, draft)
+    draft.effort_of_value = translation.effort_of_value = 1.0 if dynamics == "first order" else 1.0 / time_step
     translation.tables = {
         "title": Path(tree.path).stem,
         "gravity": [float(value) for value in root.gravity.read_value()],
-        "time": {"step": time_step, **({"dynamics": "first order"} if first_order else {})},
+        "time": {"step": time_step, **({"dynamics": dynamics} if dynamics else {})},
     }
     if not draft.free_motion and any(body.cavities or body.cables for body in draft.bodies.values()):
         draft.depart(
@@ -82,7 +93,10 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         for joint in draft.joints.values()
         if joint.springs is not None
     ]
-    _add_bodies(bodies, draft, translation)
+    _add_bodies(bodies, frames, draft, translation)
+    add_springs(draft, translation)
+    add_planes(draft, translation)
+    add_picture(draft, translation)
     translation.sprung = draft.sprung
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
@@ -122,13 +136,17 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
         draft.refused.append(refuse_unknown(component))
 
 
-def _is_first_order(bodies: list[DraftBody], draft: SceneDraft) -> bool:
-    """Whether bodies move without inertia; mixed scenes are refused."""
-    moved = [solver for body in bodies if (solver := moved_by(body, draft)) is not None]
-    kinds = {flag(solver, "firstOrder", False) for solver in moved}
-    if len(kinds) > 1:
+def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
+    """How bodies move: without inertia ("first order"), to equilibrium ("static"), or ""; mixed scenes are refused."""
+    found = [(body, moved_by(body, draft)) for body in bodies]
+    moved = [solver for body, solver in found if solver is not None and not is_placed(body, solver)]
+    first_order = {flag(solver, "firstOrder", False) for solver in moved}
+    static = {solver.type_name == "StaticSolver" for solver in moved}
+    if len(first_order) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
-    return kinds == {True}
+    if len(static) > 1:
+        draft.refuse(moved[0], "StaticSolver for some of the bodies; all of a scene are at equilibrium, or none is")
+    return "static" if static == {True} else "first order" if first_order == {True} else ""
 
 
 def is_controller(component: "Component") -> bool:
@@ -138,11 +156,14 @@ def is_controller(component: "Component") -> bool:
     return type(component) is not Component
 
 
-def _add_bodies(bodies: list[DraftBody], draft: SceneDraft, translation: Translation) -> None:
+def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneDraft, translation: Translation) -> None:
     if len(bodies) > MOST_BODIES:  # each has its own meshes and surfaces, which would be written first
         draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
         return
-    for name, body in zip(body_names([body.node for body in bodies]), bodies, strict=True):
+    names = body_names([*(body.node for body in bodies), *(node_of(frame.state) for frame in frames)])
+    for name, frame in zip(names[len(bodies) :], frames, strict=True):
+        add_driven_body(name, frame, draft, translation)
+    for name, body in zip(names[: len(bodies)], bodies, strict=True):
         try:
             add_rigid_parts(body, draft)
             _add_body(name, body, draft, translation)
@@ -162,6 +183,10 @@ def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Transl
         solver = None  # its frame is fixed
     if not body.rigid and len(body_tetrahedra(body)):
         add_soft_body(name, body, solver, draft, translation)
+    elif is_placed(body, solver):
+        add_driven_body(name, placed_frame(body, draft), draft, translation)
+    elif solver is None and body.shapes and not (body.surfaces and collides(draft)):
+        add_driven_body(name, DraftFrame(body.state, 0, {}, body.colours, body.shapes), draft, translation)
     elif solver is None:
         add_obstacle(name, body, draft, translation)
     elif body.rigid or (len(body.position) == 1 and only_sphere(body) is not None):

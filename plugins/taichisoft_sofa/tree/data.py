@@ -142,8 +142,10 @@ class Data(Arithmetic):
                 raise SceneError(f"{self.place}: {self.described()}: '{self._path}' leads to no data")
             self._path = None
         if self._parent is not None:
-            return self._convert(self._parent.read_value())
-        if self.is_set():
+            value = self._parent.read_value()
+            if value is not None:  # else nothing has been written there, such as what a device would send
+                return self._convert(value)
+        elif self.is_set():
             return self._convert(self._written)
         known = self._declared()
         if known is None or known.default is None:

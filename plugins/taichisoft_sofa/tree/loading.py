@@ -15,6 +15,7 @@ from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.place import ORIGIN, ModuleOrigin, Place
 from taichisoft_sofa.tree.scene_controller import PythonComponent
 from taichisoft_sofa.tree.scene_modules import LIBRARIES
+from taichisoft_sofa.tree.xml_scenes import is_xml
 
 # Sources of libraries that scenes import.
 SOURCES = {
@@ -23,7 +24,6 @@ SOURCES = {
 }
 
 
-XML = (".scn", ".xml")
 DEEPEST = 200
 """Largest depth of nodes: more are an error of the scene, and would cause a RecursionError."""
 
@@ -146,7 +146,7 @@ def load_tree(
     A scene is a program, which runs with the rights of the user.
 
     Args:
-        path: file of the scene: .py or .pyscn.
+        path: file of the scene: .py, .pyscn or .scn.
         python_path: folders of libraries that the scene imports, such as STLIB's.
         data_path: folders of meshes, such as SOFA's share folder.
 
@@ -166,12 +166,7 @@ def load_tree(
         source = path.read_bytes()
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if path.suffix.lower() in XML or source.lstrip().startswith(b"<"):
-        raise SceneError(
-            f"{path}: is a scene in XML, which is not read here; in Python each <Node name='a'> is root.addChild('a'), "
-            "and each <Type data='...'/> in it addObject('Type', data=...), in a function createScene(root)"
-        )
-    if b"createScene" not in source and b"import *" not in source:
+    if not is_xml(source) and b"createScene" not in source and b"import *" not in source:
         raise SceneError(f"{path}: has no function createScene(root)")
     tree = SceneTree(path, folders, data_folders)
     with tree._running(SceneError) as modules, contextlib.chdir(path.parent):

@@ -13,6 +13,7 @@ from taichisoft.errors import SceneError
 from taichisoft.optional_packages import extra, require
 from taichisoft_sofa.tree.python2_marks import is_older, why_python2
 from taichisoft_sofa.tree.python2_names import DIVIDE, OF_STRING, STRING
+from taichisoft_sofa.tree.xml_scenes import is_xml, xml_program
 
 # Excluded fixers of fissix: fixers of style; fixers that add a line for an import, for which `NAMES` suffices; and
 # fixers that remove the information on division.
@@ -43,9 +44,11 @@ def compiled(path: Path, in_package: bool = False) -> Program:
         in_package: whether the file is in a package, within which Python 2 imports modules by their bare names.
 
     Raises:
-        SceneError: the file is in neither Python 3 nor Python 2.
+        SceneError: the file is in neither Python 3 nor Python 2, nor a scene in XML.
     """
     source = path.read_bytes()
+    if is_xml(source):
+        return Program(compile(xml_program(path, source), str(path), "exec"), python2="", older=False)
     try:
         tree = ast.parse(source, str(path))
     except (SyntaxError, ValueError) as error:
