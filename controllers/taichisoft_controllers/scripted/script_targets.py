@@ -165,9 +165,13 @@ class Targets:
 
     def observed(self, observation: Observation) -> np.ndarray:
         """The values in an observation, shape (value_count,)."""
+        return np.concatenate([self.observed_others(observation), self._mover.observed(observation)])
+
+    def observed_others(self, observation: Observation) -> np.ndarray:
+        """The values of actuators and frames in an observation, which stand before those of the base."""
         values = [read_drive(drive, observation, actuator) for drive, actuator in self.places]
         poses = [(observation.frame_translations[name], observation.frame_rotations[name]) for name in self.frames]
-        return np.concatenate([values, np.ravel(poses), self._mover.observed(observation)])
+        return np.concatenate([values, np.ravel(poses)])
 
     def reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
         """The values that were asked for; where the scene's limits held them back, the values that were reached."""
@@ -177,7 +181,7 @@ class Targets:
         for (drive, actuator), place in self.places.items():
             if actuator in observation.clipped:
                 reached[place] = read_drive(drive, observation, actuator)
-        observed = self.observed(observation)
+        observed = self.observed_others(observation)
         for name, frame in self.frames.items():
             halves = slice(frame.start, frame.start + 3), slice(frame.start + 3, frame.stop)
             for part, half in zip(("translation", "rotation"), halves, strict=True):

@@ -153,7 +153,7 @@ class StepController(Controller):
         chosen[list(self._efforts(index))] = True
         start = values.copy()
         begins = np.flatnonzero(chosen & ~self._driven)
-        start[begins] = self._targets.observed(observation)[begins]
+        start[begins] = self._targets.observed_others(observation)[begins]
         self._driven = self._targets.drive(self._driven, chosen)
         return StepInProgress(time, self._way(index, start), waiting, hold)
 
