@@ -51,7 +51,7 @@ def exchange(message: dict[str, Any], patience: float) -> dict[str, Any]:
 
 own, link = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
 if ":" in sys.argv[-1]:
-    host, _, port = sys.argv[1].rpartition(":")
+    host, port = sys.argv[1].rsplit(":", 1)
     address, patience = (host, int(port)), 0.005
 else:
     own.bind(("127.0.0.1", 0))
@@ -69,9 +69,9 @@ for _ in range(100):
     seen = simulation.step(taichisoft.Control(pressure=command.get("pressure", {}))).observation
     time.sleep(max(0.0, begun + seen.time - time.monotonic()))  # real time; a slow machine falls behind
 
-bent, pressure = math.degrees(seen.bending_angles["finger"]), seen.pressures["finger.cavity"]
+angle, pressure = math.degrees(seen.bending_angles["finger"]), seen.pressures["finger.cavity"]
 print(f"100 observations went out, {len(latencies)} commands came in")
-print(f"{seen.time:.2f} s: {pressure:.2f} kPa, bent by {bent:.2f} degrees")
+print(f"{seen.time:.2f} s: {pressure:.2f} kPa, bent by {angle:.2f} degrees")
 if latencies:
     median, longest = sorted(latencies)[len(latencies) // 2], max(latencies)
     print(f"latency: {median:.2f} ms in the middle, {longest:.2f} ms at most", file=sys.stderr)

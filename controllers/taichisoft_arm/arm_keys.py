@@ -34,6 +34,8 @@ class ArmKeys(KeyboardController):
     tool are the same ones at the start of a run, and turn with the gripper.
     """
 
+    _now: np.ndarray
+
     def __init__(self, base: CarriedBase, **settings: Any):
         """Take what the arm carries, and the settings of the keyboard's controller.
 

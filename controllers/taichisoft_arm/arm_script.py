@@ -1,5 +1,6 @@
 """The steps of an arm's script: what those of the controller "scripted" have, and where the arm goes."""
 
+from collections.abc import Collection
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ from taichisoft.control import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.model import Model
 from taichisoft.scenes import Positive, Table, Vector
-from taichisoft_arm.arm_paths import PathLimits, joint_path, straight_path, unreachable, within
+from taichisoft_arm.arm_paths import JointPath, PathLimits, joint_path, straight_path, unreachable, within
 from taichisoft_arm.inverse_kinematics import solve
 from taichisoft_arm.kinematic_chain import pose_of
 from taichisoft_arm.mounted_arm import MountedArm, motion_of_base
@@ -90,7 +91,7 @@ class CarriedBase:
     def __init__(self, arm: MountedArm, tool: Vector | None, ramp: float):
         """Take the arm, the point of the gripper that `move` brings to places, and the time to full speed [s]."""
         self.arm, self._tool, self._ramp = arm, tool, ramp
-        self.frames = arm.frame_names()
+        self.frames: Collection[str] = arm.frame_names()
 
     def reset(self, model: Model) -> None:
         """Take the base's pivot, its speed limits, and the frames of the links from a model."""
@@ -151,7 +152,7 @@ class CarriedBase:
         except SceneError as error:
             raise ControllerFailed(str(error)) from error
 
-    def _moved(self, move: Move, start: np.ndarray, factor: float) -> Way:
+    def _moved(self, move: Move, start: np.ndarray, factor: float) -> JointPath:
         """The way of a move; `factor` on the speeds where it does not give any."""
         now = self.arm.motions(start)[-1]
         turn = now[:3, :3] if move.turn is None else Rotation.from_rotvec(move.turn, degrees=True).as_matrix()

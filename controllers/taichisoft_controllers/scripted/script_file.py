@@ -220,7 +220,7 @@ class Script(Table):
 ScriptKind = TypeVar("ScriptKind", bound=Script)
 
 
-def read_script(path: Path, kind: type[ScriptKind] = Script) -> ScriptKind:  # type: ignore[assignment] # the default
+def read_script(path: Path, kind: type[ScriptKind]) -> ScriptKind:
     """Read a TOML or CSV file as a kind of script.
 
     Raises:

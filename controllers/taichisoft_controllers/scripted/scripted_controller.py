@@ -41,7 +41,7 @@ def scripted_controller(script: str | Path, interpolation: str | None = None, **
     """
     ScriptSettings.checked(script=script, interpolation=interpolation, **largest)
     path = find_file(script, "scripts", SUFFIXES, error=SceneError)
-    content = read_script(path)
+    content = read_script(path, Script)
     factors = scaling(content, path, largest)
     smooth = (interpolation or content.interpolation) == "smooth"
     if content.steps is not None:
