@@ -18,6 +18,10 @@ from taichisoft_arm.mounted_arm import MountedArm
 from taichisoft_arm.urdf_file import SUFFIX, LinkPart
 
 
+GROUP = 20202
+"""The group of all links: they overlap at joints, and do not touch each other."""
+
+
 def arm_bodies(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Tables of a scene for the links of the arm that the controller's settings describe.
 
@@ -44,6 +48,7 @@ def arm_bodies(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
             "rotation": _turns(pose[:3, :3]),
             "follows": carriers[part.frame],
             "collides": colliding,
+            "groups": [GROUP],
         }
         if part.colour is not None:
             table["colour"] = part.colour

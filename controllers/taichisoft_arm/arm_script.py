@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft.control import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.model import Model
-from taichisoft.scenes import Positive, Table, Vector
+from taichisoft.scenes import Number, Positive, Table, Vector
 from taichisoft_arm.arm_paths import JointPath, PathLimits, joint_path, straight_path, unreachable, within
 from taichisoft_arm.inverse_kinematics import solve
 from taichisoft_arm.kinematic_chain import pose_of
@@ -50,7 +50,7 @@ class ArmStep(Step):
 
     move: Move | None = None
     """Where the tool goes: to, turn, speed, turning_speed, by."""
-    joints: list[float] | None = Field(None, min_length=1)
+    joints: list[Number] | None = Field(None, min_length=1)
     """Where the joints go, from the root on [degrees], sliding ones in mm: all together, as fast as the arm can."""
     moving: ClassVar[tuple[str, ...]] = ("move", "joints", *(key for key in RATES if not key.startswith("base")))
 

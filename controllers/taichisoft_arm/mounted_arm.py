@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Positive, Table, Vector
+from taichisoft.scenes import Number, Positive, Table, Vector
 from taichisoft_arm.inverse_kinematics import solve
 from taichisoft_arm.kinematic_chain import KinematicChain, inverse_pose, pose_of
 from taichisoft_arm.urdf_file import ArmDescription, LinkPart, Look, read_arm
@@ -38,7 +38,7 @@ class ArmPlacement(Placement):
     """The link that carries the gripper; the only one to which nothing else is attached when it is not given."""
     mount: Placement | None = None
     """Where that link is at the start of a run; the joints follow from it."""
-    joints: list[float] | None = Field(None, min_length=1)
+    joints: list[Number] | None = Field(None, min_length=1)
     """The joints at the start, from the root on [degrees], sliding ones in mm; either these or mount."""
     tool: Vector | None = None
     """The point of the gripper that `move` brings to places, where it is at the start [mm]; the base's pivot when it is

@@ -114,6 +114,33 @@ def test_a_run_goes_on_in_the_middle_of_a_way(tmp_path):
     assert second.state.frame_pose.tolist() == first.state.frame_pose.tolist()
 
 
+@pytest.mark.parametrize("links", ["colliding", "drawn"])
+def test_links_push_what_they_touch_if_asked(links):
+    """The hand, 32 mm in radius, moves 30 mm towards a ball of 10 mm that floats 63 mm beside; they keep 1 mm apart.
+
+    The ball is at rest until it is touched, after 20 mm, and then goes ahead of the hand, which gives no speed back.
+    """
+    tables = {
+        "gravity": [0.0, 0.0, 0.0],
+        "contact": {"friction": 0.0},
+        "base_pivot": [0.0, 0.0, 120.0],
+        "rigid_bodies": {"ball": {"sphere": {"radius": 10.0}, "mass": 0.01, "position": [63.0, 0.0, 130.0]}},
+        "controller": {"name": "arm", "settings": {**STANDING, "links": links}},
+    }
+    simulation = Simulation(scene_from_dict(tables))
+    controller = make_controller(simulation.model.scene)
+    controller.reset(simulation.model)
+    for _ in range(10):
+        controller.key(KeyEvent("right"))
+    go_on(simulation, controller, 28)
+    place, base = simulation.observe().object_positions["ball"][0], simulation.observe().base_translation[0]
+    assert 25.0 < base <= 30.0
+    if links == "drawn":
+        assert place == 63.0
+    else:
+        assert place == pytest.approx(base + 43.0, abs=0.2)
+
+
 def test_keys_jog_in_the_axes_of_the_world_and_of_the_tool(tmp_path):
     """3 mm and 11.25 degrees a key; the tool turns about itself, and in its own axes goes where it then looks."""
     simulation, controller = steered(tmp_path, links="none")
