@@ -1,4 +1,4 @@
-"""Draws docs/grasp.png, docs/grasp.gif and docs/grasp-dragon-skin.png: `python docs/draw_pictures.py`, some minutes.
+"""Draws pictures of runs of shipped scenes, and films two: `python docs/draw_pictures.py`, some minutes.
 
 With `--measured DIR`, the tension tests of the Soft Robotics Materials Database (NAME.csv), also docs/materials.png.
 """
@@ -15,24 +15,32 @@ from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.materials.materials_command import plot
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import render_pictures
+from taichisoft_outputs.rendering.video import render_video
 
 DOCS = Path(__file__).parent
-GRASPS = {"grasp": "gripper", "grasp-dragon-skin": "gripper-dragon-skin"}
-"""The shipped scene of each picture, which shows the end of its run."""
-ANIMATED = "grasp"
-SIZE = (800, 450)
-"""Pixels of the animation, which is to stay under 3 MB."""
+RUNS = {
+    "grasp": ("gripper", None),
+    "grasp-dragon-skin": ("gripper-dragon-skin", None),
+    "pick-and-place": ("pick-and-place", 4.7),
+}
+"""The shipped scene of each picture, and the time that it shows [s]; None: the end of the run."""
+ANIMATED, FILMED = "grasp", "pick-and-place"
+SIZE, FILM_SIZE = (800, 450), (640, 480)
+"""Pixels of the animation and of the film, which are to stay under 3 MB."""
 
 
-def draw_grasp(name: str, scene_name: str) -> None:
-    """Run a shipped scene and draw its end."""
+def draw_run(name: str, scene_name: str, time: float | None) -> None:
+    """Run a shipped scene and draw a moment of it, or its end."""
     scene = load_scene(scene_name)
     simulation = Simulation(scene)
     with TemporaryDirectory() as folder:
         print(f"{name}: {run(simulation, make_controller(scene), [RecordingOutput(Path(folder))])}", flush=True)
-        render_pictures(Path(folder) / "recording.h5", {name: scene.time.duration}, DOCS)
+        recording = Path(folder) / "recording.h5"
+        render_pictures(recording, {name: scene.time.duration if time is None else time}, DOCS)
         if name == ANIMATED:
-            draw_animation(Path(folder) / "recording.h5", DOCS / f"{name}.gif")
+            draw_animation(recording, DOCS / f"{name}.gif")
+        if name == FILMED:
+            render_video(recording, DOCS / f"{name}.mp4", fps=15.0, style=Style(size=FILM_SIZE))
 
 
 def draw_animation(recording: Path, target: Path, frames: int = 40, seconds: float = 4.0) -> None:
@@ -50,8 +58,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python docs/draw_pictures.py")
     parser.add_argument("--measured", type=Path, metavar="DIR", help="tension tests of materials, NAME.csv")
     arguments = parser.parse_args()
-    for name, scene_name in GRASPS.items():
-        draw_grasp(name, scene_name)
+    for name, (scene_name, time) in RUNS.items():
+        draw_run(name, scene_name, time)
     if arguments.measured is not None:
         plot(data=arguments.measured, output=DOCS / "materials.png")
 

@@ -15,6 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = ROOT / "taichisoft"
 FORBIDDEN = {
+    "taichisoft_arm",
     "taichisoft_controllers",
     "taichisoft_gym",
     "taichisoft_meshing",
@@ -101,6 +102,18 @@ LAYERS = {
         "settings",
         "model_names",
         "drives",
+    ],
+    "taichisoft_arm": [
+        "__init__",
+        "arm_links",
+        "arm_controller",
+        "arm_keys",
+        "arm_script",
+        "arm_paths",
+        "mounted_arm",
+        "urdf_file",
+        "inverse_kinematics",
+        "kinematic_chain",
     ],
     "taichisoft_gym": [
         "__init__",
@@ -239,6 +252,7 @@ PACKAGES = [
     *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing")),
     ROOT / "plugins/taichisoft_outputs",
     ROOT / "plugins/taichisoft_reduction",
+    ROOT / "controllers/taichisoft_arm",
     ROOT / "controllers/taichisoft_gym",
     ROOT / "plugins/taichisoft_sofa",
     ROOT / "plugins/taichisoft_studies",

@@ -18,6 +18,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 
 FOLDERS = {
     "taichisoft": "taichisoft",
+    "taichisoft_arm": "controllers/taichisoft_arm",
     "taichisoft_controllers": "controllers/taichisoft_controllers",
     "taichisoft_gym": "controllers/taichisoft_gym",
     "taichisoft_meshing": "meshing/taichisoft_meshing",
@@ -27,6 +28,7 @@ FOLDERS = {
     "taichisoft_studies": "plugins/taichisoft_studies",
     "taichisoft/plugin_system/plugin_template": "taichisoft/plugin_system/plugin_template",
     "taichisoft/tiny_gripper": "taichisoft/tiny_gripper",
+    "taichisoft/data/arms": "data/arms",
     "taichisoft/data/fingers": "data/fingers",
     "taichisoft/data/meshes": "data/meshes",
     "taichisoft/data/scenes": "data/scenes",

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TINY_GRIPPER = ROOT / "taichisoft" / "tiny_gripper" / "scene.toml"
 LEFT_OUT = {
     "": {"gmsh", "imageio_ffmpeg", "matplotlib", "mpl_toolkits", "open3d", "PIL"},
+    "arm": {"yourdfpy"},
     "gym": {"gymnasium"},
     "sofa": {"fissix"},
     "studies": {"bokeh", "cmaes", "cryptography", "dask_jobqueue", "distributed", "optuna", "pandas", "pyarrow"},
@@ -27,6 +28,7 @@ COMMANDS = {
     "run cube.toml --outputs recording,csv,metrics -o run --duration 0.02": None,
     "run cube.toml --web": "web",
     "view run/recording.h5": "web",
+    "run pick-and-place": "arm",
     "study sweep gripper --vary contact.friction=0.2,0.3 -o out": "studies",
     "study optimise finger-tip-force -o out": "studies",
     "study calibrate finger-tip-force -o out": "studies",

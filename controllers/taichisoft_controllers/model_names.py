@@ -85,13 +85,13 @@ def pairs_called(name: str | None, model: "Model") -> list["Pair"]:
 
 
 def grasped_objects(model: "Model") -> list[str]:
-    """The goal's object, or all rigid bodies when the scene has no goal.
+    """The goal's object, or all rigid bodies that no frame carries when the scene has no goal.
 
     Raises:
         SceneError: nothing has that name.
     """
     goal = model.scene.goal
-    names = [goal.object] if goal is not None else [body.name for body in model.rigid_bodies]
+    names = [goal.object] if goal is not None else model.scene.objects
     return called(None, names, "rigid body")
 
 

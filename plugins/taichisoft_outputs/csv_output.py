@@ -73,7 +73,8 @@ class CsvOutput(Output):
             if figure.recorded
             for name in model.actuators.names_of(kind)
         ]
-        self._objects = [body.name for body in model.rigid_bodies]
+        self._objects = model.scene.objects
+        self._rows_of_objects = [list(model.scene.rigid_bodies).index(name) for name in self._objects]
         self._frames = list(model.scene.frames)
         self._pairs = pairs_with_objects(model)
         with named_os_errors(self.path):
@@ -153,8 +154,8 @@ class CsvOutput(Output):
                 for name in self._frames
                 for component in _in_unit(getattr(seen, field)[name], unit).tolist()
             ),
-            *state.rigid_position.ravel().tolist(),
-            *((state.rigid_position - self._start) @ self._up).tolist(),
+            *state.rigid_position[self._rows_of_objects].ravel().tolist(),
+            *((state.rigid_position - self._start) @ self._up)[self._rows_of_objects].tolist(),
         ]
         for quantity in PAIR_UNITS:
             values = getattr(seen, f"{quantity}s")  # pairs between which no contact was found are missing
@@ -170,14 +171,14 @@ class CsvOutput(Output):
 
 
 def pairs_with_objects(model: "Model") -> list["Pair"]:
-    """All pairs of a rigid body with any other body, in the order of the scene.
+    """All pairs of a rigid body with any other body that it can touch, in the order of the scene.
 
     What soft bodies do to each other and to obstacles is in the recording.
     """
-    soft, rigid = [body.name for body in model.soft_bodies], [body.name for body in model.rigid_bodies]
-    pairs: list[Pair] = [(body, other) for body in soft for other in rigid]
-    pairs += combinations(rigid, 2)
-    pairs += [(body, obstacle.name) for body in rigid for obstacle in model.obstacles]
+    rigid = [body for body in model.rigid_bodies if body.collides or body.follows is None]
+    pairs: list[Pair] = [(body.name, other.name) for body in model.soft_bodies for other in rigid]
+    pairs += [(one.name, two.name) for one, two in combinations(rigid, 2) if None in (one.follows, two.follows)]
+    pairs += [(body.name, one.name) for body in rigid if body.follows is None for one in model.obstacles]
     return pairs
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.building.named_materials import fill_in_materials
+from taichisoft.building.scene_additions import add_what_controllers_bring
 from taichisoft.errors import PluginError, SceneError, nearest
 from taichisoft.input_file import read_toml
 from taichisoft.plugin_system.failure import failures_of
@@ -48,6 +49,7 @@ def load_scene(
     change_scene(document, overrides, controller, goal)
     fill_in_materials(document)
     source = " with --set ".join([str(path), *overrides])  # the error may be in the file or in an override
+    add_what_controllers_bring(document, source, path.parent)
     return scene_tables.scene_from_dict(document, source, folder=path.parent)
 
 
@@ -65,6 +67,7 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     """
     tables = copy.deepcopy(dict(document))  # the caller's document is not changed
     fill_in_materials(tables)
+    add_what_controllers_bring(tables, source, folder or Path())
     return scene_tables.scene_from_dict(tables, source, folder)
 
 

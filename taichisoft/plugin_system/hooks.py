@@ -27,6 +27,7 @@ KINDS = {
     "run option": "taichisoft_run_options",
     "renderer": "taichisoft_renderers",
     "material": "taichisoft_materials",
+    "scene addition": "taichisoft_scene_additions",
 }
 """The kinds of things that a plug-in can provide by name, and the hook that provides each."""
 

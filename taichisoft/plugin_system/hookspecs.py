@@ -130,6 +130,15 @@ def taichisoft_materials() -> "Mapping[str, Mapping[str, Any]]":  # type: ignore
 
 
 @hookspec
+def taichisoft_scene_additions() -> "Mapping[str, Callable[[Mapping[str, Any], Path], Mapping[str, Any]]]":  # type: ignore[empty-body]
+    """What controllers add to scenes, by the controller's name; called when a scene that names a controller is read.
+
+    Each value gives tables by the keys of a scene (`rigid_bodies`, `frames`), from the controller's settings and the
+    folder in which files are looked for first. What the scene has under the same name stays as it is.
+    """
+
+
+@hookspec
 def taichisoft_commands(application: "typer.Typer") -> None:
     """Add sub-commands to the command line; called once when `taichisoft` starts, also for `--help`.
 

@@ -26,6 +26,7 @@ FILE_KEYS = {
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
     "points": ("meshes", POINT_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
+    "urdf": ("arms", (".urdf",)),
     "material": ("materials", (".toml",)),
     "reduced": ("reduced", (".npz",)),
 }

@@ -279,9 +279,14 @@ class Scene(Table):
         return found
 
     @property
+    def objects(self) -> list[str]:
+        """Names of the rigid bodies that no frame carries."""
+        return [name for name, body in self.rigid_bodies.items() if body.follows is None]
+
+    @property
     def main_object(self) -> str | None:
-        """Name of the rigid body that a run is about: that of the goal, else the first; None without rigid bodies."""
-        return self.goal.object if self.goal is not None else next(iter(self.rigid_bodies), None)
+        """Name of the rigid body that a run is about: the goal's, else the first that no frame carries; or None."""
+        return self.goal.object if self.goal is not None else next(iter(self.objects), None)
 
     @model_validator(mode="after")
     def _check_control_period(self) -> Self:

@@ -1,7 +1,7 @@
 """A controller that follows keys, with the bindings of SOFA's pneunet gripper tutorial."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -86,6 +86,8 @@ class KeyboardController(Controller):
 
     interactive = True
     sliders: dict[str, Slider]
+    moved_otherwise: Collection[str] = ()
+    """Frames that keys leave alone."""
 
     def __init__(self, **settings: Any):
         """Take the settings that `KeyboardSettings` describes.
@@ -117,7 +119,8 @@ class KeyboardController(Controller):
         driven = {finger_of(name) for name in self.sliders}
         self._fingers = [name for name in model.scene.soft_bodies if name in driven]
         self.bindings = self._bindings()
-        tables = {name: table for name, table in model.scene.frames.items() if table.path is None}
+        frames = {name: table for name, table in model.scene.frames.items() if table.path is None}
+        tables = {name: table for name, table in frames.items() if name not in self.moved_otherwise}
         self._hinges = [name for name, table in tables.items() if table.hinge is not None]
         for name in self._hinges:
             self.sliders[name] = _angle_slider(tables[name].hinge, self._steps.turn_step)
@@ -133,7 +136,7 @@ class KeyboardController(Controller):
         """Take a step, with or without Ctrl and shift, or move a slider."""
         if event.value is not None:
             if event.key in self.sliders:
-                self.sliders[event.key] = _moved(self.sliders[event.key], event.value)
+                self.sliders[event.key] = moved(self.sliders[event.key], event.value)
             return
         key = event.key.lower()
         if key in EFFORT_KEYS:
@@ -177,7 +180,7 @@ class KeyboardController(Controller):
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Go on from there; a slider of another range goes as near as its ends allow."""
         for name, value in saved["sliders"].items():
-            self.sliders[name] = _moved(self.sliders[name], value)
+            self.sliders[name] = moved(self.sliders[name], value)
         self._poses = {name: KeyedPose(np.array(pose[0]), pose[1]) for name, pose in saved["poses"].items()}
         self._frame = saved["frame"]
         self._select(saved["selected"])
@@ -189,7 +192,7 @@ class KeyboardController(Controller):
     def _turn_frame(self, steps: int) -> None:
         if self._frame in self._hinges:
             slider = self.sliders[self._frame]
-            self.sliders[self._frame] = _moved(slider, slider.value + steps * slider.step)
+            self.sliders[self._frame] = moved(slider, slider.value + steps * slider.step)
         else:
             self._poses[self._frame].turns += steps
 
@@ -228,7 +231,7 @@ class KeyboardController(Controller):
     def _change_effort(self, steps: float) -> None:
         for name, slider in self.sliders.items():
             if name in self._drives and self._selected in (None, finger_of(name)):
-                self.sliders[name] = _moved(slider, slider.value + steps * slider.step)
+                self.sliders[name] = moved(slider, slider.value + steps * slider.step)
 
     def _move(self, to_the_right: float, upward: float) -> None:
         if self._frame in self._hinges:
@@ -270,9 +273,9 @@ def _angle_slider(hinge: HingeSettings | None, step: float) -> Slider:
 
 def _slider(lowest: float, highest: float, step: float, drive: Drive) -> Slider:
     """A slider at 0, or as near as its ends allow."""
-    return _moved(Slider(lowest, lowest, highest, step, drive.unit), 0.0)
+    return moved(Slider(lowest, lowest, highest, step, drive.unit), 0.0)
 
 
-def _moved(slider: Slider, value: float) -> Slider:
+def moved(slider: Slider, value: float) -> Slider:
     """The slider at another value, or as near as its ends allow."""
     return replace(slider, value=min(max(value, slider.lowest), slider.highest))

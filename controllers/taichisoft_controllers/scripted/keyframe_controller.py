@@ -11,7 +11,7 @@ from taichisoft.control import Control, Controller, Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.drives import DRIVES
 from taichisoft_controllers.scripted.script_file import Keyframe
-from taichisoft_controllers.scripted.script_targets import TRANSLATION, Targets, smoothed
+from taichisoft_controllers.scripted.script_targets import FreeBase, Targets, smoothed
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -32,7 +32,7 @@ class KeyframeController(Controller):
             SceneError: a keyframe names an unknown finger, cavity or cable, leaves out a cavity, or a cable
                 that another one names, or gives a cable a pull and a tension.
         """
-        self._targets = targets = Targets(model)
+        self._targets = targets = Targets(model, FreeBase())
         efforts = [self._efforts(index) for index in range(len(self._keyframes))]
         named = np.zeros(len(targets.places), dtype=bool)
         named[[place for values in efforts for place in values]] = True
@@ -60,7 +60,7 @@ class KeyframeController(Controller):
 
     def base_stops_at(self, observation: Observation) -> float:
         """The time of the last keyframe that has the base elsewhere than the one before."""
-        base = self._values[:, TRANSLATION.start :]
+        base = self._values[:, self._targets.base]
         moved = np.flatnonzero((base[1:] != base[:-1]).any(axis=1))
         return max(observation.time, float(self._times[moved[-1] + 1])) if len(moved) else observation.time
 

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import Field, PlainValidator, ValidationError, model_validator
 from pydantic_core import PydanticKnownError
@@ -154,6 +154,8 @@ class Step(Moved):  # type: ignore[misc] # as above
     """Time after the beginning of the step at which the run fails when `until` is still not true [s]."""
     hold: Positive | None = None
     """Duration for which everything stays where it is before the next step begins [s]."""
+    moving: ClassVar[tuple[str, ...]] = tuple(RATES)
+    """Keys of all that a step can move."""
 
     @model_validator(mode="after")
     def _check_motion(self) -> "Step":
@@ -183,13 +185,13 @@ class Step(Moved):  # type: ignore[misc] # as above
         if self.timeout is not None and self.until is None:
             raise ValueError("timeout without until has no effect; remove it or give a condition")
         if not self.moves and self.until is None and self.hold is None:
-            raise ValueError(f"does nothing; it needs at least one of {', '.join(RATES)}, frames, until, hold")
+            raise ValueError(f"does nothing; it needs at least one of {', '.join(self.moving)}, frames, until, hold")
         return self
 
     @property
     def moves(self) -> bool:
         """Whether the step moves anything."""
-        return bool(self.frames) or any(getattr(self, key) is not None for key in RATES)
+        return bool(self.frames) or any(getattr(self, key) is not None for key in self.moving)
 
 
 class Script(Table):
@@ -215,8 +217,11 @@ class Script(Table):
         return max(itertools.chain(*numbers), default=-math.inf)
 
 
-def read_script(path: Path) -> Script:
-    """Read a TOML or CSV file.
+ScriptKind = TypeVar("ScriptKind", bound=Script)
+
+
+def read_script(path: Path, kind: type[ScriptKind]) -> ScriptKind:
+    """Read a TOML or CSV file as a kind of script.
 
     Raises:
         SceneError: it is not readable, or something in it is not valid; the message names file, key and value.
@@ -224,9 +229,9 @@ def read_script(path: Path) -> Script:
     try:
         text = path.read_text(encoding="utf-8-sig")
         tables = read_keyframes(text) if path.suffix.lower() == ".csv" else parse_toml(text)
-        return Script.model_validate(tables)
+        return kind.model_validate(tables)
     except ValidationError as error:
-        raise SceneError(f"{path}: {first_problem(error, Script)}") from error
+        raise SceneError(f"{path}: {first_problem(error, kind)}") from error
     except (OSError, ValueError) as error:
         raise SceneError(f"{path}: not readable as {path.suffix[1:].upper() or 'TOML'}: {error}") from error
     except SceneError as error:

@@ -1,8 +1,8 @@
-"""The targets of a script as one array: pressures, pulls and tensions, poses of frames, pose of the base."""
+"""The targets of a script as one array: pressures, pulls and tensions, poses of frames, then what moves the base."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -14,28 +14,110 @@ from taichisoft_controllers.model_names import values_by_actuator
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft_controllers.scripted.script_file import FramePlace
+    from taichisoft_controllers.scripted.script_file import FramePlace, Step
 
-TRANSLATION, ROTATION = slice(-6, -3), slice(-3, None)
-"""The base [mm] and [rad] in an array of targets."""
+TRANSLATION, ROTATION = slice(0, 3), slice(3, 6)
+"""Translation [mm] and rotation vector [rad] in the values of a base that moves freely."""
 
 Share = TypeVar("Share", float, np.ndarray)
 
 
+class Way(Protocol):
+    """The way of values from `start` to `target`, within `length` [s]."""
+
+    @property
+    def start(self) -> np.ndarray: ...
+    @property
+    def target(self) -> np.ndarray: ...
+    @property
+    def length(self) -> float: ...
+    def at(self, elapsed: float) -> np.ndarray:
+        """The values some time after the start [s], shape (value_count,)."""
+
+
+class BaseMover(Protocol):
+    """What moves the base of a script, by values of its own.
+
+    Attributes:
+        frames: names of the frames that it moves with the base, and that the script leaves alone.
+    """
+
+    frames: Collection[str]
+
+    def reset(self, model: "Model") -> None:
+        """Prepare for a run."""
+
+    def observed(self, observation: Observation) -> np.ndarray:
+        """The values in an observation, shape (value_count,)."""
+
+    def reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
+        """What the scene's limits have left of the values that were asked for, shape (value_count,)."""
+
+    def way(self, step: "Step", start: np.ndarray, smooth: bool) -> Way:
+        """The way from the values at the start of a step to its targets."""
+
+    def control(self, values: np.ndarray) -> dict[str, Any]:
+        """Arguments of the `Control` that asks for values."""
+
+
+class FreeBase:
+    """A base that goes to translations and rotations, as if nothing carried it."""
+
+    frames: Collection[str] = ()
+
+    def reset(self, model: "Model") -> None:
+        """Nothing depends on the model."""
+
+    def observed(self, observation: Observation) -> np.ndarray:
+        """Where the base is, shape (6,)."""
+        return np.concatenate([observation.base_translation, observation.base_rotation])
+
+    def reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
+        """Where the base is, as far as limits hold it back, shape (6,)."""
+        reached, observed = values.copy(), self.observed(observation)
+        for name, part in (("base_translation", TRANSLATION), ("base_rotation", ROTATION)):
+            if name in observation.clipped:
+                reached[part] = observed[part]
+        return reached
+
+    def way(self, step: "Step", start: np.ndarray, smooth: bool) -> Way:
+        """The straight way to a step's translation and rotation."""
+        target = start.copy()
+        if step.base_translation is not None:
+            target[TRANSLATION] = step.base_translation
+        if step.base_rotation is not None:
+            target[ROTATION] = np.radians(step.base_rotation)
+        if step.duration is not None:
+            return Ramp(start, target, np.full(len(start), step.duration), smooth)
+        durations = np.zeros(len(start))
+        if step.base_speed is not None:
+            durations[TRANSLATION] = np.linalg.norm((target - start)[TRANSLATION]) / step.base_speed
+        if step.base_turning_speed is not None:
+            turn = np.degrees((target - start)[ROTATION])
+            durations[ROTATION] = np.linalg.norm(turn) / step.base_turning_speed
+        return Ramp(start, target, durations, smooth=False)
+
+    def control(self, values: np.ndarray) -> dict[str, Any]:
+        """The base's translation and rotation."""
+        return {"base_translation": values[TRANSLATION], "base_rotation": values[ROTATION]}
+
+
 class Targets:
-    """Where the targets for a model stand in an array: every way to drive every actuator, frames, then the base.
+    """Where the targets for a model stand in an array: every way to drive every actuator, frames, the base's values.
 
     Attributes:
         places: the place of an actuator that is driven in a way.
         parts: the places of all that can be driven in a way.
         frames: the places of the poses of frames that can be asked to move, each of 6 values [mm] and [rad], by name.
-        count: number of values.
+        base: the places of the base's values, behind all others.
         driven_first: whether what stands at a place is asked for as a script begins: pressures of cavities always are,
             cables and valves only when the script names them; shape (len(places),).
     """
 
-    def __init__(self, model: "Model"):
-        """Lay out the array."""
+    def __init__(self, model: "Model", base: BaseMover):
+        """Lay out the array; `base` is what moves the base."""
+        self._mover = base
+        base.reset(model)
         self._names = {drive: driven_by(drive, model) for drive in DRIVES}
         ways = [(drive, actuator) for drive, names in self._names.items() for actuator in names]
         self.places = {way: place for place, way in enumerate(ways)}
@@ -44,10 +126,11 @@ class Targets:
         for drive in DRIVES:
             self.parts[drive] = slice(place, place + len(self._names[drive]))
             place = self.parts[drive].stop
-        tables = {name: table for name, table in model.scene.frames.items() if table.path is None}
+        frames = {name: table for name, table in model.scene.frames.items() if table.path is None}
+        tables = {name: table for name, table in frames.items() if name not in base.frames}
         self.frames = {name: slice(place + 6 * n, place + 6 * n + 6) for n, name in enumerate(tables)}
         self._axes = {name: table.hinge.unit_axis for name, table in tables.items() if table.hinge is not None}
-        self.count = len(ways) + 6 * len(tables) + 6
+        self.base = slice(len(ways) + 6 * len(tables), None)
         kinds = [kind_of(drive) for drive, _ in ways]
         first = [kind.always_driven and drive is kind.effort for kind, (drive, _) in zip(kinds, ways, strict=True)]
         self.driven_first = np.array(first, dtype=bool)
@@ -81,11 +164,31 @@ class Targets:
         return poses
 
     def observed(self, observation: Observation) -> np.ndarray:
-        """The values in an observation, shape (count,)."""
+        """The values in an observation, shape (value_count,)."""
+        return np.concatenate([self.observed_others(observation), self._mover.observed(observation)])
+
+    def observed_others(self, observation: Observation) -> np.ndarray:
+        """The values of actuators and frames in an observation, which stand before those of the base."""
         values = [read_drive(drive, observation, actuator) for drive, actuator in self.places]
         poses = [(observation.frame_translations[name], observation.frame_rotations[name]) for name in self.frames]
-        poses.append((observation.base_translation, observation.base_rotation))
-        return np.array([*values, *np.ravel(poses)])
+        return np.concatenate([values, np.ravel(poses)])
+
+    def reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
+        """The values that were asked for; where the scene's limits held them back, the values that were reached."""
+        if not observation.clipped:
+            return values
+        reached = values.copy()
+        for (drive, actuator), place in self.places.items():
+            if actuator in observation.clipped:
+                reached[place] = read_drive(drive, observation, actuator)
+        observed = self.observed_others(observation)
+        for name, frame in self.frames.items():
+            halves = slice(frame.start, frame.start + 3), slice(frame.start + 3, frame.stop)
+            for part, half in zip(("translation", "rotation"), halves, strict=True):
+                if f"{name}_{part}" in observation.clipped:
+                    reached[half] = observed[half]
+        reached[self.base] = self._mover.reached(observation, values[self.base])
+        return reached
 
     def drive(self, driven: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """What is asked for when the chosen places are, too: each actuator in one way only; shapes (len(places),)."""
@@ -95,7 +198,7 @@ class Targets:
         return np.array(kept, dtype=bool) | chosen
 
     def control(self, values: np.ndarray, driven: np.ndarray, signals: Mapping[str, float] | None = None) -> Control:
-        """The control that asks for values, shape (count,), at the places that are driven, shape (len(places),)."""
+        """The control for values, shape (value_count,), at the places that are driven, shape (len(places),)."""
         asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in DRIVES}
         for (drive, actuator), value, is_driven in zip(self.places, values.tolist(), driven, strict=False):
             if is_driven:
@@ -106,13 +209,10 @@ class Targets:
                 moved["frame_angle"][name] = float(values[place][3:] @ self._axes[name])
             else:
                 moved["frame_translation"][name], moved["frame_rotation"][name] = values[place].reshape(2, 3)
-        return Control(
-            base_translation=values[TRANSLATION],
-            base_rotation=values[ROTATION],
-            signals=signals or {},
-            **moved,  # type: ignore[arg-type] # keys of frames alone
-            **asked,  # type: ignore[arg-type] # keys of actuators alone
-        )
+        base = self._mover.control(values[self.base])
+        for key, ones in (("signals", signals or {}), *moved.items()):
+            base[key] = {**ones, **base.get(key, {})}
+        return Control(**asked, **base)  # type: ignore[arg-type] # keys of actuators alone
 
 
 def smoothed(share: Share) -> Share:
@@ -147,3 +247,30 @@ class Ramp:
         if self.smooth:
             share = smoothed(share)
         return np.where(moving, self.start + share * (self.target - self.start), self.target)
+
+
+@dataclass(frozen=True)
+class CommonWay:
+    """The ways of actuators and frames, and of the base, at the same time."""
+
+    others: Way
+    base: Way
+
+    @property
+    def start(self) -> np.ndarray:
+        """Values at the beginning, shape (value_count,)."""
+        return np.concatenate([self.others.start, self.base.start])
+
+    @property
+    def target(self) -> np.ndarray:
+        """Values at the end, shape (value_count,)."""
+        return np.concatenate([self.others.target, self.base.target])
+
+    @property
+    def length(self) -> float:
+        """The time until the last value has arrived [s]."""
+        return max(self.others.length, self.base.length)
+
+    def at(self, elapsed: float) -> np.ndarray:
+        """The values some time after the start [s], shape (value_count,)."""
+        return np.concatenate([self.others.at(elapsed), self.base.at(elapsed)])

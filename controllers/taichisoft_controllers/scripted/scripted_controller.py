@@ -1,5 +1,6 @@
 """The controller "scripted": follows a file of keyframes, or of steps that may wait for conditions."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from taichisoft.errors import SceneError
 from taichisoft.scenes import Positive, find_file
 from taichisoft_controllers.drives import DRIVES, table_of_drives
 from taichisoft_controllers.scripted.keyframe_controller import KeyframeController
-from taichisoft_controllers.scripted.script_file import SUFFIXES, Interpolation, read_script
+from taichisoft_controllers.scripted.script_file import SUFFIXES, Interpolation, Script, read_script
 from taichisoft_controllers.scripted.step_controller import StepController
 from taichisoft_controllers.settings import ControllerSettings
 
@@ -40,14 +41,24 @@ def scripted_controller(script: str | Path, interpolation: str | None = None, **
     """
     ScriptSettings.checked(script=script, interpolation=interpolation, **largest)
     path = find_file(script, "scripts", SUFFIXES, error=SceneError)
-    content = read_script(path)
+    content = read_script(path, Script)
+    factors = scaling(content, path, largest)
+    smooth = (interpolation or content.interpolation) == "smooth"
+    if content.steps is not None:
+        return StepController(path, content.steps, smooth, factors)
+    return KeyframeController(path, content.keyframes or (), smooth, factors)
+
+
+def scaling(content: Script, path: Path, largest: Mapping[str, float | None]) -> dict[Drive, float]:
+    """The factors that make the largest pressure, pull and so on of a script what the settings want.
+
+    Raises:
+        SceneError: the script at `path` has nothing to scale.
+    """
     factors = {}
     for drive in DRIVES:
         wanted, highest = largest.get(drive.name), content.highest(drive)
         if wanted is not None and not highest > 0.0:
             raise SceneError(f"{path}: has no {drive.name} above 0 that controller.settings.{drive.name} could scale")
         factors[drive] = wanted / highest if wanted is not None else 1.0
-    smooth = (interpolation or content.interpolation) == "smooth"
-    if content.steps is not None:
-        return StepController(path, content.steps, smooth, factors)
-    return KeyframeController(path, content.keyframes or (), smooth, factors)
+    return factors

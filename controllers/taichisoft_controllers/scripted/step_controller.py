@@ -9,10 +9,10 @@ import numpy as np
 
 from taichisoft.actuators import Drive
 from taichisoft.control import Control, Controller, Observation
-from taichisoft.errors import SceneError, StateError
-from taichisoft_controllers.drives import DRIVES, read_drive
+from taichisoft.errors import ControllerFailed, SceneError, StateError
+from taichisoft_controllers.drives import DRIVES
 from taichisoft_controllers.scripted.script_file import Step
-from taichisoft_controllers.scripted.script_targets import ROTATION, TRANSLATION, Ramp, Targets
+from taichisoft_controllers.scripted.script_targets import BaseMover, CommonWay, FreeBase, Ramp, Targets, Way
 from taichisoft_controllers.scripted.step_in_progress import StepInProgress, Waiting
 
 if TYPE_CHECKING:
@@ -20,18 +20,35 @@ if TYPE_CHECKING:
 
 SIGNAL = "script_step"
 """Name of the signal that gives the index of the step that goes on; the number of steps when all are done."""
+REST = Step(hold=1.0)
+"""What follows the last step: nothing moves."""
 
 
 class StepController(Controller):
     """Begins with the first step whenever it is reset; after the last one it holds."""
 
-    def __init__(self, path: Path, steps: Sequence[Step], smooth: bool, factors: Mapping[Drive, float]):
-        """Read the conditions of a file's steps; `factors` scale pressures, pulls and tensions, and their rates.
+    def __init__(
+        self,
+        path: Path,
+        steps: Sequence[Step],
+        smooth: bool,
+        factors: Mapping[Drive, float],
+        base: BaseMover | None = None,
+    ):
+        """Read the conditions of a file's steps.
+
+        Args:
+            path: the file.
+            steps: its steps.
+            smooth: whether motions of a duration start and end at rest.
+            factors: of pressures, pulls and tensions, and of their rates.
+            base: what moves the base; None: nothing carries it.
 
         Raises:
             SceneError: a condition is not understood.
         """
         self._path, self._steps, self._smooth, self._factors = path, steps, smooth, factors
+        self._base: BaseMover = base or FreeBase()
         self._waiting = [
             Waiting(step.until, step.timeout, f"{path}: {self._label(index)}")
             if step.until is not None and step.timeout is not None
@@ -47,7 +64,7 @@ class StepController(Controller):
         Raises:
             SceneError: a step names an unknown finger, cavity, cable or body.
         """
-        self._targets = Targets(model)
+        self._targets = Targets(model, self._base)
         self._driven = self._targets.driven_first
         for index, waiting in enumerate(self._waiting):
             self._efforts(index)
@@ -85,18 +102,19 @@ class StepController(Controller):
                 f"{self._path}: not the script that the controller followed, which was at steps.{len(begun) - 1}; "
                 "`taichisoft resume --reset-controller` begins with the first step"
             )
-        self._begun, self._driven = begun, driven
-        self._current = StepInProgress.restored(step, *self._end_of(len(begun) - 1)) if step is not None else None
+        self._begun, self._driven, index = begun, driven, len(begun) - 1
+        if step is not None:
+            self._current = StepInProgress.restored(step, self._way(index, step["start"]), *self._end_of(index))
 
     def base_stops_at(self, observation: Observation) -> float:
         """The end of the last way of the base, as if every condition were true at once."""
-        time, values, base = observation.time, self._targets.observed(observation), slice(TRANSLATION.start, None)
+        time, values, base = observation.time, self._targets.observed(observation), self._targets.base
         stops = time
         for index, step in enumerate(self._steps):
-            way = self._way(index, values, self._efforts(index))
+            way = self._way(index, values)
             waits = self._waiting[index] is not None
             if (way.target != values)[base].any():
-                stops = time + (0.0 if waits else float(way.durations[base].max()))
+                stops = time + (0.0 if waits else way.base.length)
             time += (0.0 if waits else way.length) + (step.hold or 0.0)
             values = way.target
         return stops
@@ -115,31 +133,11 @@ class StepController(Controller):
         if self._current is None:
             self._current = self._begin(observation.time, self._targets.observed(observation), observation)
         while len(self._begun) <= len(self._steps):
-            ended = self._current.advance(observation, self._reached(observation, self._current.values))
+            ended = self._current.advance(observation, self._targets.reached(observation, self._current.values))
             if ended is None:
                 break
             self._current = self._begin(ended, self._current.values, observation)
         return self._current.values
-
-    def _reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
-        """The values that were asked for; where the scene's limits held them back, the values that were reached."""
-        if not observation.clipped:
-            return values
-        reached = values.copy()
-        for (drive, actuator), place in self._targets.places.items():
-            if actuator in observation.clipped:
-                reached[place] = read_drive(drive, observation, actuator)
-        observed = self._targets.observed(observation)
-        for name, frame in self._targets.frames.items():
-            halves = slice(frame.start, frame.start + 3), slice(frame.start + 3, frame.stop)
-            for part, half in zip(("translation", "rotation"), halves, strict=True):
-                if f"{name}_{part}" in observation.clipped:
-                    reached[half] = observed[half]
-        if "base_translation" in observation.clipped:
-            reached[TRANSLATION] = observation.base_translation
-        if "base_rotation" in observation.clipped:
-            reached[ROTATION] = observation.base_rotation
-        return reached
 
     def _begin(self, time: float, values: np.ndarray, observation: Observation) -> StepInProgress:
         """The next step, or, after the last, a step that does not end; it continues from `values`.
@@ -150,14 +148,14 @@ class StepController(Controller):
         self._begun.append(time)
         waiting, hold = self._end_of(index)
         if index == len(self._steps):
-            return StepInProgress(time, Ramp(values, values, np.zeros(len(values)), False), waiting, hold)
-        efforts, chosen = self._efforts(index), np.zeros(len(self._driven), dtype=bool)
-        chosen[list(efforts)] = True
+            return StepInProgress(time, self._way(index, values), waiting, hold)
+        chosen = np.zeros(len(self._driven), dtype=bool)
+        chosen[list(self._efforts(index))] = True
         start = values.copy()
         begins = np.flatnonzero(chosen & ~self._driven)
-        start[begins] = self._targets.observed(observation)[begins]
+        start[begins] = self._targets.observed_others(observation)[begins]
         self._driven = self._targets.drive(self._driven, chosen)
-        return StepInProgress(time, self._way(index, start, efforts), waiting, hold)
+        return StepInProgress(time, self._way(index, start), waiting, hold)
 
     def _end_of(self, index: int) -> tuple[Waiting | None, float]:
         """What a step waits for, and how long it then rests [s]; what comes after the last step does not end."""
@@ -165,22 +163,34 @@ class StepController(Controller):
             return None, math.inf
         return self._waiting[index], self._steps[index].hold or 0.0
 
-    def _way(self, index: int, start: np.ndarray, efforts: Mapping[int, float]) -> Ramp:
-        """The way from the values at the start of a step to its targets; `efforts` has actuators' targets by place."""
-        step, target, poses = self._steps[index], start.copy(), self._frames(index)
+    def _way(self, index: int, start: Sequence[float] | np.ndarray) -> CommonWay:
+        """The way from the values at the start of a step to its targets; after the last step it ends at once.
+
+        Raises:
+            ControllerFailed: what moves the base cannot go this way.
+        """
+        last = index == len(self._steps)
+        step, efforts = (REST, {}) if last else (self._steps[index], self._efforts(index))
+        others, base = np.split(np.asarray(start, dtype=np.float64), [self._targets.base.start])
+        try:
+            base_way = self._base.way(step, base, self._smooth)
+        except ControllerFailed as error:
+            raise ControllerFailed(f"{self._path}: {self._label(index)}: {error}") from error
+        poses = {} if last else self._frames(index)
+        return CommonWay(self._others_way(step, others, efforts, poses), base_way)
+
+    def _others_way(
+        self, step: Step, start: np.ndarray, efforts: Mapping[int, float], poses: Mapping[str, np.ndarray]
+    ) -> Way:
+        """The way of actuators and frames; `efforts` has targets by place, `poses` by frame."""
+        target = start.copy()
         target[list(efforts)] = list(efforts.values())
-        if step.base_translation is not None:
-            target[TRANSLATION] = step.base_translation
-        if step.base_rotation is not None:
-            target[ROTATION] = np.radians(step.base_rotation)
         for name, pose in poses.items():
             place = self._targets.frames[name]
             target[place] = np.where(np.isnan(pose), start[place], pose)
         if step.duration is not None:
             return Ramp(start, target, np.full(len(start), step.duration), self._smooth)
         change = np.abs(target - start)
-        change[TRANSLATION] = np.linalg.norm(change[TRANSLATION])
-        change[ROTATION] = np.linalg.norm(np.degrees(change[ROTATION]))
         for place in self._targets.frames.values():
             way = change[place].reshape(2, 3)
             change[place] = np.repeat(np.linalg.norm(way, axis=1) * [1.0, math.degrees(1.0)], 3)
@@ -189,10 +199,6 @@ class StepController(Controller):
             given = getattr(step, drive.rate)
             if given is not None:
                 rate[part] = self._factors[drive] * given
-        if step.base_speed is not None:
-            rate[TRANSLATION] = step.base_speed
-        if step.base_turning_speed is not None:
-            rate[ROTATION] = step.base_turning_speed
         for name, frame in step.frames.items():
             speeds = [math.inf if speed is None else speed for speed in (frame.speed, frame.turning_speed)]
             rate[self._targets.frames[name]] = np.repeat(speeds, 3)

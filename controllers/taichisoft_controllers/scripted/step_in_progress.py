@@ -9,7 +9,7 @@ from taichisoft.control import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_controllers.scripted.condition import Quantity, Values, read_condition
 from taichisoft_controllers.scripted.quantities import QUANTITIES, Reading, bind_quantity
-from taichisoft_controllers.scripted.script_targets import Ramp
+from taichisoft_controllers.scripted.script_targets import Way
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -88,7 +88,7 @@ class StepInProgress:
         values: what is asked for now, shape (value_count,).
     """
 
-    def __init__(self, begun: float, way: Ramp, waiting: Waiting | None, hold: float):
+    def __init__(self, begun: float, way: Way, waiting: Waiting | None, hold: float):
         self.begun = begun
         self.values = way.start
         self._way, self._waiting, self._hold = way, waiting, hold
@@ -96,22 +96,17 @@ class StepInProgress:
 
     def save(self) -> dict[str, Any]:
         """Where it is on its way; numbers of all values, in the order of the script's targets."""
-        way = self._way
         return {
             "begun": self.begun,
             "values": self.values.tolist(),
-            "start": way.start.tolist(),
-            "target": way.target.tolist(),
-            "durations": way.durations.tolist(),
-            "smooth": way.smooth,
+            "start": self._way.start.tolist(),
             "rest_begun": self._rest_begun,
         }
 
     @classmethod
-    def restored(cls, saved: Mapping[str, Any], waiting: Waiting | None, hold: float) -> Self:
-        """The step that `save` described, with what it waits for and how long it then rests [s]."""
-        start, target, durations = (np.array(saved[name]) for name in ("start", "target", "durations"))
-        step = cls(saved["begun"], Ramp(start, target, durations, saved["smooth"]), waiting, hold)
+    def restored(cls, saved: Mapping[str, Any], way: Way, waiting: Waiting | None, hold: float) -> Self:
+        """The step that `save` described, with its way, what it waits for, and how long it then rests [s]."""
+        step = cls(saved["begun"], way, waiting, hold)
         step.values, step._rest_begun = np.array(saved["values"]), saved["rest_begun"]
         return step
 

@@ -113,8 +113,9 @@ def caption_parts(recording: Recording, frame: int) -> list[str]:
             parts.append(_figures_text(effort.words, texts, effort.unit))
     start = recording.row("rigid_position", recording.last_start if frame >= recording.last_start else 0)
     rises = (recording.row("rigid_position", frame) - start) @ recording.scene.up
-    for name, rise in list(zip(recording.scene.rigid_bodies, rises, strict=True))[:CAPTION_BODIES]:
-        parts.append(f"{name} raised {_one_decimal(rise)} mm")
+    raised = dict(zip(recording.scene.rigid_bodies, rises, strict=True))
+    for name in recording.scene.objects[:CAPTION_BODIES]:
+        parts.append(f"{name} raised {_one_decimal(raised[name])} mm")
     return parts
 
 

@@ -26,14 +26,16 @@ class RunCurves:
     Attributes:
         recording: the recording, which stays open.
         times: times of its frames [s], shape (frame_count,).
-        objects: names of the rigid bodies.
+        objects: names of the rigid bodies that no frame carries.
+        object_columns: their numbers among all rigid bodies.
     """
 
     def __init__(self, recording: Recording):
         """Prepare; tips are read when a panel needs them."""
         self.recording = recording
         self.times = recording.times
-        self.objects = list(recording.scene.rigid_bodies)
+        self.objects = recording.scene.objects
+        self.object_columns = [list(recording.scene.rigid_bodies).index(name) for name in self.objects]
 
     @cached_property
     def tips(self) -> tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]:
@@ -102,7 +104,7 @@ def height(run: RunCurves) -> Panel:
     """Heights of objects and base over their heights at the start."""
     names, up = run.objects, run.recording.scene.up
     levels = run.recording.column("rigid_position") @ up
-    rises = [_since_start(run, levels[:, body]) for body in range(len(names))]
+    rises = [_since_start(run, levels[:, body]) for body in run.object_columns]
     base = _since_start(run, run.recording.base_translation @ up)
     if not names and not base.any():
         base = np.full_like(base, np.nan)  # nothing rises, so there is nothing to see
@@ -112,7 +114,7 @@ def height(run: RunCurves) -> Panel:
 def slip(run: RunCurves) -> Panel:
     """How far objects have slid down the fingers since the moment before the base moves, as in metrics.json."""
     base, names = run.recording.base_translation, run.objects
-    slide = -run.recording.column("slide") @ run.recording.scene.up
+    slide = (-run.recording.column("slide") @ run.recording.scene.up)[:, run.object_columns]
     behind = np.full((len(run.times), len(names)), np.nan)
     for start, end in pieces(run.times):
         rest = last_at_rest(base[start:end])

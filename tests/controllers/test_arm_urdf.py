@@ -1,0 +1,143 @@
+"""Arms of users: meshes in files, mounts, links beside the chain, and what of a URDF is refused."""
+
+import numpy as np
+import pytest
+import trimesh
+from arms import STANDING, own_arm
+
+from taichisoft.bodies.rotations import rotation_from_degrees
+from taichisoft.building.scene_files import scene_from_dict
+from taichisoft.building.simulation import Simulation
+from taichisoft.errors import SceneError
+from taichisoft_arm.arm_links import arm_bodies
+from taichisoft_arm.mounted_arm import ArmPlacement, MountedArm
+from taichisoft_arm.urdf_file import read_arm
+
+MESH = '<{look}><origin xyz="0.01 0 0"/><geometry><mesh filename="{file}" scale="{scale}"/></geometry></{look}>'
+
+
+def settings(urdf, **changes):
+    return {"urdf": str(urdf), "position": [100.0, 0.0, 0.0], "joints": [90.0, 50.0], **changes}
+
+
+def test_links_with_meshes_stand_where_the_joints_put_them(tmp_path):
+    """A cube of 20 mm in metres, a sheet without thickness; their frames move as the joints do.
+
+    The arm stands at x = 100 mm, is turned by 90 degrees about z and raised by 50 mm at the start: a link that is at
+    (110, 0, 0) in the frame of the second joint is at (100, 110, 100) in the scene.
+    """
+    trimesh.creation.box((0.02, 0.02, 0.02)).export(tmp_path / "cube.stl")
+    sheet = trimesh.Trimesh([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 4]], [[0, 1, 2], [0, 1, 3]])
+    (tmp_path / "meshes").mkdir()
+    sheet.export(tmp_path / "meshes" / "sheet.stl")
+    urdf = own_arm(
+        tmp_path,
+        upper=MESH.format(look="visual", file="package://own/cube.stl", scale="1 1 2"),
+        lower=MESH.format(look="visual", file="meshes/sheet.stl", scale="0.001 0.001 0.001"),
+        foot='<visual><geometry><sphere radius="0.03"/></geometry></visual>',
+    )
+    with pytest.warns(UserWarning, match=r"sheet\.stl: is not a closed surface; the arm's link 'lower' gets its hull"):
+        tables = arm_bodies(settings(urdf), tmp_path)
+    bodies = tables["rigid_bodies"]
+    assert {name: table["follows"] for name, table in bodies.items()} == {
+        "arm_foot": "arm_root",
+        "arm_lower": "arm_turn",
+        "arm_upper": "base",
+    }
+    assert list(tables["frames"]) == ["arm_root", "arm_turn"]
+    assert bodies["arm_foot"]["sphere"] == {"radius": 30.0}
+    assert bodies["arm_upper"]["position"] == pytest.approx([100.0, 110.0, 100.0], abs=1e-9)
+    assert rotation_from_degrees(bodies["arm_upper"]["rotation"]) @ [1, 0, 0] == pytest.approx([0, 1, 0], abs=1e-12)
+    simulation = Simulation(scene_from_dict({"controller": {"name": "none"}, **tables, "base_pivot": [0.0, 0.0, 0.0]}))
+    upper, lower = simulation.model.rigid_bodies[2], simulation.model.rigid_bodies[1]
+    assert np.ptp(upper.vertices, axis=0) == pytest.approx([20.0, 20.0, 40.0], rel=1e-5)  # in single precision
+    assert len(lower.triangles) == 4  # the hull of a sheet with a corner up is a tetrahedron
+
+
+def test_the_gripper_hangs_on_the_mount(tmp_path):
+    """The link `mount` carries it; the pose of the link at the start is what the settings say, 1e-9 mm."""
+    urdf = own_arm(tmp_path)
+    mount = {"position": [100.0 + 120.0, 0.0, 100.0], "rotation": [180.0, 0.0, 0.0]}
+    placed = ArmPlacement.model_validate({**settings(urdf), "joints": None, "mount": mount})
+    arm = MountedArm(placed)
+    assert arm.start == pytest.approx([0.0, 60.0], abs=1e-9)
+    motion = arm.motions(arm.values_of([90.0, 80.0], "joints"))[-1]
+    assert motion @ [220.0, 0.0, 90.0, 1.0] == pytest.approx([100.0, 120.0, 110.0, 1.0], abs=1e-9)
+
+
+def test_a_link_in_the_middle_may_carry_the_gripper_and_joints_beside_stay(tmp_path):
+    jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="mount"/><child link="jaw"/>'
+    jaw += '<axis xyz="0 1 0"/><limit lower="0.01" upper="0.03" velocity="1" effort="1"/></joint>'
+    urdf = own_arm(tmp_path, more=jaw)
+    with pytest.raises(SceneError, match="which link carries"):
+        read_arm(
+            own_arm(
+                tmp_path,
+                more=jaw + '<link name="x"/><joint name="y" type="fixed"><parent link="foot"/>'
+                '<child link="x"/></joint>',
+            )
+        )
+    urdf = own_arm(tmp_path, more=jaw)
+    chain = read_arm(urdf, "mount").chain
+    assert [joint.name for joint in chain.joints] == ["turn", "slide"]
+    at_mount = chain.link(np.zeros(2))
+    jaw_chain = read_arm(urdf).chain  # the jaw is the end; it would move with three joints
+    assert [joint.name for joint in jaw_chain.joints] == ["turn", "slide", "grip"]
+    assert jaw_chain.link(np.array([0.0, 0.0, 10.0])) == pytest.approx(
+        at_mount @ [[1, 0, 0, 0], [0, 1, 0, 10.0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    )
+
+
+LIMIT = '<limit velocity="1.0" effort="1"/>'
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    {
+        ("</robot>", ""): "not readable as URDF: XMLSyntaxError",
+        ('type="prismatic"', 'type="floating"'): "joint 'slide': type 'floating' cannot be driven",
+        ('lower="-0.05" upper="0.2"', 'lower="0.2" upper="0.2"'): "joint 'slide': its limits, 0.2 and 0.2, leave it no",
+        ('<parent link="foot"/>', '<parent link="food"/>'): "joint 'turn': no link is called 'food'; did you mean",
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>'): "joint 'turn': its axis has no direction",
+        (LIMIT, LIMIT + '<mimic joint="slide"/>'): "joint 'turn': moves as 'slide' does",
+        ('<child link="lower"/>', '<child link="upper"/>'): "two joints, 'turn' and 'slide', move one link",
+        ('<link name="mount"/>', '<link name="mount"/><link name="loose"/>'): "needs one link that no joint moves",
+        ('type="continuous"', 'type="revolute"'): "joint 'turn': its limits, None and None",
+    }.items(),
+)
+def test_what_cannot_be_driven_is_refused(tmp_path, change, said):
+    path = own_arm(tmp_path)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(SceneError, match=r"own\.urdf: ") as refused:
+        read_arm(path)
+    assert said in str(refused.value) and len(str(refused.value).splitlines()) == 1
+
+
+def test_a_joint_without_a_speed_gets_the_usual_one(tmp_path):
+    path = own_arm(tmp_path)
+    path.write_text(path.read_text().replace('velocity="1.0" ', ""))
+    with pytest.warns(UserWarning, match="joint 'turn': has no limit of its velocity above 0; 90 degrees/s is taken"):
+        assert read_arm(path).chain.speed[0] == np.radians(90.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"mount": {"position": [900.0, 0.0, 0.0]}}, "mount.position = [900.0, 0.0, 0.0]: the arm's link cannot be"),
+        ({"mount": None, "joints": [1.0]}, "joints has 1 values; the arm has 6 joints: joint_1, "),
+        ({"mount": None, "joints": [0, 0, 99, 0, 0, 0]}, "joint_3 = 99: must be from -200.02 to 70.01"),
+        ({"mount": None}, "exactly one of mount, joints is needed"),
+        ({"link": "flang"}, "no link is called 'flang'; did you mean 'flange'?"),
+        ({"urdf": "seven-axis"}, "none of the shipped arms: six-axis"),
+        ({"links": "shown"}, "links"),
+    ],
+)
+def test_settings_that_are_not_possible_are_refused_as_the_scene_is_read(tmp_path, changes, said):
+    given = {key: value for key, value in {**STANDING, **changes}.items() if value is not None}
+    tables = {
+        "controller": {"name": "arm", "settings": given},
+        "rigid_bodies": {"cube": {"box": [1.0] * 3, "mass": 1.0}},
+    }
+    with pytest.raises(SceneError) as refused:
+        scene_from_dict(tables, "my scene")
+    assert str(refused.value).startswith("my scene: ") and said in str(refused.value)
