@@ -6,9 +6,9 @@ its solution with rows J of which `solver/` has computed L^-1 J^T. `solve` is fo
 
 import numpy as np
 
-from taichisoft.cholesky.kernels.back_substitution import back
-from taichisoft.cholesky.kernels.factorisation import factorise
-from taichisoft.cholesky.kernels.forward_substitution import Substitution, forward
+from taichisoft.cholesky.kernels.back_substitution import back, back_alone
+from taichisoft.cholesky.kernels.factorisation import factorise, factorise_alone
+from taichisoft.cholesky.kernels.forward_substitution import Substitution, forward, forward_alone
 from taichisoft.cholesky.kernels.front_layout import Factor
 from taichisoft.cholesky.kernels.sparse_columns import SparseColumns
 from taichisoft.cholesky.symbolic import SymbolicFactor
@@ -19,6 +19,9 @@ from taichisoft.runtime.waiting import COUNTERS
 
 # Non-zeros of a factor below which a single thread works: less than some 0.5 ms is not worth waking the others.
 SMALL_FACTOR = 300_000
+# Non-zeros, as of reduced bodies, below which kernels run on the calling thread: to wake another one takes as long as
+# the work, and on a busy machine until it gets a core. The choice is by size alone, since such kernels round otherwise.
+TINY_FACTOR = 20_000
 NO_MULTIPLIERS = np.zeros(0)
 
 
@@ -60,7 +63,10 @@ class Cholesky:
         )
         self._whole = self._begun._replace(given=np.zeros_like(self._begun.given), forward=np.zeros_like(x))
         self._no_columns = SparseColumns.with_room(0, len(symbolic.tree.parent), 0)
-        self._workers = 1 if symbolic.factor_entries < SMALL_FACTOR else THREADS
+        entries = symbolic.factor_entries
+        self._workers = 1 if entries < SMALL_FACTOR else THREADS
+        self._factorise, self._most = (factorise_alone, 1) if entries < TINY_FACTOR else (factorise, THREADS)
+        self._forward, self._back = (forward_alone, back_alone) if entries < TINY_FACTOR else (forward, back)
 
     @property
     def begun(self) -> np.ndarray:
@@ -78,7 +84,7 @@ class Cholesky:
         factor.taken.fill(0)
         factor.failed_column[0] = none
         _set_rhs(self._begun, right_hand_side)
-        factorise(self.symbolic.fronts, self.blocks, factor, self._begun, THREADS, 1)
+        self._factorise(self.symbolic.fronts, self.blocks, factor, self._begun, self._most, 1)
         if factor.failed_column[0] < none:
             node = int(self.symbolic.order[factor.failed_column[0] // 3])
             raise NotPositiveDefinite(f"the system matrix is not positive definite at node {node}", node)
@@ -104,7 +110,7 @@ class Cholesky:
     def solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve A x = c with the last factorisation, c and x of shape (node_count, 3), beside what was begun."""
         _set_rhs(self._whole, right_hand_side)
-        forward(self.symbolic.fronts, self.factor, self._whole, self._workers, 1)
+        self._forward(self.symbolic.fronts, self.factor, self._whole, self._workers, 1)
         return self._substitute_back(self._whole, self._no_columns, NO_MULTIPLIERS, 0)
 
     def _substitute_back(
@@ -113,7 +119,7 @@ class Cholesky:
         substitution.x.fill(0.0)
         substitution.progress.fill(0)
         workers, symbolic = self._workers, self.symbolic
-        back(count, multipliers, columns, symbolic.fronts, self.factor, substitution, workers, 1)
+        self._back(count, multipliers, columns, symbolic.fronts, self.factor, substitution, workers, 1)
         return substitution.found.copy()
 
 

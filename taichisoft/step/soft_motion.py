@@ -66,6 +66,7 @@ class SoftMotion:
         self._frame_of_modes = model.soft_frame[[body.modes is not None for body in model.soft_bodies]]
         self._anchor_position: np.ndarray | None = None  # the last that was checked
         self.known_velocity = np.zeros((model.node_count, 3))
+        self._load = np.empty(model.actuators.count)  # reused: a launch with a new array takes longer than its loops
 
     def begin(self, state: State, load: np.ndarray) -> None:
         """Linearise implicit Euler with the rotations of the start of the step, and begin to solve it.
@@ -185,6 +186,7 @@ class SoftMotion:
     def _sum_impulses(self, state: State, load: np.ndarray) -> None:
         self.nodes.gravity[0] = state.gravity
         self.anchors.position[:] = state.anchor_position
+        self._load[:] = load
         kernels.sum_impulses(
             self._time_step,
             self.nodes,
@@ -193,5 +195,5 @@ class SoftMotion:
             self.frames,
             self._model.actuators.coordinates,
             self._geometry.gradient,
-            load,
+            self._load,
         )
