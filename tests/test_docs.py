@@ -64,7 +64,7 @@ def test_what_is_typed_beside_our_own_command_is_there(page: Path) -> None:
         match program, *words:
             case "taichisoft", *_:
                 continue
-            case "make", target:
+            case "make", target, *_:
                 assert target in targets, command
             case "pip", "install", *wanted:
                 named = re.findall(r"taichisoft\[(.*?)\]", " ".join(wanted))
