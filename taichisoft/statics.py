@@ -184,11 +184,12 @@ class Statics:
         for _ in range(MOST_SETTLING):
             try:
                 stepper.restore(loads.at(state, 0.0))
-                linearisations += stepper.step().linearisations
+                report = stepper.step()
             except SimulationDiverged:
                 break
             way, end = self._way(state, stepper.state), stepper.state
-            if not self._problem(state, stepper.report):
+            linearisations += report.linearisations
+            if not self._problem(state, report):
                 return end, linearisations
             if not way > longest:
                 break
