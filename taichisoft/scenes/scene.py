@@ -95,7 +95,7 @@ class Contact(Table):
 
 
 STATIC_LINEARISATIONS = 400
-"""Most linearisations in a static step: a finger needs 25 at 30 kPa and 83 at 100 kPa, since a linearisation leaves out
+"""Most linearisations in a static step: a finger needs 13 at 30 kPa and 41 at 100 kPa, since a linearisation leaves out
 how pressure turns with the walls."""
 
 
