@@ -11,12 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.cache_folder import cache_folder
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes import SURFACE_SUFFIXES, write_stl
+from taichisoft.meshes import write_stl
 from taichisoft.scenes import BASE, find_file
 from taichisoft_arm.arm_controller import ArmSettings
 from taichisoft_arm.mounted_arm import MountedArm
 from taichisoft_arm.urdf_file import SUFFIX, LinkPart
-
 
 GROUP = 20202
 """The group of all links: they overlap at joints, and do not touch each other."""
@@ -97,7 +96,7 @@ def _closed_surface(part: LinkPart) -> Path:
         if not len(mesh.faces):
             raise ValueError("no faces")
     except Exception as error:  # trimesh's parsers raise exceptions of any kind for a broken file
-        raise MeshError(f"{part.file}: not readable as a surface ({', '.join(SURFACE_SUFFIXES)}): {error}") from error
+        raise MeshError(f"{part.file}: not readable as a surface: {error}") from error
     mesh.apply_scale(part.size)
     if not (mesh.is_watertight and mesh.volume > 0.0):
         warnings.warn(f"{part.file}: is not a closed surface; the arm's link '{part.link}' gets its hull", stacklevel=2)
