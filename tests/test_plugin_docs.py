@@ -56,6 +56,7 @@ def test_all_that_is_shown_works(
     assert shown["cavities"].split() == ["finger1.cavity", "finger2.cavity", "finger3.cavity"]
     assert (folder / "wedge.msh").exists()
     assert shown["mesh"] == "4 nodes\n"
+    assert "cube|pedestal" in (folder / "out" / "pedestal" / "run.csv").read_text()
     assert (folder / "out" / "gripper" / "forces.csv").read_text().startswith("0.01,")
     assert shown["program"].split()[0] == "completed"
     assert 4.0 < float(shown["program"].split()[1]) <= 5.0

@@ -11,12 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.cache_folder import cache_folder
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes import SURFACE_SUFFIXES, write_stl
+from taichisoft.meshes import write_stl
 from taichisoft.scenes import BASE, find_file
 from taichisoft_arm.arm_controller import ArmSettings
 from taichisoft_arm.mounted_arm import MountedArm
 from taichisoft_arm.urdf_file import SUFFIX, LinkPart
-
 
 GROUP = 20202
 """The group of all links: they overlap at joints, and do not touch each other."""
@@ -79,11 +78,11 @@ def _shape(part: LinkPart) -> dict[str, Any]:
         return {"sphere": {"radius": part.size[0]}}
     if part.shape == "cylinder":
         return {"cylinder": {"radius": part.size[0], "length": part.size[1]}}
-    return {"surface": str(_closed_surface(part))}
+    return {"surface": str(_surface_in_mm(part))}
 
 
-def _closed_surface(part: LinkPart) -> Path:
-    """A closed surface in mm of the mesh of a link, kept in the cache; the hull of a mesh that is not closed.
+def _surface_in_mm(part: LinkPart) -> Path:
+    """The surface in mm of the mesh of a link, kept in the cache; it may be open.
 
     Raises:
         MeshError: the mesh cannot be read.
@@ -97,12 +96,9 @@ def _closed_surface(part: LinkPart) -> Path:
         if not len(mesh.faces):
             raise ValueError("no faces")
     except Exception as error:  # trimesh's parsers raise exceptions of any kind for a broken file
-        raise MeshError(f"{part.file}: not readable as a surface ({', '.join(SURFACE_SUFFIXES)}): {error}") from error
+        raise MeshError(f"{part.file}: not readable as a surface: {error}") from error
     mesh.apply_scale(part.size)
-    if not (mesh.is_watertight and mesh.volume > 0.0):
-        warnings.warn(f"{part.file}: is not a closed surface; the arm's link '{part.link}' gets its hull", stacklevel=2)
-        mesh = mesh.convex_hull
-    key = hashlib.sha256(content + repr(part.size).encode()).hexdigest()[:24]
+    key = hashlib.sha256(content + f"{part.size} mm".encode()).hexdigest()[:24]
     path = cache_folder() / "arms" / f"{part.file.stem}-{key}.stl"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)

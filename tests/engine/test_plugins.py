@@ -199,7 +199,7 @@ def test_the_list_says_what_each_plugin_provides_through_its_hooks(install: Inst
 
 def test_the_built_in_features_are_plugins_like_any_other_and_come_first(taichisoft_plugins: Registry) -> None:
     listed = provided_names()
-    assert list(listed)[:3] == ["controllers", "meshing", "outputs"]
+    assert list(listed)[:4] == ["arm", "controllers", "meshing", "outputs"]
     assert "controller scripted" in listed["controllers"]
     assert {"output recording", "output metrics", "output pictures"} <= set(listed["outputs"])
     assert {"geometry kind pneunet_finger", "mesh maker .toml", "command mesh"} <= set(listed["meshing"])

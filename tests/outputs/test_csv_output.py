@@ -4,6 +4,7 @@ import csv
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import csv_run
@@ -11,7 +12,8 @@ import pytest
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.plugin_system.hooks import find
-from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput
+from taichisoft.scenes.scene import Scene
+from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput, pairs_with_objects
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -159,3 +161,16 @@ def test_pandas_and_numpy_read_it(tmp_path: Path) -> None:
 
 def test_it_is_an_output_that_a_run_can_ask_for() -> None:
     assert find("output", "csv") is CsvOutput
+
+
+def test_bodies_that_frames_carry_are_no_objects() -> None:
+    """A palm has pairs with what it can touch, a link that is only drawn has none; the run is about the cube."""
+    cube = {"box": [1.0, 1.0, 1.0], "follows": "base"}
+    bodies = {"link": {**cube, "collides": False}, "palm": cube, "cube": {"box": [1.0, 1.0, 1.0], "mass": 1.0}}
+    scene = Scene.model_validate({"rigid_bodies": bodies})
+    assert (scene.objects, scene.main_object) == (["cube"], "cube")
+    carried = [SimpleNamespace(name=name, collides=name != "link", follows="base") for name in ("link", "palm")]
+    cubes = [SimpleNamespace(name="cube", collides=True, follows=None)]
+    around = {"soft_bodies": [SimpleNamespace(name="finger")], "obstacles": [SimpleNamespace(name="floor")]}
+    pairs = pairs_with_objects(SimpleNamespace(rigid_bodies=[*carried, *cubes], **around))  # type: ignore[arg-type]
+    assert pairs == [("finger", "palm"), ("finger", "cube"), ("palm", "cube"), ("cube", "floor")]
