@@ -1,16 +1,19 @@
 """The scenes of the cases: shipped ones with another mesh, fingers on a circle, a mat on a foot."""
 
+import hashlib
 import math
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from taichisoft.building import load_scene
+from taichisoft.building import load_scene, with_reduced_bodies
 from taichisoft.meshes import VolumeMesh, write_volume_mesh
-from taichisoft.scenes import Scene, find_file, scene_from_dict
-from taichisoft_benchmarks.cases import Case, ContactsCase, Fingers, FingersCase, SceneCase
+from taichisoft.scenes import Scene, find_file, scene_from_dict, scene_to_toml
+from taichisoft_benchmarks.cases import Case, ContactsCase, Fingers, FingersCase, SceneCase, StepsCase
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.regular_meshes import bar
 from taichisoft_meshing.scene_meshes import mesh_for_scene
@@ -58,7 +61,9 @@ def scene_of(case: Case, meshes: Meshes) -> Scene:
     if isinstance(case, SceneCase):
         body = f"soft_bodies.{case.finger}"
         changed = [f"{body}.{key}={_as_toml(value)}" for key, value in finger_files(case, meshes).items()]
-        return load_scene(case.scene, [*changed, *case.overrides])
+        scene = load_scene(case.scene, [*changed, *case.overrides])
+        is_reduced = isinstance(case, StepsCase) and case.reduced
+        return with_reduced_bodies(scene, _reduced_models(scene, meshes)) if is_reduced else scene
     raise BenchmarkError(f"cases of kind '{case.kind}' have no scene")
 
 
@@ -87,6 +92,24 @@ def tutorial_surfaces(folder: Path) -> dict[str, Any]:
         "collision_surface": str(folder / "pneunetCut.stl"),
         "cavities": {"cavity": {"surface": str(folder / "pneunetCavityCut.stl")}},
     }
+
+
+def _reduced_models(scene: Scene, meshes: Meshes) -> Path:
+    """The folder of a scene's reduced models, made by `taichisoft reduce` where they are not there yet.
+
+    Raises:
+        BenchmarkError: they could not be made.
+    """
+    text = scene_to_toml(scene)
+    folder = meshes.made / f"reduced-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    if not (folder / "validation.json").exists():  # which is written last
+        folder.mkdir(exist_ok=True)
+        (folder / "scene.toml").write_text(text, encoding="utf-8")
+        command = [sys.executable, "-m", "taichisoft", "reduce", str(folder / "scene.toml"), "-o", str(folder)]
+        made = subprocess.run(command, capture_output=True, text=True)
+        if made.returncode:
+            raise BenchmarkError(f"taichisoft reduce {folder / 'scene.toml'}: {made.stderr.strip()[-200:]}")
+    return folder
 
 
 def _as_toml(value: Any) -> str:

@@ -82,6 +82,8 @@ class Simulated(Table):
 class StepsCase(Simulated, SceneCase):
     """Time per step of a scene."""
 
+    reduced: bool = False
+    """Whether soft bodies move by modes, which the case makes when it runs for the first time; peers have all nodes."""
     peers: list[Peer] = Field(default_factory=list)
     """Other programs that do a part of the same job, each as a case NAME_PEER."""
     peer_steps: Count | None = None
@@ -265,8 +267,10 @@ def _with_peers(name: str, group: str, parameter: dict[str, Any], case: Case) ->
     yield NamedCase(name, group, parameter, case)
     if isinstance(case, StepsCase):
         for peer in case.peers:
-            fields = {key: getattr(case, key) for key in StepsCase.model_fields}
-            yield NamedCase(f"{name}_{peer}", f"{group}_{peer}", parameter, PeerCase(**{**fields, "peer": peer}))
+            fields = {key: getattr(case, key) for key in StepsCase.model_fields if key != "reduced"}
+            yield NamedCase(
+                f"{name}_{peer}", f"{group}_{peer}", parameter, PeerCase(**{**fields, "peer": peer, "reduced": False})
+            )
 
 
 def _validate(group: str, table: dict[str, Any], source: str) -> Case:

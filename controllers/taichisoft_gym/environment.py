@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import gymnasium
 import numpy as np
 
-from taichisoft.building import load_scene
+from taichisoft.building import load_scene, with_reduced_bodies
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError, SimulationDiverged
 from taichisoft.scenes import Scene, scene_to_toml
@@ -56,6 +56,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         self,
         travel: Travel | None,
         scene: str | Path | Scene,
+        reduced: str | Path | None = None,
         object: Mapping[str, Any] | None = None,
         friction: float | None = None,
         pressure: tuple[float, float] | None = None,
@@ -72,6 +73,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         Args:
             travel: range of the base; None: the base stands still.
             scene: scene, or its name or path.
+            reduced: folder of `taichisoft reduce`, by whose files soft bodies move; None: as the scene says.
             object: changed keys of the scene's object, such as {"mass": 0.01} or another shape.
             friction: Coulomb's coefficient [-]; None: the scene's.
             pressure: pressures of the actions -1 and 1 [kPa], within the limits of the scene and its cavities; None:
@@ -90,6 +92,8 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SceneError(f"render_mode = {render_mode!r}: must be one of {self.metadata['render_modes']}, or None")
         read = scene if isinstance(scene, Scene) else load_scene(scene)
+        if reduced is not None:
+            read = with_reduced_bodies(read, Path(reduced), "reduced")
         between = pressures.pressure_range(read, pressure, self.usual_pressure)
         self.scene = changed_scene(read, object, friction, between, pressures.pressure_rate(read, pressure_rate))
         self._scene_text = scene_to_toml(self.scene)

@@ -1,3 +1,4 @@
+from .reduced_scene import with_reduced_bodies as with_reduced_bodies
 from .run_parts import make_controller as make_controller
 from .run_parts import make_output as make_output
 from .scene_files import load_scene as load_scene

@@ -23,25 +23,26 @@ OWN_KEYS = {
 }
 
 
-def with_reduced_bodies(scene: Scene, folder: Path) -> Scene:
+def with_reduced_bodies(scene: Scene, folder: Path, key: str = "--reduced") -> Scene:
     """Let every soft body that has a file of modes move by them.
 
     Args:
         scene: the scene.
         folder: with a file BODY.npz for each shape of body; a body without one takes that of a body which it is a copy
             of.
+        key: what names the folder, for messages.
 
     Raises:
         SceneError: no such folder, or none of its files is that of a soft body.
     """
     if not folder.is_dir():
-        raise SceneError(f"--reduced {folder}: no such folder; `taichisoft reduce SCENE -o {folder}` writes it")
+        raise SceneError(f"{key} {folder}: no such folder; `taichisoft reduce SCENE -o {folder}` writes it")
     files = {name: folder / f"{name}{SUFFIX}" for name in scene.soft_bodies}
     own = {name: file.resolve() for name, file in files.items() if file.is_file()}
     if not own:
         there = ", ".join(sorted(file.name for file in folder.glob(f"*{SUFFIX}"))) or "none"
         wanted = ", ".join(f"{name}{SUFFIX}" for name in scene.soft_bodies) or "none: the scene has no soft bodies"
-        raise SceneError(f"--reduced {folder}: has no modes of a soft body ({wanted}); files there: {there}")
+        raise SceneError(f"{key} {folder}: has no modes of a soft body ({wanted}); files there: {there}")
     bodies = {}
     for name, body in scene.soft_bodies.items():
         same = next(

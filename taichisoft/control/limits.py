@@ -22,6 +22,8 @@ def limit_actuators(model: Model, state: State, imposed: np.ndarray, request: np
     ranges = actuators.effort_range, actuators.coordinate_range
     for kind in ACTUATOR_KINDS:
         place = actuators.place(kind)
+        if place.start == place.stop:
+            continue
         reaches = [_reach(model, drive) for drive in (kind.effort, kind.coordinate)]
         # Python's own numbers: numpy takes longer to look at arrays of so few.
         for number in range(place.start, place.stop):

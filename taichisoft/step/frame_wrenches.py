@@ -81,7 +81,7 @@ class FrameWrenches:
         for number in reversed(range(1, len(frames.names))):
             if frames.parent[number] >= 0:
                 wrench[frames.parent[number]] += wrench[number]
-        wrench[:, 1] -= np.cross(frames.pivots(places), wrench[:, 0])
+        wrench[:, 1] -= _cross(frames.pivots(places), wrench[:, 0])
         return wrench
 
     def _lay_out(self) -> kernels.HeldBodies:
@@ -122,6 +122,13 @@ class FrameWrenches:
         first, second = line.points(start, self._model.frames)[:2]
         force = tension * (second - first) / np.linalg.norm(second - first)
         return np.array([force, np.cross(first, force)])
+
+
+def _cross(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Vector products of rows, shape (count, 3) each, as by `np.cross`, which takes ten times as long for a few."""
+    after, before = [1, 2, 0], [2, 0, 1]
+    product: np.ndarray = one[:, after] * other[:, before] - one[:, before] * other[:, after]
+    return product
 
 
 def _resultant(place: np.ndarray, force: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The scenes that cases make: meshes of SOFA's tutorial, fingers on a circle, a mat on a foot."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,26 @@ def test_a_finger_of_a_size_is_meshed_before_it_is_measured(tmp_path, monkeypatc
     assert (Path(made.file).name, made.size) == ("tutorial.toml", 16.0)
     (kept,) = (tmp_path / "meshes").glob("*.msh")
     assert kept.name.startswith("tutorial-")
+
+
+def test_reduced_models_are_made_once_and_a_failure_is_one_line(tmp_path, monkeypatch):
+    """`taichisoft reduce` makes them, in a folder of the scene's own; what it says reaches the user."""
+    asked = []
+
+    def reduce(command, **_):
+        asked.append(command)
+        return subprocess.CompletedProcess(command, 1 if len(asked) == 1 else 0, "", "taichisoft: no anchors")
+
+    monkeypatch.setattr(subprocess, "run", reduce)
+    reduced = {**FINGER, "reduced": True}
+    with pytest.raises(BenchmarkError, match=r"scene\.toml: taichisoft: no anchors"):
+        scene(reduced, tmp_path)
+    (folder,) = tmp_path.glob("reduced-*")
+    assert asked[0][2:] == ["taichisoft", "reduce", str(folder / "scene.toml"), "-o", str(folder)]
+    (folder / "finger.npz").touch()
+    (folder / "validation.json").touch()
+    assert scene(reduced, tmp_path).soft_bodies["finger"].reduced == str(folder / "finger.npz")
+    assert len(asked) == 1
 
 
 def test_fingers_stand_on_a_circle_and_bend_inwards(tmp_path):

@@ -39,6 +39,11 @@ def test_a_peer_is_a_case_of_its_own_beside_ours():
     assert theirs.case.windows == ours.case.windows
 
 
+def test_a_peer_of_a_reduced_case_has_all_nodes():
+    ours, theirs = cases_from_dict({"finger": {**STEPS, "reduced": True, "peers": ["mujoco"]}})
+    assert (ours.case.reduced, theirs.case.reduced) == (True, False)
+
+
 def test_a_quick_look_keeps_the_start_of_every_window():
     (named,) = cases_from_dict({"finger": STEPS})
     quick = named.case.shortened()

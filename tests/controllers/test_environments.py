@@ -4,6 +4,7 @@ import json
 import os
 import urllib.request
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -13,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 import taichisoft
 import taichisoft_gym.randomisation
+from taichisoft.bodies.modes import Modes
 from taichisoft.errors import ForkedProcess, SceneError, StateError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_gym import EPISODES
@@ -64,6 +66,26 @@ def test_a_seed_repeats_everything_to_the_bit_and_another_does_not() -> None:
     first = episode(make("Grasp", **told), 3)
     assert episode(make("Grasp", **told), 3) == first
     assert episode(make("Grasp", **told), 4) != first
+
+
+def test_reduced_bodies_with_all_their_modes_are_seen_as_full_ones(tmp_path: Path) -> None:
+    """A basis of all motions leaves nothing out; what is left is the tolerance of the contact solver, 1e-5 mm/s."""
+    full = make("Grasp")
+    full.reset(seed=1)
+    for body in full.get_wrapper_attr("simulation").model.soft_bodies:
+        scale = np.diag(1.0 / np.sqrt(np.repeat(body.node_mass, 3)))
+        modes = scale.reshape(len(body.node_mass), 3, -1)
+        Modes(body.mesh.nodes, modes, fingerprint=body.fingerprint).write(tmp_path / f"{body.name}.npz")
+    reduced = make("Grasp", reduced=str(tmp_path))
+    reduced.reset(seed=1)
+    simulation = reduced.get_wrapper_attr("simulation")
+    assert all(body.modes is not None for body in simulation.model.soft_bodies)
+    for action in (1.0, 0.5, 0.8, 0.8):
+        there, here = (env.step(np.array([action] * 2 + [0.2], np.float32))[0] for env in (full, reduced))
+        np.testing.assert_allclose(here, there, atol=1e-4)
+    assert len(simulation.state.contact_impulse) > 2  # the pads press
+    with pytest.raises(SceneError, match="reduced nowhere: no such folder"):
+        make("Grasp", reduced="nowhere")
 
 
 def test_what_is_drawn_is_what_is_simulated() -> None:
