@@ -2,16 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind, StateFigure
-from taichisoft.bodies import Stretches, anchor_stiffness, select_nodes
+from taichisoft.bodies import Stretches
 from taichisoft_outputs.base_motion import last_at_rest
+from taichisoft_outputs.fingertips import recorded_fingertips, tip_state
 from taichisoft_outputs.plots.figure import Panel, PlotCurve, pieces
-from taichisoft_outputs.recording.reader import RecordedSoftBody, Recording
+from taichisoft_outputs.recording.reader import Recording
 
 TIME_AXIS = "time [s]"
 STRETCH_FRAMES = 100
@@ -43,12 +42,9 @@ class RunCurves:
 
         Names of the fingers, and of shape (count, ...): times [s], positions [mm] of each finger, bending angles [rad].
         """
-        from taichisoft.control import Fingertips
-
-        fingers: Any = tuple(_finger(self.recording, body) for body in self.recording.soft_bodies)
-        observer = Fingertips(fingers, self.recording.frames)
+        observer = recorded_fingertips(self.recording, self.recording.soft_bodies)
         frames = _evenly_spaced(self.times, TIP_FRAMES)
-        observed = [observer.observe(_state(self.recording, frame)) for frame in frames]
+        observed = [observer.observe(tip_state(self.recording, frame)) for frame in frames]
         positions, _, bending_angles = (np.array(values) for values in zip(*observed, strict=True))
         return observer.names, self.times[frames], positions, bending_angles
 
@@ -226,22 +222,3 @@ def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis:
         for name, path in zip(names, positions.swapaxes(0, 1), strict=True)
     ]
     return Panel(f"{x_name} of the tips [mm]", f"{y_name} of the tips [mm]", curves, equal_scales=True)
-
-
-def _finger(recording: Recording, body: RecordedSoftBody) -> SimpleNamespace:
-    """The part of the engine's `SoftBody` that shows where the tip is."""
-    settings, mesh = recording.scene.soft_bodies[body.name], body.mesh(str(recording.path))
-    return SimpleNamespace(
-        name=body.name,
-        settings=settings,
-        nodes=body.nodes,
-        rest_position=body.rest_position,
-        anchored=anchor_stiffness(mesh, settings.anchors, f"{body.name}.anchors").any(axis=1),
-        tip_nodes=None if settings.tip is None else select_nodes(mesh, settings.tip, f"{body.name}.tip"),
-    )
-
-
-def _state(recording: Recording, frame: int) -> Any:
-    """The part of a `State` that shows where the tips are; velocities are not used."""
-    position, frame_pose = recording.row("position", frame), recording.row("frame_pose", frame)
-    return SimpleNamespace(position=position, velocity=np.zeros_like(position), frame_pose=frame_pose)

@@ -42,9 +42,17 @@ def render(
         str | None,
         typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
     ] = None,
+    follow: Annotated[
+        str | None,
+        typer.Option(metavar="BODY", help="Stay near a body, or a fingertip (finger.tip): --view follow:BODY in short."),
+    ] = None,
+    section: Annotated[
+        str | None,
+        typer.Option(metavar="PLANE", help="Cut bodies open: y=0 \\[mm], or y<0, which keeps that part."),
+    ] = None,
     opacity: Annotated[
         float | None,
-        typer.Option(help="Opacity of soft bodies, up to 1  \\[default: 1 for stress and strain, else 0.6]"),
+        typer.Option(help="Opacity of soft bodies, up to 1  \\[default: 0.6; 1 with data or a section]"),
     ] = None,
     background: Annotated[
         str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything  \\[default: the scene's]")
@@ -63,6 +71,9 @@ def render(
         bool, typer.Option(help="Show the axes of bodies that have axes = true in the scene.")
     ] = STYLE.body_axes,
     caption: Annotated[bool, typer.Option(help="Write time, pressures, tensions and heights.")] = STYLE.caption,
+    font_size: Annotated[
+        float | None, typer.Option(help="Height of letters in pixels  \\[default: 1/36 of the height]")
+    ] = None,
     surface: Annotated[
         Path | None, typer.Option(help="Finer surface (STL, OBJ, PLY) to draw instead of each soft body's own.")
     ] = None,
@@ -81,6 +92,8 @@ def render(
 
     if eye is not None and view:
         raise TaichisoftError("--eye takes the place of a view; give either --eye or --view")
+    if follow is not None:
+        view = [*(view or ()), f"follow:{follow}"]
     views: list[str | None] = list(dict.fromkeys(view)) if view else [None]
     styles = {
         one: Style(
@@ -98,6 +111,8 @@ def render(
             body_axes=body_axes,
             caption=caption,
             surface=surface,
+            section=section,
+            font_size=font_size,
         )
         for one in views
     }
