@@ -95,12 +95,13 @@ class Colouring:
         return {scale.title: (scale.low, scale.high, scale.highest) for scale in scales}
 
     @property
-    def unlit(self) -> set[str]:
-        """Names of the surfaces whose colours stand for numbers."""
+    def unlit(self) -> dict[str, bool]:
+        """Names of the surfaces whose colours stand for numbers, and whether their edges need lines: tubes are thin."""
         kinds = [kind for kind in ACTUATOR_KINDS if kind.name in self._effort_scales and kind.name in WALLS]
         names = {name for kind in kinds for name in self._recording.actuators.names_of(kind)}
         tubes = {one.name for one in self._surfaces if isinstance(one, LineTube) and one.actuator in self._effort_scales}
-        return names | tubes | {one.name for one in self._surfaces if one.kind == "soft" and self.values_scale}
+        names |= {one.name for one in self._surfaces if one.kind == "soft" and self.values_scale is not None}
+        return dict.fromkeys(names, True) | dict.fromkeys(tubes, False)
 
     def colours(self, frame: int) -> dict[str, np.ndarray]:
         """Red, green and blue [-] by surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""

@@ -1,6 +1,6 @@
 """Surfaces over a background: opaque ones, and translucent bodies in layers from the farthest to the nearest."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +49,8 @@ class SurfacePainter:
         opacity: opacity of the translucent surfaces [-].
         key: unit vector to the key light, shape (3,).
         up: unit vector against gravity, shape (3,).
-        unlit: names of the surfaces whose colours stand for numbers: they get no light, but lines along their edges.
+        unlit: names of the surfaces whose colours stand for numbers, which get no light, and whether they get lines
+            along their edges.
         scale: the colours of surfaces that have values.
     """
 
@@ -61,11 +62,11 @@ class SurfacePainter:
         opacity: float,
         key: np.ndarray,
         up: np.ndarray,
-        unlit: Collection[str] = (),
+        unlit: Mapping[str, bool],
         scale: ColourScale | None = None,
     ):
         self._size, self._opacity, self._key, self._up = size, opacity, key, up
-        self._unlit, self._scale = set(unlit), scale
+        self._unlit, self._scale = unlit, scale
         self._normals = {name: SmoothNormals(of_surface) for name, of_surface in triangles.items()}
         self._triangles = triangles
         self._translucent = list(translucent) if opacity < 1.0 else []
@@ -117,7 +118,7 @@ class SurfacePainter:
     ) -> np.ndarray:
         """The picture with surfaces over it, and with lines along the edges of the unlit ones."""
         image = self._stage.image(camera, [*names, *(one for one in holdouts if one.removesuffix(HOLDOUT) not in names)])
-        unlit = [name for name in names if name in self._unlit]
+        unlit = [name for name in names if self._unlit.get(name)]
         if unlit:
             others = [one for one in holdouts if one.removesuffix(HOLDOUT) not in unlit]
             lines = lines_between(self._stage.image(camera, [name + NORMALS for name in unlit] + others))
