@@ -10,6 +10,7 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.atomic_file import named_os_errors
+from taichisoft.control import Fingertips
 from taichisoft.session import Output
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ class CsvOutput(Output):
             if figure.recorded
             for name in model.actuators.names_of(kind)
         ]
+        self._fingers = list(Fingertips(model.soft_bodies).names)
         self._objects = model.scene.objects
         self._rows_of_objects = [list(model.scene.rigid_bodies).index(name) for name in self._objects]
         self._frames = list(model.scene.frames)
@@ -125,6 +127,8 @@ class CsvOutput(Output):
             "time [s]",
             "restarts",
             *(f"{figure.name} {name} [{figure.unit}]" for figure, name in self._figures),
+            *(f"tip_position {name} {axis} [mm]" for name in self._fingers for axis in "xyz"),
+            *(f"bending_angle {name} [degrees]" for name in self._fingers),
             *(f"base_translation {axis} [mm]" for axis in "xyz"),
             *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
             *(f"{field} {axis} [{unit}]" for field, unit in WRENCH_UNITS.items() for axis in "xyz"),
@@ -145,6 +149,8 @@ class CsvOutput(Output):
         seen = report.observation
         numbers = [
             *(getattr(seen, figure.observed)[name] for figure, name in self._figures),
+            *(component for name in self._fingers for component in seen.tip_positions[name].tolist()),
+            *(float(np.degrees(seen.bending_angles[name])) for name in self._fingers),
             *state.base_translation.tolist(),
             *np.degrees(state.base_rotation).tolist(),
             *(component for field in WRENCH_UNITS for component in getattr(seen, field).tolist()),

@@ -107,7 +107,7 @@ def test_colours_of_soft_bodies_and_cavities_mean_what_the_bars_say(gripper):
     tips = soft.vertices(0)[:, 0] < -114.0
     at_tips = at_vertices(soft.mapping, colouring.values(2))[tips]
     assert (first.colours(at_tips)[:, 1] < 0.4).all(), "violet"
-    assert (first.high, first.top) == (first.high, f"≥ {first.high:g}" if first.highest > first.high else f"{first.high:g}")
+    assert (first.high, first.top) == (first.high, f">= {first.high:g}" if first.highest > first.high else f"{first.high:g}")
     assert np.allclose(colouring.colours(0)[cavity.name], AIR[0])
     assert np.allclose(colouring.colours(2)[cavity.name], AIR[-1])
     cube = next(surface for surface in gripper.surfaces if surface.kind == "rigid")

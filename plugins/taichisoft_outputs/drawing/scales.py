@@ -43,7 +43,7 @@ class ColourScale:
     @property
     def top(self) -> str:
         """The number at the high end: with a sign where higher values are shown."""
-        return f"{'≥ ' if self.highest > self.high * (1 + 1e-9) else ''}{self.high:g}"
+        return f"{'>= ' if self.highest > self.high * (1 + 1e-9) else ''}{self.high:g}"
 
     def colours(self, values: np.ndarray) -> np.ndarray:
         """Red, green and blue [-], shape (count, 3), of values (count,); values outside get the colour of the end."""

@@ -84,6 +84,38 @@ def bending(run: RunCurves) -> Panel:
     return Panel(TIME_AXIS, "bending angle [degrees]", curves)
 
 
+def _tip(axis: int, run: RunCurves) -> Panel:
+    """A coordinate of the tips in the world."""
+    names, times, positions, _ = run.tips
+    curves = [
+        PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, positions[..., axis].T, strict=True)
+    ]
+    return Panel(TIME_AXIS, f"{'xyz'[axis]} of the tip [mm]", curves)
+
+
+def against(x: Panel, y: Panel) -> Panel:
+    """One panel over time against another: each curve over that of the same body, or over the only one.
+
+    Args:
+        x, y: panels over time; where they have different times, x is interpolated.
+    """
+    curves = []
+    for curve in y.curves:
+        own = [one for one in x.curves if one.body == curve.body] or (x.curves if len(x.curves) == 1 else [])
+        for one in own:
+            over = one.y
+            if not np.array_equal(one.time, curve.time):
+                over = np.interp(_clock(curve.time), _clock(one.time), one.y)
+            label = curve.label if len(own) == 1 else f"{curve.label} over {one.label}"
+            curves.append(PlotCurve(label, curve.body, over, curve.y, curve.time))
+    return Panel(x.y_axis, y.y_axis, curves)
+
+
+def _clock(time: np.ndarray) -> np.ndarray:
+    """Times [s] that go on over new starts, so that they only rise."""
+    return np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) < 0.0, 1e-9, np.diff(time)))])
+
+
 def stretch(run: RunCurves) -> Panel:
     """Largest principal stretches of the soft bodies, in up to STRETCH_FRAMES frames."""
     frames = _evenly_spaced(run.times, STRETCH_FRAMES)
@@ -174,6 +206,9 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
         if figure.plotted
     },
     "bending": bending,
+    "tip-x": partial(_tip, 0),
+    "tip-y": partial(_tip, 1),
+    "tip-z": partial(_tip, 2),
     "stretch": stretch,
     "height": height,
     "tips-side": _tips_side,
@@ -195,7 +230,12 @@ def panels_of(recording: Recording) -> dict[str, Callable[[RunCurves], Panel]]:
 
 
 def expected(name: str, recording: Recording) -> bool:
-    """Whether somebody expects a panel: that of cables or frames only where there are some, of air with its own law."""
+    """Whether somebody expects a panel: that of cables or frames only where there are some, of air with its own law.
+
+    Coordinates of tips are there for other axes than time; two panels show the paths.
+    """
+    if name in ("tip-x", "tip-y", "tip-z"):
+        return False
     for kind in ACTUATOR_KINDS:
         tables = recording.scene.actuators(kind.plural).values()
         for figure in kind.measured:
