@@ -21,7 +21,7 @@ ORBIT_DIRECTIONS = 72
 POINTS_AT_A_TIME = 100_000
 """Number of points that are kept before they are reduced to their outermost."""
 
-NEAR, NEAR_TIP = 1.6, 0.45
+NEAR, NEAR_TIP = 1.6, 0.6
 """Radius of what is seen around a body that is followed, in its radii, and around a tip, in radii of its finger [-]."""
 
 CameraPath = Callable[[int], PictureCamera]

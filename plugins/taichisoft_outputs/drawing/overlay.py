@@ -29,6 +29,8 @@ BAR_LENGTH, BAR_WIDTH = 0.25, 1.0
 """Length of a colour bar, in heights of the picture, and its width, in heights of its letters [-]."""
 SINGLE_FIGURES = 4
 """The caption gives more pressures or tensions than these as a range."""
+VEIL = 190
+"""Opacity of what is laid under text in a close-up, of 255."""
 CAPTION_BODIES = 3
 """Number of rigid bodies, at most, whose height is in the caption."""
 
@@ -54,6 +56,18 @@ class Overlay:
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
 
+    def _paint_backdrop(self, picture: Any, letters: float) -> None:
+        from PIL import Image
+
+        width, height = picture.size
+        ground = Image.new("RGB", picture.size, tuple(round(255 * part) for part in self._style.background_colour))
+        veil = np.zeros((height, width), dtype=np.uint8)
+        if self._scales:
+            veil[:, width - round(colour_bars_width(self._scales, letters)) :] = VEIL
+        if self._style.caption or self._style.name:
+            veil[: round(0.03 * height + 1.6 * letters)] = VEIL
+        picture.paste(ground, mask=Image.fromarray(veil))
+
     @property
     def arrow_tails(self) -> np.ndarray:
         """Where arrows of forces begin [mm], shape (count, 3)."""
@@ -64,12 +78,15 @@ class Overlay:
         from PIL import Image
 
         image, letters = Image.fromarray(picture), letters_of(self._style)
+        near = self._style.eye is not None or self._style.followed is not None
         if self._arrows is not None:
             self._arrows.paint(image, camera, frame)
             self._arrows.paint_scale(image, camera, self._ink, letters)
         if self._style.body_axes:
             paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
         paint_marks(image, camera, marks)
+        if near:  # what is seen may reach behind the text
+            self._paint_backdrop(image, letters)
         if self._style.axes:
             paint_axes(image, camera, self._axis_colours, letters)
         paint_colour_bars(image, self._scales, self._ink, letters)

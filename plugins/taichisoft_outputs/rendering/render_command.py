@@ -132,10 +132,9 @@ def render(
         moments = {f"at_{moment:.2f}s": moment for moment in time} if time else key_moments(recording)
     with warnings_printed_to(rich.get_console()):
         for one, style in styles.items():
-            ending = "_side_by_side" if others else ""
-            ending += f"_{one.replace(':', '_')}" if one is not None and len(styles) > 1 else ""
+            ending = f"_{one.replace(':', '_')}" if one is not None and len(styles) > 1 else ""
             if image or time or video is None:
-                times = {name + ending: moment for name, moment in moments.items()}
+                times = {name + "_side_by_side" * side_by_side + ending: moment for name, moment in moments.items()}
                 folder = output or run.parent
                 drawn = pictures_side_by_side(runs, times, folder, style) if others else None
                 for path in drawn or render_pictures(run, times, folder, style):
