@@ -15,6 +15,8 @@ from taichisoft_studies.errors import StudyError
 TEMPLATE = Path(__file__).with_name("characteristics.html")
 TABLE, PICTURE, PAGE = "characteristics.csv", "characteristics.png", "datasheet.html"
 PRESSURE = "pressure [kPa]"
+SECOND = ", second mesh"
+"""Ends the names of what was found on the other mesh."""
 
 
 def write_datasheet(
@@ -33,12 +35,13 @@ def write_datasheet(
         StudyError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    columns = {**_columns(first), **({f"{name}, second mesh": v for name, v in _columns(second).items()} if second else {})}
-    columns.pop(f"{PRESSURE}, second mesh", None)
+    columns = _columns(first)
+    if second is not None:
+        columns |= {f"{name}{SECOND}": values for name, values in _columns(second).items() if name != PRESSURE}
     rows = [[_text(value) for value in row] for row in zip(*columns.values(), strict=True)]
     with atomic_file(folder / TABLE, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([list(columns), *rows])
-    figure = draw_figure(_panels(first, second), ["free"])
+    figure = draw_figure(_panels(first, second), ["", SECOND])
     with atomic_file(folder / PICTURE, StudyError) as partial:
         partial.write_bytes(figure_bytes(figure, "png"))
     last = first.pressures[-1]
@@ -86,14 +89,17 @@ def _columns(found: Characteristics) -> dict[str, np.ndarray]:
 
 
 def _text(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.5g}"
+    return "" if np.isnan(value) else f"{round(float(value), 6) + 0.0:.5g}"
 
 
 def _panels(first: Characteristics, second: Characteristics | None) -> list[Panel]:
-    meshes = [("", first), *([(", second mesh", second)] if second is not None else [])]
+    meshes = [("", first), *([(SECOND, second)] if second is not None else [])]
 
     def panel(y_axis: str, curves: list[tuple[str, np.ndarray, np.ndarray]], x_axis: str = PRESSURE) -> Panel:
-        made = [PlotCurve(label, "free", x, y, np.arange(len(x), dtype=float)) for label, x, y in curves]
+        made = [
+            PlotCurve(label, SECOND if label.endswith(SECOND) else "", x, y, np.arange(len(x), dtype=float))
+            for label, x, y in curves
+        ]
         return Panel(x_axis, y_axis, made)
 
     return [

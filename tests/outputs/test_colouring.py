@@ -107,7 +107,10 @@ def test_colours_of_soft_bodies_and_cavities_mean_what_the_bars_say(gripper):
     tips = soft.vertices(0)[:, 0] < -114.0
     at_tips = at_vertices(soft.mapping, colouring.values(2))[tips]
     assert (first.colours(at_tips)[:, 1] < 0.4).all(), "violet"
-    assert (first.high, first.top) == (first.high, f">= {first.high:g}" if first.highest > first.high else f"{first.high:g}")
+    assert (first.high, first.top) == (
+        first.high,
+        f">= {first.high:g}" if first.highest > first.high else f"{first.high:g}",
+    )
     assert np.allclose(colouring.colours(0)[cavity.name], AIR[0])
     assert np.allclose(colouring.colours(2)[cavity.name], AIR[-1])
     cube = next(surface for surface in gripper.surfaces if surface.kind == "rigid")
@@ -202,7 +205,9 @@ def test_a_surface_that_lies_elsewhere_and_an_unknown_body_are_refused(gripper, 
     write_stl(fake_run.CUBE + 1000.0, fake_run.CUBE_FACES, path)
     with pytest.raises(StyleError, match="8 of 8 vertices lie further from the mesh of 'finger1'"):
         with_visual_surfaces(gripper, path)
-    with pytest.raises(StyleError, match="no body is called 'ball'; there are: finger1, finger2, finger3, cube, and NAME.tip"):
+    with pytest.raises(
+        StyleError, match="no body is called 'ball'; there are: finger1, finger2, finger3, cube, and NAME.tip"
+    ):
         Style(view="follow:ball").check(gripper.scene)
     Style(view="follow:cube").check(gripper.scene)
     Style(view="follow:finger1.tip").check(gripper.scene)

@@ -99,7 +99,9 @@ class Colouring:
         """Names of the surfaces whose colours stand for numbers, and whether their edges need lines: tubes are thin."""
         kinds = [kind for kind in ACTUATOR_KINDS if kind.name in self._effort_scales and kind.name in WALLS]
         names = {name for kind in kinds for name in self._recording.actuators.names_of(kind)}
-        tubes = {one.name for one in self._surfaces if isinstance(one, LineTube) and one.actuator in self._effort_scales}
+        tubes = {
+            one.name for one in self._surfaces if isinstance(one, LineTube) and one.actuator in self._effort_scales
+        }
         names |= {one.name for one in self._surfaces if one.kind == "soft" and self.values_scale is not None}
         return dict.fromkeys(names, True) | dict.fromkeys(tubes, False)
 
@@ -129,7 +131,7 @@ class Colouring:
         shown = [at_vertices(one, sample) for sample in samples for one in mapped] if style.section is None else samples
         highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
         scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, SOFT)
-        return _common(replace(scale, highest=max((float(np.max(some, initial=0.0)) for some in shown))), style)
+        return _common(replace(scale, highest=max(float(np.max(some, initial=0.0)) for some in shown)), style)
 
 
 def at_vertices(mapping: MappedSurface, values: np.ndarray) -> np.ndarray:

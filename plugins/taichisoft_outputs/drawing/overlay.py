@@ -78,15 +78,15 @@ class Overlay:
         from PIL import Image
 
         image, letters = Image.fromarray(picture), letters_of(self._style)
-        near = self._style.eye is not None or self._style.followed is not None
         if self._arrows is not None:
             self._arrows.paint(image, camera, frame)
-            self._arrows.paint_scale(image, camera, self._ink, letters)
         if self._style.body_axes:
             paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
         paint_marks(image, camera, marks)
-        if near:  # what is seen may reach behind the text
+        if self._style.eye is not None or self._style.followed is not None:  # anything may be behind the text
             self._paint_backdrop(image, letters)
+        if self._arrows is not None:
+            self._arrows.paint_scale(image, camera, self._ink, letters)
         if self._style.axes:
             paint_axes(image, camera, self._axis_colours, letters)
         paint_colour_bars(image, self._scales, self._ink, letters)

@@ -153,7 +153,10 @@ class Style:
             StyleError: it is not; the message says which bodies there are.
         """
         bodies = [*scene.soft_bodies, *scene.rigid_bodies]
-        if self.followed is not None and self.followed not in (*bodies, *(f"{name}{TIP}" for name in scene.soft_bodies)):
+        if self.followed is not None and self.followed not in (
+            *bodies,
+            *(f"{name}{TIP}" for name in scene.soft_bodies),
+        ):
             raise StyleError(
                 f"view '{self.view}': no body is called '{self.followed}'; there are: {', '.join(bodies)}, and NAME{TIP}"
             )

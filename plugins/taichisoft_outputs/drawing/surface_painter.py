@@ -117,7 +117,9 @@ class SurfacePainter:
         self, picture: np.ndarray, camera: PictureCamera, names: list[str], holdouts: list[str], opacity: float
     ) -> np.ndarray:
         """The picture with surfaces over it, and with lines along the edges of the unlit ones."""
-        image = self._stage.image(camera, [*names, *(one for one in holdouts if one.removesuffix(HOLDOUT) not in names)])
+        image = self._stage.image(
+            camera, [*names, *(one for one in holdouts if one.removesuffix(HOLDOUT) not in names)]
+        )
         unlit = [name for name in names if self._unlit.get(name)]
         if unlit:
             others = [one for one in holdouts if one.removesuffix(HOLDOUT) not in unlit]
@@ -134,7 +136,9 @@ class SurfacePainter:
         section: Section | None,
     ) -> None:
         corners, normals = self._normals[name](vertices)
-        at_corners = colours[self._triangles[name].ravel()] if colours.ndim == 2 else np.tile(colours, (len(corners), 1))
+        at_corners = (
+            colours[self._triangles[name].ravel()] if colours.ndim == 2 else np.tile(colours, (len(corners), 1))
+        )
         soup = np.concatenate([corners, normals, at_corners], axis=1).reshape(-1, 3, 6 + at_corners.shape[1])
         if section is not None and name in section.names:
             soup, _, _ = split_triangles(soup, section.plane.height(soup[..., :3]))

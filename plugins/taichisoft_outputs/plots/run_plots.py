@@ -33,9 +33,7 @@ class Plots:
     left_out: tuple[str, ...]
 
 
-def draw_plots(
-    recording: Recording, format: str, only: Sequence[str] | None = None, over: str | None = None
-) -> Plots:
+def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = None, over: str | None = None) -> Plots:
     """Draw the panels called `only`, or all that there is something for; over time, or over the panel called `over`.
 
     Raises:

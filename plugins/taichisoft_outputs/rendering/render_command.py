@@ -46,7 +46,9 @@ def render(
     ] = None,
     follow: Annotated[
         str | None,
-        typer.Option(metavar="BODY", help="Stay near a body, or a fingertip (finger.tip): --view follow:BODY in short."),
+        typer.Option(
+            metavar="BODY", help="Stay near a body, or a fingertip (finger.tip): --view follow:BODY in short."
+        ),
     ] = None,
     section: Annotated[
         str | None,

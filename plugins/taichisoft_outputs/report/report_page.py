@@ -21,7 +21,7 @@ EMBEDDED_BYTES = 20_000_000
 
 UNITS = {
     **{unit: unit for unit in ("mm", "mN", "s", "ms", "kPa", "kg", "degrees")},
-    **{"mm3": "mm³", "percent": "%"},
+    "mm3": "mm³",
 }
 """Units that stand at the end of a metric's name, and how the page writes them: as the plots do."""
 
@@ -140,7 +140,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
     if isinstance(value, Mapping):
         return ", ".join(f"{name}: {_value(one)}" for name, one in value.items())
     if isinstance(value, list):

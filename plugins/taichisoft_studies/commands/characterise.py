@@ -18,7 +18,8 @@ def characterise(
     scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped one, with a finger.")],
     pressure: Annotated[float, typer.Option(help="Last pressure \\[kPa]; below 0 it is suction.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder of the results  \\[default: out/SCENE-characteristics]")
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the results  \\[default: out/SCENE-characteristics]"),
     ] = None,
     body: Annotated[str | None, typer.Option(help="The finger  \\[default: the first soft body]")] = None,
     steps: Annotated[int, typer.Option(min=2, max=200, help="Steps of pressure.")] = 8,
@@ -39,6 +40,7 @@ def characterise(
     from rich.console import Console
 
     from taichisoft import load_scene
+    from taichisoft.running import warnings_printed_to
     from taichisoft_studies.characteristics import characterise as find
     from taichisoft_studies.characteristics import equilibrium_count
     from taichisoft_studies.commands.study_options import progress_bar
@@ -51,10 +53,11 @@ def characterise(
     loaded = load_scene(scene, set or ())
     changes = second or _finer(loaded, body)
     console, found = Console(), []
-    for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
-        of_mesh = load_scene(scene, (*(set or ()), *overrides))
-        with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
-            found.append(find(of_mesh, body, pressures, bends, advance))
+    with warnings_printed_to(console):
+        for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
+            of_mesh = load_scene(scene, (*(set or ()), *overrides))
+            with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
+                found.append(find(of_mesh, body, pressures, bends, advance))
     other, change = (found[1], ", ".join(changes)) if changes else (None, "")
     folder = output or Path("out") / f"{Path(scene).stem}-characteristics"
     say(trust_line(found[0], other, change))
