@@ -134,7 +134,7 @@ def _held(pressures: int, bends: int) -> np.ndarray:
 
 
 def _block(position: np.ndarray, nodes: np.ndarray, along: np.ndarray, distance: float) -> dict[str, Any]:
-    """The table of an obstacle: a box before the tip, a contact's distance from it, its face across the direction in which the tip moves."""
+    """The table of an obstacle: a box a contact's distance before the tip, its face across the tip's direction."""
     from scipy.spatial.transform import Rotation
 
     direction = along / np.linalg.norm(along)

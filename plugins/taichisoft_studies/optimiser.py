@@ -129,7 +129,7 @@ def best_trials(study: Any, count: int) -> list[Any]:
 def nearest_trial(study: Any) -> Any:
     """Of the trials that have completed, the one that violates its constraints least; None without any.
 
-    Constraints are in units of their own: each violation counts in parts of its median among the trials that violate it.
+    Constraints have units of their own: a violation counts in parts of its median among the trials that violate it.
     """
     ended = [one for one in study.get_trials(deepcopy=False) if one.values is not None and VIOLATIONS in one.user_attrs]
     if not ended:

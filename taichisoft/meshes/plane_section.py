@@ -1,7 +1,8 @@
-"""Sections by a plane: triangles and tetrahedra cut in two, with whatever is given at their corners, and closed caps."""
+"""Sections by a plane: triangles and tetrahedra cut in two, with what is given at their corners, and closed caps."""
 
 import re
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -143,7 +144,7 @@ def closed_cap(sides: np.ndarray, normal: tuple[float, float, float]) -> np.ndar
     depth = float((sides @ through).mean())
     levels = np.unique(np.round(y, 7))
     trapezoids = []
-    for low, high in zip(levels[:-1], levels[1:], strict=True):
+    for low, high in pairwise(levels):
         some = np.flatnonzero((y.min(axis=1) < (low + high) / 2) & (y.max(axis=1) > (low + high) / 2))
         slope = (x[some, 1] - x[some, 0]) / (y[some, 1] - y[some, 0])
         at_low, at_high = (x[some, 0] + slope * (level - y[some, 0]) for level in (low, high))

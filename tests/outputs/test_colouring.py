@@ -206,7 +206,7 @@ def test_a_surface_that_lies_elsewhere_and_an_unknown_body_are_refused(gripper, 
     with pytest.raises(StyleError, match="8 of 8 vertices lie further from the mesh of 'finger1'"):
         with_visual_surfaces(gripper, path)
     with pytest.raises(
-        StyleError, match="no body is called 'ball'; there are: finger1, finger2, finger3, cube, and NAME.tip"
+        StyleError, match=r"no body is called 'ball'; there are: finger1, finger2, finger3, cube, and NAME\.tip"
     ):
         Style(view="follow:ball").check(gripper.scene)
     Style(view="follow:cube").check(gripper.scene)

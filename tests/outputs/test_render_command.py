@@ -117,7 +117,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
         (["--video", "run.avi"], "a video ends with .mp4 or .gif"),
         (["--slow-motion", "-1"], "slow motion -1: must be positive"),
         (["--time", "7"], "nothing at 7 s"),
-        (["--view", "follow:ball"], "no body is called 'ball'; there are: finger, cube"),
+        (["--view", "follow:ball"], "no body is called 'ball'; there are: finger, cube, and NAME.tip"),
         (["--video", "run.mp4", "--view", "follow:ball"], "no body is called 'ball'"),
     ],
 )

@@ -66,7 +66,7 @@ def test_table_picture_and_page_say_the_same(found, tmp_path):
 def test_what_cannot_be_characterised_is_refused(tmp_path):
     with pytest.raises(StudyError, match=r"--body cube: no soft body .* there are: finger"):
         characterise(taichisoft.load_scene("finger-inflated"), "cube", PRESSURES, 1)
-    with pytest.raises(StudyError, match="no soft body with a cavity is called so; there are: $"):
+    with pytest.raises(StudyError, match=r"no soft body with a cavity is called so; there are: $"):
         characterise(taichisoft.load_scene("cable-gripper"), None, PRESSURES, 1)
     for pressure in (0.0, np.nan):
         with pytest.raises(StudyError, match="must be a number of kPa other than 0"):

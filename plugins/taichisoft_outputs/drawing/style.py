@@ -157,9 +157,8 @@ class Style:
             *bodies,
             *(f"{name}{TIP}" for name in scene.soft_bodies),
         ):
-            raise StyleError(
-                f"view '{self.view}': no body is called '{self.followed}'; there are: {', '.join(bodies)}, and NAME{TIP}"
-            )
+            known = f"{', '.join(bodies)}, and NAME{TIP}"
+            raise StyleError(f"view '{self.view}': no body is called '{self.followed}'; there are: {known}")
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # the class is frozen for everybody else

@@ -29,7 +29,7 @@ def characterise(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="What differs on a second mesh, which tells the error (repeatable)  \\[default: the next finer preset]",
+            help="What differs on a second mesh, for the error (repeatable)  \\[default: the next finer preset]",
         ),
     ] = None,
 ) -> None:
