@@ -10,7 +10,6 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.atomic_file import named_os_errors
-from taichisoft.control import Fingertips
 from taichisoft.session import Output
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ class CsvOutput(Output):
     """Writes a row for every step, with its time at its end.
 
     Columns are named "quantity name [unit]"; the first row of names is written with the first step, which shows
-    what signals the controller has.
+    which fingers have tips, and what signals the controller has.
     """
 
     def __init__(self, folder: Path):
@@ -57,6 +56,7 @@ class CsvOutput(Output):
         self._writer: Any = None
         self._row_count = self._restart_count = 0
         self._signals: list[str] = []
+        self._fingers: list[str] = []
         self._warned: set[str] = set()
 
     def begin(self, model: "Model", state: "State") -> None:
@@ -74,7 +74,6 @@ class CsvOutput(Output):
             if figure.recorded
             for name in model.actuators.names_of(kind)
         ]
-        self._fingers = list(Fingertips(model.soft_bodies).names)
         self._objects = model.scene.objects
         self._rows_of_objects = [list(model.scene.rigid_bodies).index(name) for name in self._objects]
         self._frames = list(model.scene.frames)
@@ -93,7 +92,7 @@ class CsvOutput(Output):
         assert self._file is not None
         with named_os_errors(self.path):
             if self._row_count == 0:
-                self._signals = list(report.signals)
+                self._signals, self._fingers = list(report.signals), list(report.observation.tip_positions)
                 self._writer.writerow(self._columns())
             self._writer.writerow(self._row(state, report))
             self._row_count += 1

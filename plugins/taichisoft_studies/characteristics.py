@@ -91,7 +91,7 @@ def characterise(
     cavities = [f"{name}.{cavity}" for cavity in scene.soft_bodies[name].cavities]
     held = _held(len(pressures), bends)
     free = taichisoft.Simulation(alone)
-    nodes = Fingertips(free.model.soft_bodies).nodes
+    nodes = Fingertips(free.model.soft_bodies, free.model.frames).nodes
     if not len(nodes):
         raise StudyError(f"soft_bodies.{name}: has no tip, since it has neither anchors nor `tip`")
     states, seen = [], []
