@@ -143,9 +143,9 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, 
         top = round(top + 0.5 * letters)
         values = np.linspace(scale.high, scale.low, length)
         colours = np.rint(255 * scale.colours(values)).astype(np.uint8)
-        line = max(round(letters / 16), 1)
-        box = (round(left) - line, top - line, round(left) + width + line - 1, top + length + line - 1)
-        ImageDraw.Draw(picture).rectangle(box, outline=tuple(round(255 * part) for part in ink), width=line)
+        edge = max(round(letters / 16), 1)
+        box = (round(left) - edge, top - edge, round(left) + width + edge - 1, top + length + edge - 1)
+        ImageDraw.Draw(picture).rectangle(box, outline=tuple(round(255 * part) for part in ink), width=edge)
         picture.paste(Image.fromarray(np.repeat(colours[:, None], width, axis=1)), (round(left), top))
         for value, text in ((scale.high, scale.top), ((scale.high + scale.low) / 2, ""), (scale.low, "")):
             place = top + (scale.high - value) / (scale.high - scale.low) * length

@@ -11,7 +11,7 @@ from taichisoft_outputs.drawing.camera import fit_camera
 from taichisoft_outputs.drawing.camera_path import outermost_points
 from taichisoft_outputs.drawing.colouring import Colouring, merged_ranges
 from taichisoft_outputs.drawing.overlay import colour_bars_width, letters_of
-from taichisoft_outputs.drawing.scales import sample_frames
+from taichisoft_outputs.drawing.scales import ColourScale, sample_frames
 from taichisoft_outputs.drawing.style import SMALLEST, Style, StyleError
 from taichisoft_outputs.drawing.visual_surface import with_visual_surfaces
 from taichisoft_outputs.recording.reader import Recording, read_recording
@@ -95,7 +95,8 @@ def _styles(recordings: Sequence[Path], style: Style, frames: Callable[[Recordin
     if width < SMALLEST:
         raise StyleError(f"size {style.size[0]}x{style.size[1]}: too narrow for {len(recordings)} recordings")
     own = replace(style, size=(width, style.size[1]))
-    ranges, points, scales, up = [], [], [], np.zeros(3)
+    ranges, points, up = [], [], np.zeros(3)
+    scales: list[ColourScale] = []
     for path in recordings:
         with read_recording(path) as recording:
             own.check(recording.scene)
