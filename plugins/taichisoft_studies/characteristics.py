@@ -91,10 +91,10 @@ def characterise(
     cavities = [f"{name}.{cavity}" for cavity in scene.soft_bodies[name].cavities]
     held = _held(len(pressures), bends)
     free = taichisoft.Simulation(alone)
-    nodes = Fingertips(free.model.soft_bodies, free.model.frames).nodes
-    if not len(nodes):
+    found_tips = Fingertips(free.model.soft_bodies, free.model.frames).nodes
+    if not found_tips:
         raise StudyError(f"soft_bodies.{name}: has no tip, since it has neither anchors nor `tip`")
-    states, seen = [], []
+    (nodes,), states, seen = found_tips, [], []
     for pressure in pressures:
         found = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
         free.restore(found.state)

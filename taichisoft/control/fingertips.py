@@ -44,11 +44,6 @@ class Fingertips:
         self._mean_position, self._mean_velocity = np.empty((len(fingers), 3)), np.empty((len(fingers), 3))
         self._bending_angle = np.empty(len(fingers))
 
-    @property
-    def nodes(self) -> np.ndarray:
-        """The nodes of all tips among all soft nodes, one tip after the other, shape (count,)."""
-        return self._nodes
-
     def observe(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions [mm] and velocities [mm/s] of the tips, each (finger_count, 3), and bending angles [rad].
 

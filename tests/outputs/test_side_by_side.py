@@ -9,7 +9,7 @@ from PIL import Image
 
 from taichisoft_outputs.drawing.camera_path import followed_part
 from taichisoft_outputs.drawing.style import Style, StyleError
-from taichisoft_outputs.fingertips import recorded_fingertips, tip_state
+from taichisoft_outputs.recorded_tips import recorded_fingertips, tip_state
 from taichisoft_outputs.recording.reader import read_recording
 from taichisoft_outputs.rendering import render, video
 from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side

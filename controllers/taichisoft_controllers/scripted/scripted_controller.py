@@ -63,11 +63,7 @@ def scaling(content: Script, path: Path, largest: Mapping[str, float | None]) ->
         if wanted is not None and not highest > 0.0:
             raise SceneError(f"{path}: has no {drive.name} above 0 that controller.settings.{drive.name} could scale")
         if wanted is not None and (wanted == 0.0 or (wanted < 0.0 and content.steps is not None)):
-            way = (
-                "must not be 0"
-                if wanted == 0.0
-                else f"{wanted:g}: {path} has steps with rates, which suction cannot turn"
-            )
-            raise SceneError(f"controller.settings.{drive.name} {way}")
+            why = "must not be 0" if wanted == 0.0 else f"{path} has steps with rates, which suction cannot turn"
+            raise SceneError(f"controller.settings.{drive.name} = {wanted:g}: {why}")
         factors[drive] = wanted / highest if wanted is not None else 1.0
     return factors

@@ -13,7 +13,7 @@ from taichisoft_outputs.drawing.camera import (
     view_direction,
 )
 from taichisoft_outputs.drawing.style import TIP, Style, StyleError
-from taichisoft_outputs.fingertips import recorded_fingertips
+from taichisoft_outputs.recorded_tips import recorded_fingertips
 from taichisoft_outputs.recording.reader import RecordedSurface, Recording
 
 ORBIT_DIRECTIONS = 72
@@ -123,10 +123,10 @@ def followed_part(recording: Recording, surfaces: Sequence[RecordedSurface], nam
         shape = surface.vertices(0)
         return lambda frame: surface.vertices(frame).mean(axis=0), NEAR * radius_around_mean(shape)
     body = next(body for body in recording.soft_bodies if body.name == name.removesuffix(TIP))
-    nodes = recorded_fingertips(recording, [body]).nodes
-    if not len(nodes):
+    tips = recorded_fingertips(recording, [body]).nodes
+    if not tips:
         raise StyleError(f"view 'follow:{name}': '{body.name}' has no tip, since it has neither anchors nor `tip`")
-    radius = NEAR_TIP * radius_around_mean(body.rest_position)
+    (nodes,), radius = tips, NEAR_TIP * radius_around_mean(body.rest_position)
     return lambda frame: recording.row("position", frame)[nodes].mean(axis=0), radius
 
 

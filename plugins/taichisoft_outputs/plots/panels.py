@@ -8,8 +8,8 @@ import numpy as np
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind, StateFigure
 from taichisoft.bodies import Stretches
 from taichisoft_outputs.base_motion import last_at_rest
-from taichisoft_outputs.fingertips import recorded_fingertips, tip_state
 from taichisoft_outputs.plots.figure import Panel, PlotCurve, pieces
+from taichisoft_outputs.recorded_tips import recorded_fingertips, tip_state
 from taichisoft_outputs.recording.reader import Recording
 
 TIME_AXIS = "time [s]"
