@@ -21,11 +21,11 @@ def model() -> Any:
         scene=Scene.model_validate(
             {
                 "gravity": [-9810.0, 0.0, 0.0],
-                "rigid_bodies": {"cube": {"box": [1.0, 1.0, 1.0], "mass": 1.0}},
+                "rigid_bodies": {name: {"box": [1.0, 1.0, 1.0], "mass": 1.0} for name in ("cube", "ball")},
             }
         ),
         soft_bodies=[SimpleNamespace(name=name) for name in ("left", "right")],
-        rigid_bodies=[SimpleNamespace(name="cube"), SimpleNamespace(name="ball")],
+        rigid_bodies=[SimpleNamespace(name=name, collides=True, follows=None) for name in ("cube", "ball")],
         obstacles=[SimpleNamespace(name="floor")],
         actuators=ActuatorNames({"cavity": ("left.air", "right.base", "right.tip"), "cable": ("right.tendon",)}),
     )
