@@ -148,6 +148,7 @@ LAYERS = {
         "stress",
         "domain_stress",
         "law_stress",
+        "recorded_tips",
         "recording",
         "goals",
         "run_figures",
@@ -194,6 +195,8 @@ LAYERS = {
     "taichisoft_studies": [
         "__init__",
         "commands",
+        "datasheet",
+        "characteristics",
         "least_squares",
         "calibration_file",
         "winners",

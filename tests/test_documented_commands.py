@@ -57,6 +57,7 @@ LEFT_OUT = {
 """Beginnings of commands that are only checked for their options, and why."""
 
 SHORTER = (
+    (r"--pressure 40 --steps 5", "--pressure 2 --steps 2"),  # a pad bears no more
     (r"--duration [\d.]+", "--duration 0.03"),
     (r"--steps \d+", "--steps 3"),
     (r"--(at|time) [\d.]+", r"--\1 0.02"),

@@ -47,7 +47,7 @@ class CsvOutput(Output):
     """Writes a row for every step, with its time at its end.
 
     Columns are named "quantity name [unit]"; the first row of names is written with the first step, which shows
-    what signals the controller has.
+    which fingers have tips, and what signals the controller has.
     """
 
     def __init__(self, folder: Path):
@@ -56,6 +56,7 @@ class CsvOutput(Output):
         self._writer: Any = None
         self._row_count = self._restart_count = 0
         self._signals: list[str] = []
+        self._fingers: list[str] = []
         self._warned: set[str] = set()
 
     def begin(self, model: "Model", state: "State") -> None:
@@ -91,7 +92,7 @@ class CsvOutput(Output):
         assert self._file is not None
         with named_os_errors(self.path):
             if self._row_count == 0:
-                self._signals = list(report.signals)
+                self._signals, self._fingers = list(report.signals), list(report.observation.tip_positions)
                 self._writer.writerow(self._columns())
             self._writer.writerow(self._row(state, report))
             self._row_count += 1
@@ -125,6 +126,8 @@ class CsvOutput(Output):
             "time [s]",
             "restarts",
             *(f"{figure.name} {name} [{figure.unit}]" for figure, name in self._figures),
+            *(f"tip_position {name} {axis} [mm]" for name in self._fingers for axis in "xyz"),
+            *(f"bending_angle {name} [degrees]" for name in self._fingers),
             *(f"base_translation {axis} [mm]" for axis in "xyz"),
             *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
             *(f"{field} {axis} [{unit}]" for field, unit in WRENCH_UNITS.items() for axis in "xyz"),
@@ -145,6 +148,8 @@ class CsvOutput(Output):
         seen = report.observation
         numbers = [
             *(getattr(seen, figure.observed)[name] for figure, name in self._figures),
+            *(component for name in self._fingers for component in seen.tip_positions[name].tolist()),
+            *(float(np.degrees(seen.bending_angles[name])) for name in self._fingers),
             *state.base_translation.tolist(),
             *np.degrees(state.base_rotation).tolist(),
             *(component for field in WRENCH_UNITS for component in getattr(seen, field).tolist()),

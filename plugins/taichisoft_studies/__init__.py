@@ -10,10 +10,11 @@ if TYPE_CHECKING:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft study` and what is below it, and `taichisoft mesh sweep`."""
+    """Add `taichisoft characterise`, `taichisoft study` and what is below it, and `taichisoft mesh sweep`."""
     import typer
 
     from taichisoft_studies.commands.calibrate import calibrate
+    from taichisoft_studies.commands.characterise import characterise
     from taichisoft_studies.commands.compare import compare
     from taichisoft_studies.commands.mesh_sweep import mesh_sweep
     from taichisoft_studies.commands.optimise import optimise
@@ -25,5 +26,6 @@ def taichisoft_commands(application: "typer.Typer") -> None:
         study.command()(command)
     mesh = typer.Typer()
     mesh.command("sweep")(mesh_sweep)
+    application.command()(characterise)
     application.add_typer(study, name="study")
     application.add_typer(mesh, name="mesh")

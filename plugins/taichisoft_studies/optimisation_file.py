@@ -17,6 +17,8 @@ class Objective(Table):
     """The figure that shall be large."""
     minimise: str | None = None
     """The figure that shall be small."""
+    unit: str = ""
+    """Its unit, for plots."""
     alternatives: ClassVar[KeySets] = (("maximise", "minimise"),)
 
     @property

@@ -126,6 +126,19 @@ def best_trials(study: Any, count: int) -> list[Any]:
     return by_cost[:count]
 
 
+def nearest_trial(study: Any) -> Any:
+    """Of the trials that have completed, the one that violates its constraints least; None without any.
+
+    Constraints have units of their own: a violation counts in parts of its median among the trials that violate it.
+    """
+    ended = [one for one in study.get_trials(deepcopy=False) if one.values is not None and VIOLATIONS in one.user_attrs]
+    if not ended:
+        return None
+    missed = np.maximum([trial.user_attrs[VIOLATIONS] for trial in ended], 0.0).reshape(len(ended), -1)
+    typical = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 1.0 for column in missed.T])
+    return ended[int(np.argmin((missed / typical).sum(axis=1)))]
+
+
 def _session(made: Any) -> int:
     """Number of this session, from 0: each draws other random numbers, also where two begin at the same moment.
 

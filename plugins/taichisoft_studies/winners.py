@@ -14,7 +14,7 @@ from taichisoft_meshing.scene_meshes import merge_tables
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.objectives import figures
 from taichisoft_studies.optimisation_file import Optimisation
-from taichisoft_studies.optimiser import best_trials
+from taichisoft_studies.optimiser import VIOLATIONS, best_trials, nearest_trial
 from taichisoft_studies.run_folder import read_record
 from taichisoft_studies.run_job import RunJob
 from taichisoft_studies.sweep_runs import RUNS, job_for, make_missing
@@ -22,6 +22,17 @@ from taichisoft_studies.trials import accepted
 from taichisoft_studies.workers import Workers
 
 WINNERS = "winners.csv"
+
+
+def _nearest(study: Optimisation, trials: Any) -> str:
+    """The trial that misses the constraints by the least, and by how much, in words."""
+    found = nearest_trial(trials)
+    if found is None:
+        return "results.csv says why"
+    missed = zip(study.constraints.items(), found.user_attrs[VIOLATIONS], strict=True)
+    by = ", ".join(f"{name} ({text}) by {value:.4g}" for (name, text), value in missed if value > 0.0)
+    values = value_line(study.objectives, found.values)
+    return f"trial {found.number} is the nearest: {values}, and it misses {by}"
 
 
 def make_winners(
@@ -44,7 +55,7 @@ def make_winners(
     """
     best = best_trials(trials, study.winners)
     if not best:
-        raise StudyError(f"{output}: no trial has completed and satisfies all constraints; results.csv says why")
+        raise StudyError(f"{output}: no trial has completed and satisfies all constraints; {_nearest(study, trials)}")
     outputs = tuple(dict.fromkeys((*study.outputs, "recording")))
     finer = study.model_copy(update={"set": (*study.set, *study.finer), "outputs": outputs})
     jobs = []

@@ -13,6 +13,10 @@ from .hexahedra import boundary_quads as boundary_quads
 from .hexahedra import divided_hexahedra as divided_hexahedra
 from .msh_reader import is_msh41 as is_msh41
 from .msh_reader import read_msh41 as read_msh41
+from .plane_section import SectionPlane as SectionPlane
+from .plane_section import closed_cap as closed_cap
+from .plane_section import cut_tetrahedra as cut_tetrahedra
+from .plane_section import split_triangles as split_triangles
 from .second_order import with_middle_nodes as with_middle_nodes
 from .surface import MappedSurface as MappedSurface
 from .surface import count_open_edges as count_open_edges

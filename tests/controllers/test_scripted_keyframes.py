@@ -118,10 +118,17 @@ def test_a_wrong_script_is_refused_in_one_line(tmp_path: Path, content: str, mes
     assert message in refusal(script(tmp_path, content=content))
 
 
-@pytest.mark.parametrize("value", [-5.0, 0.0, np.nan, np.inf, "high", True])
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, "high", True])
 def test_a_wrong_pressure_is_named_as_a_setting(tmp_path: Path, value: Any) -> None:
     with pytest.raises(SceneError, match=r"^controller\.settings\.pressure = "):
         scripted_controller(script(tmp_path), pressure=value)
+
+
+def test_suction_turns_the_pressures_of_keyframes_but_not_steps_with_rates(tmp_path: Path) -> None:
+    turned = scripted_controller(script(tmp_path), pressure=-20.0)
+    assert [pressure(turned, time) for time in (0.5, 1.5, 3.5)] == [0.0, -20.0, -5.0]
+    with pytest.raises(SceneError, match=r"^controller\.settings\.pressure = -20: .* has steps with rates"):
+        scripted_controller("grasp-until-contact", pressure=-20.0)
 
 
 def test_a_script_without_pressure_cannot_be_scaled() -> None:

@@ -51,6 +51,8 @@ def report(step: int, **changes: Any) -> Any:
         "cable_tensions": {"right.tendon": 400.0 * step},
         "cable_pulls": {"right.tendon": -0.5 * step},
         "cable_lengths": {"right.tendon": 90.0 + 0.5 * step},
+        "tip_positions": {"left": np.array([1.0, 2.0, 3.0]) * step},
+        "bending_angles": {"left": np.radians(5.0 * step)},
         "normal_forces": {("left", "cube"): 10.0 * step, ("cube", "floor"): 9.81, ("left", "right"): 99.0},
         "friction_forces": {("left", "cube"): 1.0 * step},
         "slip_speeds": {("cube", "ball"): 0.5},

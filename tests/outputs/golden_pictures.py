@@ -29,6 +29,7 @@ STYLES = {
     "iso": (Style(size=SIZE), 1),
     "front_stress": (Style(size=SIZE, view="front", colour_by="stress"), 2),
     "orbit_displacement": (Style(size=SIZE, view="orbit", colour_by="displacement", cavity_pressure=False), 2),
+    "section": (Style(size=SIZE, view="front", colour_by="displacement", section="z=0", arrows=False), 2),
     "top_opaque": (Style(size=SIZE, view="top", opacity=1.0, background="#202830", arrows=False), 0),
 }
 """Style and frame by the name of the picture."""

@@ -12,7 +12,7 @@ from taichisoft.actuators.names import ActuatorNames
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.meshes.surface_files import read_surface, write_stl
 from taichisoft_outputs.drawing.arrows import ForceArrows
-from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, displacement, strain, stress
+from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, displacement, strain, stress
 from taichisoft_outputs.drawing.overlay import caption_parts, paint_caption
 from taichisoft_outputs.drawing.scales import AIR, SOFT, ColourScale, round_up
 from taichisoft_outputs.drawing.style import Style, StyleError
@@ -84,27 +84,33 @@ def test_strain_is_that_of_the_longest_fibres(gripper):
 @pytest.mark.parametrize(
     ("style", "opacity", "scales"),
     [
-        (Style(colour_by="stress"), 1.0, ["stress [kPa]"]),
+        (Style(colour_by="stress"), 1.0, ["von Mises stress [kPa]"]),
         (Style(colour_by="strain"), 1.0, ["largest strain [-]"]),
         (Style(colour_by="strain", opacity=0.5), 0.5, ["largest strain [-]", "pressure [kPa]"]),
-        (Style(colour_by="displacement"), 0.6, ["displacement [mm]", "pressure [kPa]"]),
+        (Style(colour_by="displacement"), 1.0, ["displacement [mm]"]),
+        (Style(colour_by="displacement", section="z=0"), 1.0, ["displacement [mm]", "pressure [kPa]"]),
     ],
 )
-def test_stress_and_strain_are_drawn_opaque_unless_asked_otherwise(gripper, style, opacity, scales):
-    """Cavities that shine through would change the colours, and then those of the bar mean nothing."""
+def test_values_are_drawn_opaque_unless_asked_otherwise(gripper, style, opacity, scales):
+    """Cavities that shine through would change the colours of the bar; in a section they are seen beside them."""
     assert style.soft_opacity == opacity
     assert [scale.title for scale in Colouring(gripper, style, FRAMES, gripper.surfaces).scales] == scales
 
 
 def test_colours_of_soft_bodies_and_cavities_mean_what_the_bars_say(gripper):
-    colouring = Colouring(gripper, Style(colour_by="displacement"), FRAMES, gripper.surfaces)
+    colouring = Colouring(gripper, Style(colour_by="displacement", section="z=0"), FRAMES, gripper.surfaces)
     first, second = colouring.scales
     assert (first.title, second.title) == ("displacement [mm]", "pressure [kPa]")
     assert (second.low, second.high) == (0.0, 50.0)
     soft, cavity = gripper.surfaces[:2]
-    assert np.allclose(colouring.colours(0)[soft.name], SOFT[0])
+    assert np.allclose(first.colours(colouring.values(0)), SOFT[0])
     tips = soft.vertices(0)[:, 0] < -114.0
-    assert (colouring.colours(2)[soft.name][tips, 1] < 0.4).all(), "violet"
+    at_tips = at_vertices(soft.mapping, colouring.values(2))[tips]
+    assert (first.colours(at_tips)[:, 1] < 0.4).all(), "violet"
+    assert (first.high, first.top) == (
+        first.high,
+        f">= {first.high:g}" if first.highest > first.high else f"{first.high:g}",
+    )
     assert np.allclose(colouring.colours(0)[cavity.name], AIR[0])
     assert np.allclose(colouring.colours(2)[cavity.name], AIR[-1])
     cube = next(surface for surface in gripper.surfaces if surface.kind == "rigid")
@@ -156,7 +162,7 @@ def test_a_caption_that_is_too_long_goes_on_in_the_next_line():
     heights = []
     for width in (800, 160):
         picture = Image.new("RGB", (width, 200), "white")
-        paint_caption(picture, ["1.00 s", "pressure 50.0 kPa", "cube raised 25.0 mm"], (0.0, 0.0, 0.0))
+        paint_caption(picture, ["1.00 s", "pressure 50.0 kPa", "cube raised 25.0 mm"], (0.0, 0.0, 0.0), 7.0)
         rows, columns = np.nonzero(np.asarray(picture)[..., 0] < 128)
         assert columns.max() < width - 3
         heights.append(rows.max())
@@ -170,7 +176,7 @@ def test_twice_the_force_is_twice_the_arrow(gripper):
     lengths = []
     for radius in (50.0, 100.0):
         picture = Image.new("RGB", (640, 360))
-        ForceArrows(gripper, FRAMES, radius).paint_scale(picture, camera, (0.0, 0.0, 0.0))
+        ForceArrows(gripper, FRAMES, radius).paint_scale(picture, camera, (0.0, 0.0, 0.0), 9.0)
         lengths.append(np.ptp(np.nonzero(np.asarray(picture).any(axis=2))[1]))
     assert lengths[1] == pytest.approx(2 * lengths[0], abs=2)
 
@@ -199,6 +205,9 @@ def test_a_surface_that_lies_elsewhere_and_an_unknown_body_are_refused(gripper, 
     write_stl(fake_run.CUBE + 1000.0, fake_run.CUBE_FACES, path)
     with pytest.raises(StyleError, match="8 of 8 vertices lie further from the mesh of 'finger1'"):
         with_visual_surfaces(gripper, path)
-    with pytest.raises(StyleError, match="no body is called 'ball'; there are: finger1, finger2, finger3, cube"):
+    with pytest.raises(
+        StyleError, match=r"no body is called 'ball'; there are: finger1, finger2, finger3, cube, and NAME\.tip"
+    ):
         Style(view="follow:ball").check(gripper.scene)
     Style(view="follow:cube").check(gripper.scene)
+    Style(view="follow:finger1.tip").check(gripper.scene)

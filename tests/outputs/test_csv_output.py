@@ -41,6 +41,8 @@ def test_every_number_of_a_step_is_in_its_column(tmp_path: Path) -> None:
         "tension right.tendon [mN]": 1200.0,
         "pull right.tendon [mm]": -1.5,
         "cable_length right.tendon [mm]": 91.5,
+        "tip_position left y [mm]": 6.0,
+        "bending_angle left [degrees]": 15.0,
         "base_translation y [mm]": 0.6,
         "base_rotation z [degrees]": 3.0,
         "base_force y [mN]": 6.0,

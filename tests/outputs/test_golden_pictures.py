@@ -11,6 +11,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
 from taichisoft.child_process import run_python
+from taichisoft_outputs.drawing.scales import AIR, SOFT
 
 ALIKE = 0.93
 """Least similarity: other renderers put edges a fraction of a pixel elsewhere, and round colours otherwise."""
@@ -53,6 +54,25 @@ def drawn(tmp_path_factory):
 @pytest.mark.parametrize("name", [*STYLES, TUTORIAL])
 def test_a_picture_looks_as_it_did(drawn, name):
     assert similarity(read_image(drawn / f"{name}.png"), read_image(GOLDEN / f"{name}.png")) > ALIKE
+
+
+def test_values_have_the_colours_of_the_bar_and_air_that_of_its_pressure(drawn):
+    """Warm pixels are the finger's: all but lines, smoothed edges and arrows lie within 3 of 255 of the bar's colours.
+
+    Light would move most of them away. The section shows the air at the highest pressure of the run in the bar's last
+    colour.
+    """
+    dense = np.stack(
+        [np.interp(np.linspace(0, 4, 2000), np.arange(5), part) for part in 255 * np.array(SOFT).T], axis=1
+    )
+    for name in ("front_stress", "section"):
+        picture = np.round(read_image(drawn / f"{name}.png")[:, :250]).reshape(-1, 3)
+        warm = picture[picture[:, 0] - picture[:, 2] > 50]
+        distance = np.linalg.norm(warm[:, None] - dense, axis=2).min(axis=1)
+        assert len(warm) > 1000
+        assert (distance <= 3.0).mean() > 0.75, name
+    air = np.linalg.norm(picture - 255 * np.array(AIR[-1]), axis=1) <= 3.0
+    assert air.sum() > 300
 
 
 @pytest.mark.parametrize("name", BROKEN)

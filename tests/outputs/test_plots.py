@@ -13,7 +13,7 @@ from taichisoft.control.observation import Observation
 from taichisoft.errors import GoalMissed
 from taichisoft_outputs.metrics import MetricsOutput
 from taichisoft_outputs.plots.figure import Panel, PlotCurve, draw_figure, pieces
-from taichisoft_outputs.plots.panels import PANELS, TIME_AXIS, RunCurves, expected
+from taichisoft_outputs.plots.panels import PANELS, TIME_AXIS, RunCurves, against, expected
 from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
@@ -171,6 +171,39 @@ def test_a_single_frame_is_a_dot() -> None:
     one = np.zeros(1)
     axes = draw_figure([Panel("x", "y", [PlotCurve("a", "a", one, one, one)])], ["a"]).axes[0]
     assert axes.lines[0].get_marker() == "."
+
+
+def test_a_figure_is_plotted_over_another_one_of_the_same_body(
+    recording: Recording, observed: list[Observation]
+) -> None:
+    run = RunCurves(recording)
+    panel = against(PANELS["pressure"](run), PANELS["tip-y"](run))
+    assert (panel.x_axis, panel.y_axis) == ("pressure [kPa]", "y of the tip [mm]")
+    for curve, name in zip(panel.curves, ("left", "right"), strict=True):
+        assert (curve.label, curve.body) == (name, name)
+        np.testing.assert_allclose(curve.x, [seen.pressures[f"{name}.cavity"] for seen in observed], atol=1e-9)
+        np.testing.assert_allclose(curve.y, [seen.tip_positions[name][1] for seen in observed], atol=SINGLE)
+    assert b"PNG" in draw_plots(recording, "png", ["bending"], "pressure").picture[:8]
+    with pytest.raises(PlotError, match="--x heat: there are: pressure"):
+        draw_plots(recording, "png", ["bending"], "heat")
+    with pytest.raises(PlotError, match="tips-side is a path"):
+        draw_plots(recording, "png", ["tips-side"], "pressure")
+
+
+def test_noise_of_the_solver_is_a_line_and_ticks_have_whole_numbers() -> None:
+    """1e-8 N around 0, and around a large value: neither fills the panel, nor stands an exponent above it."""
+    time = np.linspace(0.0, 1.0, 50)
+    for level, unit in ((0.0, "mN"), (1e6, "things")):
+        noise = PlotCurve("a", "", time, level + 1e-8 * np.sin(40.0 * time), time)
+        figure = draw_figure([Panel(TIME_AXIS, f"force [{unit}]", [noise])], [])
+        figure.draw_without_rendering()
+        (axes,) = figure.axes
+        low, high = axes.get_ylim()
+        assert high - low > 1e6 * 1e-8
+        assert axes.yaxis.get_offset_text().get_text() == ""
+    signal = PlotCurve("a", "", time, np.sin(40.0 * time), time)
+    (axes,) = draw_figure([Panel(TIME_AXIS, "force [mN]", [signal])], []).axes
+    assert axes.get_ylim()[1] < 1.2
 
 
 def test_a_body_has_one_colour_in_all_panels(recording: Recording) -> None:

@@ -91,6 +91,8 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
         "body_axes": ("--no-body-axes",),
         "caption": ("--no-caption",),
         "surface": ("--surface", "finger.stl"),
+        "section": ("--section", "y<0"),
+        "font_size": ("--font-size", "20"),
     }
     answer = render(run, *[part for option in options.values() for part in option])
     assert answer.exit_code == 0, answer.output
@@ -98,7 +100,8 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
     assert render(run).exit_code == 0
     chosen, from_above, default = drawn
     changed = {name for name in vars(default) if getattr(chosen, name) != getattr(default, name)}
-    assert changed | {"view"} == set(vars(default))
+    of_several = {"name", "ranges"}  # what recordings side by side have
+    assert changed | {"view"} | of_several == set(vars(default))
     assert chosen.eye == (300.0, -200.0, 150.5) and chosen.background == (0.0, 0.0, 0.0)
     assert from_above.view == "top"
 
@@ -114,7 +117,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
         (["--video", "run.avi"], "a video ends with .mp4 or .gif"),
         (["--slow-motion", "-1"], "slow motion -1: must be positive"),
         (["--time", "7"], "nothing at 7 s"),
-        (["--view", "follow:ball"], "no body is called 'ball'; there are: finger, cube"),
+        (["--view", "follow:ball"], "no body is called 'ball'; there are: finger, cube, and NAME.tip"),
         (["--video", "run.mp4", "--view", "follow:ball"], "no body is called 'ball'"),
     ],
 )

@@ -197,3 +197,25 @@ def test_a_package_too_large_to_come_along_is_named_with_its_own_command(
     monkeypatch.setattr(optional_packages, "find_spec", lambda name: None if name == "torch" else "there")
     with pytest.raises(PackageMissing, match=r"^sampler = 'gp': needs torch, .* not installed: pip install torch$"):
         open_study(search_of(tmp_path, sampler="gp"), tmp_path)
+
+
+def test_where_all_trials_violate_constraints_the_nearest_one_is_named_and_by_how_much() -> None:
+    """Trial 1 misses one constraint by little; in units of their own, the volume's 90 mm^3 are less than 2 of force."""
+    from types import SimpleNamespace
+
+    from taichisoft_studies.optimiser import VIOLATIONS, nearest_trial
+    from taichisoft_studies.winners import _nearest
+
+    missed = ([2.0, 1000.0], [-0.5, 90.0], [4.0, -1.0])
+    ended = [
+        SimpleNamespace(number=number, values=[float(number)], user_attrs={VIOLATIONS: list(one)})
+        for number, one in enumerate(missed)
+    ]
+    ended.append(SimpleNamespace(number=3, values=None, user_attrs={}))
+    trials = SimpleNamespace(get_trials=lambda deepcopy: ended)
+    assert nearest_trial(trials).number == 1
+    study = SimpleNamespace(objectives={"work": None}, constraints={"force": "f >= 2", "silicone": "v <= 40000"})
+    assert _nearest(study, trials) == (  # type: ignore[arg-type]
+        "trial 1 is the nearest: work 1, and it misses silicone (v <= 40000) by 90"
+    )
+    assert nearest_trial(SimpleNamespace(get_trials=lambda deepcopy: [])) is None

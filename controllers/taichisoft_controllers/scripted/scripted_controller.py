@@ -7,7 +7,7 @@ from typing import Any
 from taichisoft.actuators import ActuatorKind, Drive
 from taichisoft.control import Controller
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Positive, find_file
+from taichisoft.scenes import Number, Positive, find_file
 from taichisoft_controllers.drives import DRIVES, table_of_drives
 from taichisoft_controllers.scripted.keyframe_controller import KeyframeController
 from taichisoft_controllers.scripted.script_file import SUFFIXES, Interpolation, Script, read_script
@@ -18,6 +18,8 @@ from taichisoft_controllers.settings import ControllerSettings
 def _largest(drive: Drive, kind: ActuatorKind) -> tuple[str, Any, str]:
     words = drive.words
     meaning = f"Largest {words} [{drive.unit}], to which all {words}s and their rates are scaled; conditions stay."
+    if drive.name == "pressure":  # tendons and valves cannot push or suck
+        return drive.name, Number, f"{meaning.removesuffix('.')}; below 0, suction, in keyframes."
     return drive.name, Positive, meaning
 
 
@@ -60,5 +62,8 @@ def scaling(content: Script, path: Path, largest: Mapping[str, float | None]) ->
         wanted, highest = largest.get(drive.name), content.highest(drive)
         if wanted is not None and not highest > 0.0:
             raise SceneError(f"{path}: has no {drive.name} above 0 that controller.settings.{drive.name} could scale")
+        if wanted is not None and (wanted == 0.0 or (wanted < 0.0 and content.steps is not None)):
+            why = "must not be 0" if wanted == 0.0 else f"{path} has steps with rates, which suction cannot turn"
+            raise SceneError(f"controller.settings.{drive.name} = {wanted:g}: {why}")
         factors[drive] = wanted / highest if wanted is not None else 1.0
     return factors

@@ -10,7 +10,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
-from taichisoft.meshes import VolumeMesh
+from taichisoft.meshes import VolumeMesh, cut_tetrahedra, split_triangles
 from taichisoft.optional_packages import require
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 from taichisoft_meshing.quality.mesh_surfaces import SurfaceQuality
@@ -34,34 +34,42 @@ class CutMesh:
         element: element of each face, shape (face_count,).
         side: CUT, OUTER or CAVITY, shape (face_count,).
         facing: cosine of the angle at which each face is seen [-], shape (face_count,).
+        plane: the plane of the section in words.
     """
 
     corners: np.ndarray
     element: np.ndarray
     side: np.ndarray
     facing: np.ndarray
+    plane: str
 
 
 def cut_open(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality]) -> CutMesh:
     """Cut a mesh along its two longest dimensions, through the middle of the cavities if there are any."""
-    right, up, towards = (np.eye(3)[axis] for axis in np.argsort(-np.ptp(mesh.nodes, axis=0), kind="stable"))
+    axes = np.argsort(-np.ptp(mesh.nodes, axis=0), kind="stable")
+    right, up, towards = (np.eye(3)[axis] for axis in axes)
     towards *= np.linalg.det([right, up, towards])
     nodes, elements = mesh.nodes @ np.column_stack([right, up, towards]), mesh.elements[:, :4]
     walls = np.unique(np.concatenate([np.empty(0, dtype=int), *(s.triangles.ravel() for s in surfaces if s.of_cavity)]))
     inside = nodes[walls, 2] if len(walls) else nodes[:, 2]
-    kept = np.flatnonzero(nodes[elements, 2].mean(axis=1) < (inside.min() + inside.max()) / 2)
-    element, face = np.nonzero(neighbours(elements[kept]) < 0)
-    element = kept[element]
+    middle = (inside.min() + inside.max()) / 2
+    element, face = np.nonzero(neighbours(elements) < 0)
     faces = elements[element[:, None], FACES[face]]
-    on_boundary = neighbours(elements)[element, face] < 0
-    side = np.where(on_boundary, np.where(np.isin(faces, walls).all(axis=1), CAVITY, OUTER), CUT)
+    side = np.where(np.isin(faces, walls).all(axis=1), CAVITY, OUTER)
+    labels = np.broadcast_to(np.stack([element, side], axis=1)[:, None], (len(faces), 3, 2))
+    skin, _, _ = split_triangles(np.concatenate([nodes[faces], labels], axis=2), nodes[faces, 2] - middle)
+    section, of_section = cut_tetrahedra(nodes[elements], nodes[elements, 2] - middle, (0.0, 0.0, 1.0))
+    element = np.concatenate([np.rint(skin[:, 0, 3]).astype(int), of_section])
+    side = np.concatenate([np.rint(skin[:, 0, 4]).astype(int), np.full(len(section), CUT)])
     turn = np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]])
-    corners = nodes[faces] @ turn.T
+    corners = np.concatenate([skin[..., :3], section]) @ turn.T
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facing = normals[:, 2] / np.linalg.norm(normals, axis=1)
-    order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
+    facing = normals[:, 2] / np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
+    # Nothing that is kept stands before the section.
+    order = np.lexsort((corners[:, :, 2].mean(axis=1), side == CUT))
     seen = order[facing[order] > 0]
-    return CutMesh(corners[seen], element[seen], side[seen], facing[seen])
+    plane = f"{'xyz'[axes[2]]} = {round(towards.sum() * middle, 6) + 0.0:.4g} mm"
+    return CutMesh(corners[seen], element[seen], side[seen], facing[seen], plane)
 
 
 def draw_report(mesh: VolumeMesh, quality: MeshQuality, limits: QualityLimits, title: str, path: Path) -> None:
@@ -109,7 +117,7 @@ def _draw_mesh(figure: Any, mesh: VolumeMesh, quality: MeshQuality, title: str) 
     walls = "" if across is None else f", walls at least {across} of them thick"
     name = textwrap.fill(title, 90).replace("$", r"\$")  # between two of which matplotlib reads formulas
     counts = f"{len(mesh.nodes)} nodes, {len(mesh.elements)} tetrahedra"
-    figure.suptitle(f"{name}\ncut open; {counts}{walls}", fontsize=12)
+    figure.suptitle(f"{name}\ncut at {cut.plane}; {counts}{walls}", fontsize=12)
     figure.colorbar(shapes, ax=axes, label="radius ratio on the cut", shrink=0.8, pad=0.01)
     handles = [Patch(facecolor=colour, label=label) for side, (label, colour) in COLOURS.items() if side in cut.side]
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.05), frameon=False, ncols=2)

@@ -40,14 +40,18 @@ class ForceArrows:
         frames: all frames that will be drawn.
         radius: radius of the scene [mm].
         behind: red, green and blue [-] of what may be behind the arrows.
+
+    Attributes:
+        tails: where arrows begin [mm], shape (count, 3), for a camera that is to see them whole.
     """
 
     def __init__(self, recording: Recording, frames: Sequence[int], radius: float, behind: Sequence[np.ndarray] = ()):
         self._recording = recording
         self._colour = arrow_colour(behind)
-        forces = (recording.contacts(frame)[1] for frame in sample_frames(frames, SAMPLES))
-        self._strongest = max((float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0)
+        contacts = [recording.contacts(frame) for frame in sample_frames(frames, SAMPLES)]
+        self._strongest = max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for _, f in contacts), default=0.0)
         self._length = LONGEST * radius / self._strongest if self._strongest else 0.0  # [mm/mN]
+        self.tails = np.concatenate([np.zeros((0, 3)), *(point - self._length * force for point, force in contacts)])
 
     def paint(self, picture: Any, camera: PictureCamera, frame: int) -> None:
         """Paint a frame's arrows, which end where the forces act, into a Pillow image."""
@@ -55,8 +59,15 @@ class ForceArrows:
             points, forces = self._recording.contacts(frame)
             _paint_arrows(picture, camera, points - self._length * forces, points, FORCE_WIDTH, [self._colour])
 
-    def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour) -> None:
-        """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene."""
+    def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour, letters: float) -> None:
+        """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene.
+
+        Args:
+            picture: a Pillow image in RGB, which is changed.
+            camera: the camera that sees the arrows.
+            ink: colour of the text.
+            letters: height of the letters [pixels].
+        """
         if not self._strongest:
             return
         force = round_down(self._strongest)
@@ -65,7 +76,7 @@ class ForceArrows:
         height = picture.height
         tip = np.array([picture.width - 0.03 * height, height - 0.04 * height])
         paint_arrow(picture, tip - [pixels[1, 0] - pixels[0, 0], 0], tip, FORCE_WIDTH * height, self._colour)
-        paint_text(picture, (tip[0], tip[1] - 0.02 * height), f"force {force:g} mN", height / 40, ink, "rs")
+        paint_text(picture, (tip[0], tip[1] - 0.02 * height), f"force {force:g} mN", letters, ink, "rs")
 
 
 def arrow_colour(behind: Sequence[np.ndarray]) -> Colour:
@@ -77,7 +88,7 @@ def arrow_colour(behind: Sequence[np.ndarray]) -> Colour:
     return next((colour for colour in FORCE_COLOURS if nearest(colour) >= SEEN), max(FORCE_COLOURS, key=nearest))
 
 
-def paint_axes(picture: Any, camera: PictureCamera, colours: Sequence[Colour]) -> None:
+def paint_axes(picture: Any, camera: PictureCamera, colours: Sequence[Colour], letters: float) -> None:
     """Paint the directions of x, y and z, as the camera sees them, into the lower left corner of a Pillow image."""
     height = picture.height
     origin = np.array([0.1 * height, 0.9 * height])
@@ -91,7 +102,7 @@ def paint_axes(picture: Any, camera: PictureCamera, colours: Sequence[Colour]) -
         # An axis that points at the viewer, or away, has its name beside the origin.
         outward = direction / length if length > 0.3 else np.array([-0.7, 0.7])
         label = origin + (0.065 * length + 0.017) * height * outward
-        paint_text(picture, (label[0], label[1]), "xyz"[axis], height / 38, colours[axis], "mm")
+        paint_text(picture, (label[0], label[1]), "xyz"[axis], letters, colours[axis], "mm")
 
 
 def paint_body_axes(

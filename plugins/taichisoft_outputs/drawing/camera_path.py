@@ -4,39 +4,52 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from taichisoft_outputs.drawing.camera import PictureCamera, distance_to_see, fit_camera, picture_up, view_direction
-from taichisoft_outputs.drawing.style import Style, StyleError
-from taichisoft_outputs.recording.reader import RecordedSurface
+from taichisoft_outputs.drawing.camera import (
+    PictureCamera,
+    distance_to_see,
+    fit_camera,
+    picture_up,
+    radius_around_mean,
+    view_direction,
+)
+from taichisoft_outputs.drawing.style import TIP, Style, StyleError
+from taichisoft_outputs.recorded_tips import recorded_fingertips
+from taichisoft_outputs.recording.reader import RecordedSurface, Recording
 
 ORBIT_DIRECTIONS = 72
 """Number of directions from which the distance of an orbit is chosen."""
 POINTS_AT_A_TIME = 100_000
 """Number of points that are kept before they are reduced to their outermost."""
 
+NEAR, NEAR_TIP = 1.6, 0.6
+"""Radius of what is seen around a body that is followed, in its radii, and around a tip, in radii of its finger [-]."""
+
 CameraPath = Callable[[int], PictureCamera]
 """Gives the camera of a frame."""
+FollowedPart = tuple[Callable[[int], np.ndarray], float]
+"""Gives the middle of what a camera moves with in a frame [mm], shape (3,); and the radius that it sees of it [mm]."""
 
 
 def camera_path(
     style: Style,
-    surfaces: Sequence[RecordedSurface],
     frames: Sequence[int],
     points: np.ndarray,
     up: np.ndarray,
     aspect: float,
+    followed: FollowedPart | None = None,
 ) -> CameraPath:
     """The path that a style asks for.
 
     Args:
-        style: what the user chose; a body that it follows is there.
-        surfaces: surfaces of the recording.
+        style: what the user chose.
         frames: all frames that will be drawn, in order.
         points: `outermost_points` of these [mm], shape (point_count, 3).
         up: unit vector against gravity, shape (3,).
         aspect: width / height of the part of the picture that things are fitted into.
+        followed: what the camera moves with; None where it does not.
     """
-    if style.followed is not None:
-        return _following(style.followed, surfaces, frames, up, aspect)
+    if followed is not None:
+        return _following(followed, up, aspect)
     if style.eye is None and style.view == "orbit":
         return _orbiting(points, frames, up, aspect)
     if style.eye is not None:
@@ -46,15 +59,12 @@ def camera_path(
     return lambda frame: camera
 
 
-def outermost_points(
-    surfaces: Iterable[RecordedSurface], frames: Iterable[int], origin: Callable[[int], np.ndarray] | None = None
-) -> np.ndarray:
+def outermost_points(surfaces: Iterable[RecordedSurface], frames: Iterable[int]) -> np.ndarray:
     """The corners of the convex hull of all that moves, over all frames [mm], shape (point_count, 3).
 
     Args:
         surfaces: surfaces of a recording; obstacles may be large and are left out, unless there is nothing else.
         frames: all frames that will be drawn.
-        origin: gives the origin of the coordinates in a frame [mm], shape (3,); None for that of the scene.
 
     Raises:
         StyleError: a position is not a finite number; the message says in which frame and of what.
@@ -63,12 +73,11 @@ def outermost_points(
     moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid", "line")] or surfaces
     kept: list[np.ndarray] = []
     for frame in frames:
-        shift = 0.0 if origin is None else origin(frame)
         for surface in moving:
             vertices = surface.vertices(frame)
             if not np.isfinite(vertices).all():
                 raise StyleError(f"frame {frame} cannot be drawn: positions of '{surface.name}' are not finite")
-            kept.append(vertices - shift)
+            kept.append(vertices)
         if sum(map(len, kept)) > POINTS_AT_A_TIME:
             kept = [_outermost(np.concatenate(kept))]
     return _outermost(np.concatenate(kept))
@@ -103,13 +112,25 @@ def _orbiting(points: np.ndarray, frames: Sequence[int], up: np.ndarray, aspect:
     return lambda frame: looking(2 * np.pi * place[frame] / len(frames), distance)
 
 
-def _following(
-    body: str, surfaces: Sequence[RecordedSurface], frames: Sequence[int], up: np.ndarray, aspect: float
-) -> CameraPath:
-    followed = next(surface for surface in surfaces if surface.name == body)
+def followed_part(recording: Recording, surfaces: Sequence[RecordedSurface], name: str) -> FollowedPart:
+    """A body, or the tip of a finger, "finger.tip".
 
-    def middle(frame: int) -> np.ndarray:
-        return followed.vertices(frame).mean(axis=0)
+    Raises:
+        StyleError: the body has no tip, since nothing holds it.
+    """
+    if not name.endswith(TIP):
+        surface = next(surface for surface in surfaces if surface.name == name)
+        shape = surface.vertices(0)
+        return lambda frame: surface.vertices(frame).mean(axis=0), NEAR * radius_around_mean(shape)
+    body = next(body for body in recording.soft_bodies if body.name == name.removesuffix(TIP))
+    tips = recorded_fingertips(recording, [body]).nodes
+    if not tips:
+        raise StyleError(f"view 'follow:{name}': '{body.name}' has no tip, since it has neither anchors nor `tip`")
+    (nodes,), radius = tips, NEAR_TIP * radius_around_mean(body.rest_position)
+    return lambda frame: recording.row("position", frame)[nodes].mean(axis=0), radius
 
-    around_it = fit_camera(outermost_points(surfaces, frames, middle), up, "iso", aspect)
-    return lambda frame: PictureCamera(around_it.eye + middle(frame), around_it.target + middle(frame), around_it.up)
+
+def _following(part: FollowedPart, up: np.ndarray, aspect: float) -> CameraPath:
+    middle, radius = part
+    near = fit_camera(radius * np.concatenate([np.eye(3), -np.eye(3)]), up, "iso", aspect)
+    return lambda frame: PictureCamera(near.eye + middle(frame), near.target + middle(frame), near.up)

@@ -1,15 +1,18 @@
 """The colours of the surfaces of a recording in its frames, before light falls on them.
 
 Bodies have the colours of the scene, or soft bodies show displacement, stress or strain; actuators show their effort:
-cavities the pressure, cables the tension.
+cavities the pressure, cables the tension. Colours that stand for numbers get no light, which would move them off the
+bar that explains them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind
 from taichisoft.bodies import Stretches
+from taichisoft.meshes import MappedSurface
 from taichisoft.scenes import Scene, red_green_blue
 from taichisoft_outputs.drawing.cable_tubes import LineTube
 from taichisoft_outputs.drawing.scales import AIR, LINE, SOFT, ColourScale, round_up, sample_frames, scale_of
@@ -27,10 +30,14 @@ PLAIN = {
 }
 """Red, green and blue [-] by the kind of surface, of what has no colour of its own."""
 
+WALLS = frozenset(kind.name for kind in ACTUATOR_KINDS if kind.drawn == "walls")
+"""Kinds of actuators whose effort the walls of cavities show."""
 SAMPLES = 40
 """Number of frames, at most, in which the range of a quantity is looked for."""
 COVERED_SHARE = 0.995
 """Part of the values that the range covers: single elements at an edge would make all others look alike."""
+SEEN_THROUGH = 0.8
+"""Mean brightness of silicone in the light [-], through which the pressure of a cavity is seen."""
 
 NodeValues = Callable[[int], np.ndarray]
 """Gives the values at the nodes of all soft bodies in a frame, shape (node_count,)."""
@@ -55,24 +62,48 @@ class Colouring:
 
     Attributes:
         scales: what the colours mean.
+        values_scale: the scale of the values of soft bodies; None where they have plain colours.
     """
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int], surfaces: Sequence[RecordedSurface]):
         self._recording, self._surfaces = recording, surfaces
         own = body_colours(recording.scene)
         self._plain = {surface.name: own.get(surface.name, np.array(PLAIN[surface.kind])) for surface in surfaces}
-        self._scale: ColourScale | None = None
+        self.values_scale: ColourScale | None = None
         if style.colour_by != "none":
             quantity, title = QUANTITIES[style.colour_by]
             self._values = quantity(recording)
-            self._scale = ColourScale(title, 0.0, self._high_end(frames), SOFT)
+            self.values_scale = self._range_of_values(title, frames, style)
         self._effort_scales: dict[str, ColourScale] = {}
         for kind in ACTUATOR_KINDS:
-            shown = style.cavity_pressure and style.soft_opacity < 1.0 if kind.drawn == "walls" else style.cable_tension
-            scale = _effort_scale(recording, kind, np.unique(frames)) if shown else None
+            wanted = style.cavity_pressure if kind.drawn == "walls" else style.cable_tension
+            scale = _effort_scale(recording, kind, np.unique(frames)) if wanted else None
             if scale is not None:
-                self._effort_scales[kind.name] = scale
-        self.scales = (*((self._scale,) if self._scale is not None else ()), *self._effort_scales.values())
+                self._effort_scales[kind.name] = _common(scale, style)
+        # Of what opaque bodies hide there is no bar; where silicone is before it, the bar is seen through that, too.
+        shown = {
+            name: _seen_through(scale, style.soft_opacity) if name in WALLS and style.section is None else scale
+            for name, scale in self._effort_scales.items()
+            if name not in WALLS or style.section is not None or style.soft_opacity < 1.0
+        }
+        self.scales = (*((self.values_scale,) if self.values_scale is not None else ()), *shown.values())
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float, float]]:
+        """Lowest and highest value of each scale, and the highest that was shown, by its title."""
+        scales = [*((self.values_scale,) if self.values_scale is not None else ()), *self._effort_scales.values()]
+        return {scale.title: (scale.low, scale.high, scale.highest) for scale in scales}
+
+    @property
+    def unlit(self) -> dict[str, bool]:
+        """Names of the surfaces whose colours stand for numbers, and whether their edges need lines: tubes are thin."""
+        kinds = [kind for kind in ACTUATOR_KINDS if kind.name in self._effort_scales and kind.name in WALLS]
+        names = {name for kind in kinds for name in self._recording.actuators.names_of(kind)}
+        tubes = {
+            one.name for one in self._surfaces if isinstance(one, LineTube) and one.actuator in self._effort_scales
+        }
+        names |= {one.name for one in self._surfaces if one.kind == "soft" and self.values_scale is not None}
+        return dict.fromkeys(names, True) | dict.fromkeys(tubes, False)
 
     def colours(self, frame: int) -> dict[str, np.ndarray]:
         """Red, green and blue [-] by surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""
@@ -87,19 +118,33 @@ class Colouring:
                 for tube in self._surfaces:
                     if isinstance(tube, LineTube) and tube.actuator == kind.name:
                         colours[tube.name] = scale.colours(tube.at_vertices(along[tube.number]))
-        if self._scale is not None:
-            values = self._values(frame)
-            for surface in self._surfaces:
-                if surface.kind == "soft" and surface.mapping is not None:
-                    at_vertices = np.einsum("vk,vk->v", surface.mapping.weights, values[surface.mapping.nodes])
-                    colours[surface.name] = self._scale.colours(at_vertices)
         return colours
 
-    def _high_end(self, frames: Sequence[int]) -> float:
+    def values(self, frame: int) -> np.ndarray | None:
+        """What `values_scale` shows at the nodes of all soft bodies, shape (node_count,); None for plain colours."""
+        return None if self.values_scale is None else self._values(frame)
+
+    def _range_of_values(self, title: str, frames: Sequence[int], style: Style) -> ColourScale:
+        """A scale up to what 99.5 % of the values that are shown reach: at surfaces, or in all of the cut bodies."""
+        mapped = [one.mapping for one in self._surfaces if one.kind == "soft" and one.mapping is not None]
         samples = [self._values(frame) for frame in sample_frames(frames, SAMPLES)]
-        values = [sample[body.nodes] for body in self._recording.soft_bodies for sample in samples]
-        highest = max((float(np.quantile(some, COVERED_SHARE)) for some in values), default=0.0)
-        return round_up(highest) if highest > 0 else 1.0
+        shown = [at_vertices(one, sample) for sample in samples for one in mapped] if style.section is None else samples
+        highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
+        scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, SOFT)
+        return _common(replace(scale, highest=max(float(np.max(some, initial=0.0)) for some in shown)), style)
+
+
+def at_vertices(mapping: MappedSurface, values: np.ndarray) -> np.ndarray:
+    """Values at the vertices of a surface, shape (vertex_count,), of values at all nodes, (node_count,)."""
+    result: np.ndarray = np.einsum("vk,vk->v", mapping.weights, values[mapping.nodes])
+    return result
+
+
+def merged_ranges(all_ranges: Sequence[Mapping[str, tuple[float, float, float]]]) -> dict[str, tuple[float, ...]]:
+    """The `ranges` that hold for several recordings."""
+    titles = dict.fromkeys(title for ranges in all_ranges for title in ranges)
+    reach = {title: np.array([ranges[title] for ranges in all_ranges if title in ranges]) for title in titles}
+    return {title: (float(ends[:, 0].min()), *map(float, ends[:, 1:].max(axis=0))) for title, ends in reach.items()}
 
 
 def displacement(recording: Recording) -> NodeValues:
@@ -146,7 +191,7 @@ def strain(recording: Recording) -> NodeValues:
 
 QUANTITIES = {
     "displacement": (displacement, "displacement [mm]"),
-    "stress": (stress, "stress [kPa]"),
+    "stress": (stress, "von Mises stress [kPa]"),
     "strain": (strain, "largest strain [-]"),
 }
 
@@ -159,3 +204,15 @@ def _effort_scale(recording: Recording, kind: ActuatorKind, frames: np.ndarray) 
     if kind.drawn == "walls":
         return scale_of(title, recording.column(kind.effort.name)[frames], AIR)
     return scale_of(title, np.concatenate(recording.segment_efforts(kind, frames), axis=1), LINE)
+
+
+def _common(scale: ColourScale, style: Style) -> ColourScale:
+    """The scale with the ends that all recordings share that are drawn side by side."""
+    low, high, highest = style.ranges.get(scale.title, (scale.low, scale.high, scale.highest))
+    return replace(scale, low=low, high=high, highest=highest)
+
+
+def _seen_through(scale: ColourScale, opacity: float) -> ColourScale:
+    before = SEEN_THROUGH * np.array(PLAIN["soft"])
+    steps = [tuple(opacity * before + (1.0 - opacity) * np.array(step)) for step in scale.steps]
+    return replace(scale, steps=steps)

@@ -5,14 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichisoft.bodies import Plane
+from taichisoft.meshes import SectionPlane
 from taichisoft_outputs.drawing.antialiasing import antialias
 from taichisoft_outputs.drawing.cable_tubes import line_tubes
 from taichisoft_outputs.drawing.camera import radius_around_mean
-from taichisoft_outputs.drawing.camera_path import camera_path, outermost_points
-from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, body_colours
+from taichisoft_outputs.drawing.camera_path import camera_path, followed_part, outermost_points
+from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, body_colours
 from taichisoft_outputs.drawing.floor import Floor
-from taichisoft_outputs.drawing.overlay import COLOUR_BAR_WIDTH, Overlay
+from taichisoft_outputs.drawing.overlay import Overlay, colour_bars_width, letters_of
 from taichisoft_outputs.drawing.planes import is_floor, reaches_under, square_of_plane
+from taichisoft_outputs.drawing.section import cut_open
 from taichisoft_outputs.drawing.shading import key_light
 from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.drawing.surface_painter import SurfacePainter
@@ -48,10 +50,11 @@ class Drawer:
         points = outermost_points(self._surfaces, frames)
         self._colouring = Colouring(recording, style, frames, self._surfaces)
         self._overlay = Overlay(recording, style, frames, self._colouring.scales, radius_around_mean(points))
-        side = COLOUR_BAR_WIDTH * height if self._colouring.scales else 0.0
+        side = colour_bars_width(self._colouring.scales, letters_of(style))
         aspect = max(width - 2 * side, width / 2) / height
-        spread = points + room * (points - points.mean(axis=0))
-        self._camera = camera_path(style, self._surfaces, frames, spread, up, aspect)
+        spread = np.concatenate([points + room * (points - points.mean(axis=0)), self._overlay.arrow_tails])
+        followed = followed_part(recording, self._surfaces, style.followed) if style.followed is not None else None
+        self._camera = camera_path(style, frames, spread, up, aspect, followed)
         background = np.array(style.background_colour)
         self._background = np.empty((height, width, 3), dtype=np.uint8)
         self._background[:] = np.rint(255 * background)
@@ -71,7 +74,10 @@ class Drawer:
         triangles = {surface.name: surface.triangles for surface in self._surfaces}
         triangles |= {name: of_wall for name, _, of_wall in self._walls}
         soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
-        self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, key_light(recording.scene), up)
+        light_from = key_light(recording.scene)
+        unlit, scale = self._colouring.unlit, self._colouring.values_scale
+        self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, scale)
+        self._recording, self._section = recording, SectionPlane.parse(style.section) if style.section else None
         self._hide_what_is_under(floors[-1:], points)
 
     def image(self, frame: int, marks: np.ndarray = NO_POINTS) -> np.ndarray:
@@ -86,10 +92,16 @@ class Drawer:
                 if self._shadows and surface.kind in SHADOW_OPACITY
             ]
             picture = self._floor.paint(picture, camera, casters)
-        colours = self._colouring.colours(frame)
+        colours, values = self._colouring.colours(frame), self._colouring.values(frame)
+        for surface in self._surfaces:
+            if values is not None and surface.kind == "soft" and surface.mapping is not None:
+                colours[surface.name] = at_vertices(surface.mapping, values)[:, None]
         for name, corners, _ in self._walls:
             vertices[name], colours[name] = corners, self._wall_colours[name]
-        picture = self._painter.paint(picture, camera, vertices, colours)
+        section = None
+        if self._section is not None:
+            section = cut_open(self._recording, self._surfaces, frame, self._section.facing(camera.eye), values)
+        picture = self._painter.paint(picture, camera, vertices, colours, section)
         return self._overlay.paint(antialias(picture), camera, frame, marks)
 
     def _hide_what_is_under(self, floors: Sequence[Plane], points: np.ndarray) -> None:

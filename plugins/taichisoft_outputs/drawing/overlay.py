@@ -23,10 +23,14 @@ from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.recording.reader import Recording
 
 MARK_COLOUR: Colour = (0.84, 0.16, 0.36)
-COLOUR_BAR_WIDTH = 0.185
-"""Width of the edge of the picture in which the colour bars stand, in heights of the picture [-]."""
+LETTERS = 1 / 36
+"""Height of letters, in heights of the picture [-]."""
+BAR_LENGTH, BAR_WIDTH = 0.25, 1.0
+"""Length of a colour bar, in heights of the picture, and its width, in heights of its letters [-]."""
 SINGLE_FIGURES = 4
 """The caption gives more pressures or tensions than these as a range."""
+VEIL = 190
+"""Opacity of what is laid under text in a close-up, of 255."""
 CAPTION_BODIES = 3
 """Number of rigid bodies, at most, whose height is in the caption."""
 
@@ -52,22 +56,45 @@ class Overlay:
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
 
+    def _paint_backdrop(self, picture: Any, letters: float) -> None:
+        from PIL import Image
+
+        width, height = picture.size
+        ground = Image.new("RGB", picture.size, tuple(round(255 * part) for part in self._style.background_colour))
+        veil = np.zeros((height, width), dtype=np.uint8)
+        if self._scales:
+            veil[:, width - round(colour_bars_width(self._scales, letters)) :] = VEIL
+        if self._style.caption or self._style.name:
+            veil[: round(0.03 * height + 1.6 * letters)] = VEIL
+        picture.paste(ground, mask=Image.fromarray(veil))
+
+    @property
+    def arrow_tails(self) -> np.ndarray:
+        """Where arrows of forces begin [mm], shape (count, 3)."""
+        return np.zeros((0, 3)) if self._arrows is None else self._arrows.tails
+
     def paint(self, picture: np.ndarray, camera: PictureCamera, frame: int, marks: np.ndarray) -> np.ndarray:
         """The picture of a frame with everything painted over it, marks too; shape (height, width, 3), dtype uint8."""
         from PIL import Image
 
-        image = Image.fromarray(picture)
+        image, letters = Image.fromarray(picture), letters_of(self._style)
         if self._arrows is not None:
             self._arrows.paint(image, camera, frame)
-            self._arrows.paint_scale(image, camera, self._ink)
         if self._style.body_axes:
             paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
         paint_marks(image, camera, marks)
+        if self._style.eye is not None or self._style.followed is not None:  # anything may be behind the text
+            self._paint_backdrop(image, letters)
+        if self._arrows is not None:
+            self._arrows.paint_scale(image, camera, self._ink, letters)
         if self._style.axes:
-            paint_axes(image, camera, self._axis_colours)
-        paint_colour_bars(image, self._scales, self._ink)
+            paint_axes(image, camera, self._axis_colours, letters)
+        paint_colour_bars(image, self._scales, self._ink, letters)
         if self._style.caption:
-            paint_caption(image, caption_parts(self._recording, frame), self._ink)
+            parts = caption_parts(self._recording, frame)
+            paint_caption(image, [self._style.name, *parts] if self._style.name else parts, self._ink, letters)
+        elif self._style.name:
+            paint_caption(image, [self._style.name], self._ink, letters)
         return np.asarray(image)
 
 
@@ -83,24 +110,53 @@ def paint_marks(picture: Any, camera: PictureCamera, points: np.ndarray) -> None
         paint_polygon(picture, place + 0.005 * height * circle, MARK_COLOUR)
 
 
-def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour) -> None:
-    """Paint a bar for each scale, one under the other, at the right edge of a Pillow image."""
-    from PIL import Image
+def letters_of(style: Style) -> float:
+    """Height of the letters of a style [pixels]."""
+    return max(LETTERS * style.size[1] if style.font_size is None else style.font_size, SMALLEST_LETTERS)
+
+
+def colour_bars_width(scales: Sequence[ColourScale], letters: float) -> float:
+    """Width of the edge of the picture in which the colour bars stand [pixels]."""
+    texts = [text for scale in scales for text in (*_title_lines(scale), f"{'m' * 2} {scale.top}")]
+    return max(map(font(letters).getlength, texts), default=0.0) + 2.0 * letters if texts else 0.0
+
+
+def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, letters: float) -> None:
+    """Paint a bar for each scale, one under the other, at the right edge of a Pillow image, within a line of ink.
+
+    Args:
+        picture: a Pillow image in RGB, which is changed.
+        scales: what the bars show.
+        ink: colour of text and lines.
+        letters: height of the letters [pixels].
+    """
+    from PIL import Image, ImageDraw
 
     height = picture.height
-    letters = max(height / 40, SMALLEST_LETTERS)
-    left = picture.width - COLOUR_BAR_WIDTH * height
-    width, length = round(0.022 * height), round(0.28 * height)
-    for index, scale in enumerate(scales):
-        top = round((0.15 + 0.40 * index) * height)
-        right = picture.width - 0.02 * height
-        paint_text(picture, (right, top - 0.8 * letters), scale.title, letters, ink, "rs")
+    left = picture.width - colour_bars_width(scales, letters) + letters
+    width, length = round(BAR_WIDTH * letters), round(min(BAR_LENGTH, 0.75 / max(len(scales), 1)) * height)
+    top = 0.10 * height
+    for scale in scales:
+        for line in _title_lines(scale):
+            paint_text(picture, (left, top), line, letters, ink, "la")
+            top += 1.25 * letters
+        top = round(top + 0.5 * letters)
         values = np.linspace(scale.high, scale.low, length)
         colours = np.rint(255 * scale.colours(values)).astype(np.uint8)
+        edge = max(round(letters / 16), 1)
+        box = (round(left) - edge, top - edge, round(left) + width + edge - 1, top + length + edge - 1)
+        ImageDraw.Draw(picture).rectangle(box, outline=tuple(round(255 * part) for part in ink), width=edge)
         picture.paste(Image.fromarray(np.repeat(colours[:, None], width, axis=1)), (round(left), top))
-        for value in np.linspace(scale.high, scale.low, 3):
+        for value, text in ((scale.high, scale.top), ((scale.high + scale.low) / 2, ""), (scale.low, "")):
             place = top + (scale.high - value) / (scale.high - scale.low) * length
-            paint_text(picture, (left + width + 0.012 * height, place), f"{value:g}", letters, ink, "lm")
+            paint_text(picture, (left + width + 0.5 * letters, place), text or f"{value:g}", letters, ink, "lm")
+        top += length + 1.5 * letters
+
+
+def _title_lines(scale: ColourScale) -> list[str]:
+    """Words, and the unit under them."""
+    words, _, unit = scale.title.rpartition(" ")
+    return [words, unit]
 
 
 def caption_parts(recording: Recording, frame: int) -> list[str]:
@@ -119,10 +175,16 @@ def caption_parts(recording: Recording, frame: int) -> list[str]:
     return parts
 
 
-def paint_caption(picture: Any, parts: list[str], ink: Colour) -> None:
-    """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit."""
-    height = picture.height
-    letters, edge = height / 32, 0.03 * height
+def paint_caption(picture: Any, parts: list[str], ink: Colour, letters: float) -> None:
+    """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit.
+
+    Args:
+        picture: a Pillow image in RGB, which is changed.
+        parts: what to write.
+        ink: colour of the letters.
+        letters: height of the letters [pixels].
+    """
+    edge = 0.03 * picture.height
     lines: list[str] = []
     for part in parts:
         longer = f"{lines[-1]}     {part}" if lines else part
@@ -131,7 +193,7 @@ def paint_caption(picture: Any, parts: list[str], ink: Colour) -> None:
         else:
             lines.append(part)
     for number, line in enumerate(lines):
-        place = edge, edge + number * 1.4 * max(letters, SMALLEST_LETTERS)
+        place = edge, edge + number * 1.4 * letters
         paint_text(picture, place, line, letters, ink, "la")
 
 

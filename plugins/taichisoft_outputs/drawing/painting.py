@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft_outputs.drawing.style import SMALLEST_LETTERS
+
 SUPERSAMPLING = 4
 """Polygons are painted this many times finer, and reduced."""
-SMALLEST_LETTERS = 7.0
-"""Height of letters that can still be read [pixels]."""
 
 Colour = tuple[float, float, float]
 """Red, green and blue, each from 0 to 1 [-]."""

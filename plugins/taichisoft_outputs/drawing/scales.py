@@ -26,17 +26,28 @@ class ColourScale:
         title: what the values are, with their unit.
         low, high: values of the first and the last colour; `low` < `high`.
         steps: red, green and blue [-] of evenly spaced values.
+        highest: the highest value that is shown; above `high` it has the colour of that, and the bar says so.
     """
 
     title: str
     low: float
     high: float
     steps: Sequence[tuple[float, float, float]]
+    highest: float = -np.inf
+
+    @property
+    def stops(self) -> np.ndarray:
+        """The values between which colours run linearly, shape (step_count,)."""
+        return np.linspace(self.low, self.high, len(self.steps))
+
+    @property
+    def top(self) -> str:
+        """The number at the high end: with a sign where higher values are shown."""
+        return f"{'>= ' if self.highest > self.high * (1 + 1e-9) else ''}{self.high:g}"
 
     def colours(self, values: np.ndarray) -> np.ndarray:
         """Red, green and blue [-], shape (count, 3), of values (count,); values outside get the colour of the end."""
-        places = np.linspace(self.low, self.high, len(self.steps))
-        return np.stack([np.interp(values, places, part) for part in np.array(self.steps).T], axis=1)
+        return np.stack([np.interp(values, self.stops, part) for part in np.array(self.steps).T], axis=1)
 
 
 def round_up(value: float) -> float:

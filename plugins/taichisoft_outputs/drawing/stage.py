@@ -63,6 +63,9 @@ class Stage:
         mesh.triangle_uvs = utility.Vector2dVector(_texture_coordinates(len(triangles)))
         if name in self._names:
             self._scene.remove_geometry(name)
+            self._names.remove(name)
+        if not len(triangles):
+            return
         self._scene.add_geometry(name, mesh, self._material)
         self._names.add(name)
 

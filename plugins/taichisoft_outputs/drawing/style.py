@@ -1,8 +1,8 @@
 """What a user can choose about pictures: their size, where the camera stands, and what is shown how."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -13,10 +13,14 @@ if TYPE_CHECKING:
 
 VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
 COLOURINGS = ("none", "displacement", "stress", "strain")
+TIP = ".tip"
+"""Ends the name of a finger whose tip is followed."""
 FPS = 30.0
 """Frames per second of a video, unless the user chose another number."""
 TRANSLUCENT = 0.6
 """Opacity of soft bodies whose colours need not be compared with a bar."""
+SMALLEST_LETTERS = 7.0
+"""Height of letters that can still be read [pixels]."""
 SMALLEST, LARGEST = 16, 8192
 """Least and greatest width and height that can be drawn [pixels]."""
 BACKGROUND = (0.86, 0.90, 0.94)
@@ -34,11 +38,13 @@ class Style:
     Attributes:
         size: width and height [pixels].
         view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, over all
-            frames), or "follow:BODY" (from iso, moving with that body); None for the scene's own camera, or iso.
+            frames), or "follow:BODY" (from iso, near that body or the tip of a finger, "follow:finger.tip", and moving
+            with it); None for the scene's own camera, or iso.
         eye: position of the camera [mm], which takes the place of `view`.
         target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
+        section: a plane that cuts bodies open, see `SectionPlane.parse`; None leaves them whole.
         opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden. None for 1 where
-            they show stress or strain, so that colours are as in the bar, else for TRANSLUCENT.
+            their colours stand for numbers, or a section shows what is inside, else for TRANSLUCENT.
         background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; None for the scene's own.
         colour_by: what the colours of soft bodies mean: "none", "displacement" [mm], "stress" (von Mises) [kPa]
             or "strain" (the largest principal one) [-].
@@ -50,6 +56,9 @@ class Style:
         caption: whether time, pressures, tensions and the height of the rigid bodies are written in the picture.
         surface: file of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
             STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
+        font_size: height of all letters [pixels]; None for a share of the picture's height.
+        name: what the caption begins with.
+        ranges: lowest, highest and highest shown value of scales by their titles, see `Colouring.ranges`.
 
     Raises:
         StyleError: a value is impossible; the message says what would be valid.
@@ -69,6 +78,10 @@ class Style:
     body_axes: bool = True
     caption: bool = True
     surface: Path | None = None
+    section: str | None = None
+    font_size: float | None = None
+    name: str = ""
+    ranges: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         width, height = _numbers("size", self.size, 2)
@@ -84,6 +97,12 @@ class Style:
             raise StyleError(
                 f"soft bodies cannot be coloured by '{self.colour_by}'; there are: {', '.join(COLOURINGS)}"
             )
+        if self.font_size is not None and not SMALLEST_LETTERS <= self.font_size <= 200.0:
+            raise StyleError(f"font size {self.font_size:g}: letters must be {SMALLEST_LETTERS:g} to 200 pixels high")
+        if self.section is not None:
+            from taichisoft.meshes import SectionPlane  # which --help need not wait for
+
+            SectionPlane.parse(self.section)
         if self.background is not None:
             self._set("background", _colour(self.background))
         for name in ("eye", "target"):
@@ -101,11 +120,11 @@ class Style:
         """Opacity of the soft bodies [-]."""
         if self.opacity is not None:
             return self.opacity
-        return 1.0 if self.colour_by in ("stress", "strain") else TRANSLUCENT
+        return TRANSLUCENT if self.colour_by == "none" and self.section is None else 1.0
 
     @property
     def followed(self) -> str | None:
-        """Name of the body that the camera moves with; None where it does not follow one."""
+        """The body, or the tip, "finger.tip", that the camera moves with; None where it does not follow one."""
         view = self.view or ""
         return view.removeprefix("follow:") if view.startswith("follow:") and self.eye is None else None
 
@@ -134,8 +153,12 @@ class Style:
             StyleError: it is not; the message says which bodies there are.
         """
         bodies = [*scene.soft_bodies, *scene.rigid_bodies]
-        if self.followed is not None and self.followed not in bodies:
-            raise StyleError(f"view '{self.view}': no body is called '{self.followed}'; there are: {', '.join(bodies)}")
+        if self.followed is not None and self.followed not in (
+            *bodies,
+            *(f"{name}{TIP}" for name in scene.soft_bodies),
+        ):
+            known = f"{', '.join(bodies)}, and NAME{TIP}"
+            raise StyleError(f"view '{self.view}': no body is called '{self.followed}'; there are: {known}")
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # the class is frozen for everybody else

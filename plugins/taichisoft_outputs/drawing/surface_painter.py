@@ -1,15 +1,42 @@
 """Surfaces over a background: opaque ones, and translucent bodies in layers from the farthest to the nearest."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from taichisoft.meshes import SectionPlane, split_triangles
 from taichisoft_outputs.drawing.camera import PictureCamera, project, seen_from_front
+from taichisoft_outputs.drawing.scales import ColourScale
 from taichisoft_outputs.drawing.shading import SmoothNormals, shade
 from taichisoft_outputs.drawing.stage import EMPTY, Stage
 
 HOLDOUT = " as a holdout"
 """Ends the name of what is drawn in the colour EMPTY, so that it hides parts of a layer without being seen in it."""
+
+
+NORMALS = " by its normals"
+"""Ends the name of what is drawn in colours that say where its normals point, so that its edges can be found."""
+LINE_ANGLE = 30.0
+"""Normals of neighbouring pixels that differ by more have a line between them [degrees]."""
+LINE_BRIGHTNESS = 0.55
+"""Part of its colour that a surface has in such a line [-]."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Bodies cut open.
+
+    Attributes:
+        plane: the plane that cuts them; what is on the side of its normal is left out.
+        names: of the surfaces that are cut.
+        caps: of some of them, corners of the triangles that close them [mm], shape (count, 3, 3), with a value at each
+            corner as a fourth number where the surface has values.
+    """
+
+    plane: SectionPlane
+    names: frozenset[str]
+    caps: Mapping[str, np.ndarray]
 
 
 class SurfacePainter:
@@ -22,6 +49,9 @@ class SurfacePainter:
         opacity: opacity of the translucent surfaces [-].
         key: unit vector to the key light, shape (3,).
         up: unit vector against gravity, shape (3,).
+        unlit: names of the surfaces whose colours stand for numbers, which get no light, and whether they get lines
+            along their edges.
+        scale: the colours of surfaces that have values.
     """
 
     def __init__(
@@ -32,12 +62,15 @@ class SurfacePainter:
         opacity: float,
         key: np.ndarray,
         up: np.ndarray,
+        unlit: Mapping[str, bool],
+        scale: ColourScale | None = None,
     ):
         self._size, self._opacity, self._key, self._up = size, opacity, key, up
+        self._unlit, self._scale = unlit, scale
         self._normals = {name: SmoothNormals(of_surface) for name, of_surface in triangles.items()}
         self._triangles = triangles
-        self._translucent = list(translucent)
-        self._opaque = [name for name in triangles if name not in translucent]
+        self._translucent = list(translucent) if opacity < 1.0 else []
+        self._opaque = [name for name in triangles if name not in self._translucent]
         self._always: list[str] = []
         self._stage = Stage(size)
 
@@ -58,6 +91,7 @@ class SurfacePainter:
         camera: PictureCamera,
         vertices: dict[str, np.ndarray],
         colours: dict[str, np.ndarray],
+        section: Section | None = None,
     ) -> np.ndarray:
         """The picture with all surfaces over it.
 
@@ -65,30 +99,95 @@ class SurfacePainter:
             picture: the background, shape (height, width, 3), dtype uint8.
             camera: the camera that sees the surfaces.
             vertices: vertices of every surface [mm], shape (vertex_count, 3).
-            colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3).
+            colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3); or
+                values of `scale` at its vertices, (vertex_count, 1).
+            section: what is cut open; None for nothing.
         """
         for name, where in vertices.items():
-            self._put(name, camera, where, colours[name])
-        picture = lay_over(picture, self._stage.image(camera, self._opaque + self._always), 1.0)
+            self._put(name, camera, where, colours[name], section)
         holdouts = [name + HOLDOUT for name in self._opaque] + self._always
+        picture = self._laid_over(picture, camera, self._opaque, holdouts, 1.0)
         bodies = [vertices[name] for name in self._translucent]
         for layer in depth_layers(bodies, camera, self._size):
-            image = self._stage.image(camera, [self._translucent[body] for body in layer] + holdouts)
-            picture = lay_over(picture, image, self._opacity)
+            names = [self._translucent[body] for body in layer]
+            picture = self._laid_over(picture, camera, names, holdouts, self._opacity)
         return picture
 
-    def _put(self, name: str, camera: PictureCamera, vertices: np.ndarray, colours: np.ndarray) -> None:
+    def _laid_over(
+        self, picture: np.ndarray, camera: PictureCamera, names: list[str], holdouts: list[str], opacity: float
+    ) -> np.ndarray:
+        """The picture with surfaces over it, and with lines along the edges of the unlit ones."""
+        image = self._stage.image(
+            camera, [*names, *(one for one in holdouts if one.removesuffix(HOLDOUT) not in names)]
+        )
+        unlit = [name for name in names if self._unlit.get(name)]
+        if unlit:
+            others = [one for one in holdouts if one.removesuffix(HOLDOUT) not in unlit]
+            lines = lines_between(self._stage.image(camera, [name + NORMALS for name in unlit] + others))
+            image[lines] = np.rint(LINE_BRIGHTNESS * image[lines])
+        return lay_over(picture, image, opacity)
+
+    def _put(
+        self,
+        name: str,
+        camera: PictureCamera,
+        vertices: np.ndarray,
+        colours: np.ndarray,
+        section: Section | None,
+    ) -> None:
         corners, normals = self._normals[name](vertices)
-        if colours.ndim == 2:
-            colours = colours[self._triangles[name].ravel()]
+        at_corners = (
+            colours[self._triangles[name].ravel()] if colours.ndim == 2 else np.tile(colours, (len(corners), 1))
+        )
+        soup = np.concatenate([corners, normals, at_corners], axis=1).reshape(-1, 3, 6 + at_corners.shape[1])
+        if section is not None and name in section.names:
+            soup, _, _ = split_triangles(soup, section.plane.height(soup[..., :3]))
+            cap = section.caps.get(name, np.zeros((0, 3, 3)))
+            of_cap = np.empty((len(cap), *soup.shape[1:]))
+            of_cap[..., :3], of_cap[..., 3:6] = cap[..., :3], section.plane.normal
+            of_cap[..., 6:] = cap[..., 3:] if colours.ndim == 2 else colours
+            soup = np.concatenate([soup, of_cap])
+        if at_corners.shape[1] == 1:
+            assert self._scale is not None
+            for stop in self._scale.stops:  # between two of which colours are linear, in the renderer as on the bar
+                below, above, _ = split_triangles(soup, soup[..., 6] - stop)
+                soup = np.concatenate([below, above])
+        soup = soup[seen_from_front(camera, soup[..., :3])]
+        flat = soup.reshape(-1, soup.shape[2])
+        corners, normals, shown = flat[:, :3], flat[:, 3:6], flat[:, 6:]
+        if self._scale is not None and at_corners.shape[1] == 1:
+            shown = self._scale.colours(shown[:, 0])
         triangles = np.arange(len(corners)).reshape(-1, 3)
-        triangles = triangles[seen_from_front(camera, corners.reshape(-1, 3, 3))]
-        self._stage.put(name, corners, triangles, shade(colours, normals, self._key, self._up))
+        if name in self._unlit:
+            self._stage.put(name + NORMALS, corners, triangles, 0.5 + 0.5 * normals)
+        else:
+            shown = shade(shown, normals, self._key, self._up)
+        self._stage.put(name, corners, triangles, shown)
         if name in self._opaque:
             self._put_holdout(name + HOLDOUT, corners, triangles)
 
     def _put_holdout(self, name: str, vertices: np.ndarray, triangles: np.ndarray) -> None:
         self._stage.put(name, vertices, triangles, np.tile(np.array(EMPTY) / 255, (len(vertices), 1)))
+
+
+def lines_between(normals: np.ndarray) -> np.ndarray:
+    """Where a picture of normals has an edge: normals that differ, or the outline; shape (height, width), dtype bool.
+
+    Args:
+        normals: picture of (1 + normal) / 2, EMPTY where nothing is, shape (height, width, 3), dtype uint8.
+    """
+    covered = (normals != np.array(EMPTY, dtype=np.uint8)).any(axis=2)
+    rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
+    lines = np.zeros(covered.shape, dtype=bool)
+    if not len(rows):
+        return lines
+    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    directions = normals[part].astype(np.float32) / 127.5 - 1.0
+    inner, edges = covered[part], lines[part]
+    for before, after in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        cosine = np.einsum("ijk,ijk->ij", directions[before], directions[after])
+        edges[after] |= (cosine < np.cos(np.radians(LINE_ANGLE))) & inner[before] & inner[after]
+    return lines
 
 
 def depth_layers(bodies: Sequence[np.ndarray], camera: PictureCamera, size: tuple[int, int]) -> list[list[int]]:

@@ -25,6 +25,9 @@ PANEL_SIZE = (5.6, 2.9)  # inches
 LEGEND_CHARACTERS = 76
 """Most characters that stand beside each other above a panel."""
 
+NOISE = {"mm": 1e-3, "mN": 0.1, "mN mm": 1.0, "kPa": 1e-3, "degrees": 1e-3, "cm³": 1e-5, "mg": 1e-4, "mg/s": 1e-3}
+"""By unit, what no curve shows as a signal: a panel whose values differ by less has a flat line."""
+
 EARLIER_START = 0.3
 """Opacity of what happened before the last start of the run."""
 
@@ -128,12 +131,15 @@ def _draw_panel(axes: "Axes", panel: Panel, colours: dict[str, str]) -> None:
         axes.axhline(panel.level[0], color=NEUTRAL, linestyle=":", linewidth=1.0, label=panel.level[1])
     if panel.logarithmic:
         _make_logarithmic(axes)
+    else:
+        _show_no_noise(axes, panel)
     if panel.equal_scales:
         axes.set_aspect("equal", adjustable="datalim")
     else:  # the whole time also where a curve begins later
-        times = np.concatenate([curve.time for curve in panel.curves] or [np.zeros(1)])
-        margin = 0.01 * np.ptp(times) or 1.0
-        axes.set_xlim(times.min() - margin, times.max() + margin)
+        places = np.concatenate([curve.x[np.isfinite(curve.x)] for curve in panel.curves] or [np.zeros(1)])
+        low, high = _ends(places, panel.x_axis)
+        margin = 0.01 * (high - low) or 1.0
+        axes.set_xlim(low - margin, high + margin)
     axes.set_xlabel(panel.x_axis)
     axes.set_ylabel(panel.y_axis)
     axes.grid(alpha=0.3, linewidth=0.6)
@@ -152,6 +158,33 @@ def _draw_curve(axes: "Axes", curve: PlotCurve, label: str, marked: bool, **look
         axes.plot(x, y, label=label if last else None, alpha=opacity, marker=marker, **look)
         if last and marked and len(x):
             axes.plot(x[:1], y[:1], marker="o", markersize=5, color=look["color"])
+
+
+def _show_no_noise(axes: "Axes", panel: Panel) -> None:
+    """Let the vertical axis reach so far that noise of the solver is a line; numbers stand whole at their ticks.
+
+    By itself matplotlib takes out a common exponent or offset and prints it over the legend.
+    """
+    from matplotlib.ticker import FuncFormatter
+
+    values = np.concatenate([curve.y[np.isfinite(curve.y)] for curve in panel.curves] or [np.zeros(0)])
+    if len(values):
+        low, high = _ends(values, panel.y_axis)
+        if (low, high) != (values.min(), values.max()):
+            axes.set_ylim(low, high)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{round(value, 12) + 0.0:.6g}"))
+
+
+def _ends(values: np.ndarray, axis: str) -> tuple[float, float]:
+    """The least and the greatest value, or a range around them that is wide enough for noise to be unseen."""
+    low, high = float(values.min()), float(values.max())
+    unit = axis.rpartition("[")[2].rstrip("]")
+    least = max(NOISE.get(unit, 0.0), 1e-6 * max(abs(low), abs(high)))
+    if high - low >= least:
+        return low, high
+    middle = (low + high) / 2
+    return middle - 5 * least, middle + 5 * least
 
 
 def _make_logarithmic(axes: "Axes") -> None:

@@ -2,16 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind, StateFigure
-from taichisoft.bodies import Stretches, anchor_stiffness, select_nodes
+from taichisoft.bodies import Stretches
 from taichisoft_outputs.base_motion import last_at_rest
 from taichisoft_outputs.plots.figure import Panel, PlotCurve, pieces
-from taichisoft_outputs.recording.reader import RecordedSoftBody, Recording
+from taichisoft_outputs.recorded_tips import recorded_fingertips, tip_state
+from taichisoft_outputs.recording.reader import Recording
 
 TIME_AXIS = "time [s]"
 STRETCH_FRAMES = 100
@@ -43,12 +42,9 @@ class RunCurves:
 
         Names of the fingers, and of shape (count, ...): times [s], positions [mm] of each finger, bending angles [rad].
         """
-        from taichisoft.control import Fingertips
-
-        fingers: Any = tuple(_finger(self.recording, body) for body in self.recording.soft_bodies)
-        observer = Fingertips(fingers, self.recording.frames)
+        observer = recorded_fingertips(self.recording, self.recording.soft_bodies)
         frames = _evenly_spaced(self.times, TIP_FRAMES)
-        observed = [observer.observe(_state(self.recording, frame)) for frame in frames]
+        observed = [observer.observe(tip_state(self.recording, frame)) for frame in frames]
         positions, _, bending_angles = (np.array(values) for values in zip(*observed, strict=True))
         return observer.names, self.times[frames], positions, bending_angles
 
@@ -86,6 +82,38 @@ def bending(run: RunCurves) -> Panel:
         PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, np.degrees(angles).T, strict=True)
     ]
     return Panel(TIME_AXIS, "bending angle [degrees]", curves)
+
+
+def _tip(axis: int, run: RunCurves) -> Panel:
+    """A coordinate of the tips in the world."""
+    names, times, positions, _ = run.tips
+    curves = [
+        PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, positions[..., axis].T, strict=True)
+    ]
+    return Panel(TIME_AXIS, f"{'xyz'[axis]} of the tip [mm]", curves)
+
+
+def against(x: Panel, y: Panel) -> Panel:
+    """One panel over time against another: each curve over that of the same body, or over the only one.
+
+    Args:
+        x, y: panels over time; where they have different times, x is interpolated.
+    """
+    curves = []
+    for curve in y.curves:
+        own = [one for one in x.curves if one.body == curve.body] or (x.curves if len(x.curves) == 1 else [])
+        for one in own:
+            over = one.y
+            if not np.array_equal(one.time, curve.time):
+                over = np.interp(_clock(curve.time), _clock(one.time), one.y)
+            label = curve.label if len(own) == 1 else f"{curve.label} over {one.label}"
+            curves.append(PlotCurve(label, curve.body, over, curve.y, curve.time))
+    return Panel(x.y_axis, y.y_axis, curves)
+
+
+def _clock(time: np.ndarray) -> np.ndarray:
+    """Times [s] that go on over new starts, so that they only rise."""
+    return np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) < 0.0, 1e-9, np.diff(time)))])
 
 
 def stretch(run: RunCurves) -> Panel:
@@ -178,6 +206,9 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
         if figure.plotted
     },
     "bending": bending,
+    "tip-x": partial(_tip, 0),
+    "tip-y": partial(_tip, 1),
+    "tip-z": partial(_tip, 2),
     "stretch": stretch,
     "height": height,
     "tips-side": _tips_side,
@@ -199,7 +230,12 @@ def panels_of(recording: Recording) -> dict[str, Callable[[RunCurves], Panel]]:
 
 
 def expected(name: str, recording: Recording) -> bool:
-    """Whether somebody expects a panel: that of cables or frames only where there are some, of air with its own law."""
+    """Whether somebody expects a panel: that of cables or frames only where there are some, of air with its own law.
+
+    Coordinates of tips are there for other axes than time; two panels show the paths.
+    """
+    if name in ("tip-x", "tip-y", "tip-z"):
+        return False
     for kind in ACTUATOR_KINDS:
         tables = recording.scene.actuators(kind.plural).values()
         for figure in kind.measured:
@@ -226,22 +262,3 @@ def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis:
         for name, path in zip(names, positions.swapaxes(0, 1), strict=True)
     ]
     return Panel(f"{x_name} of the tips [mm]", f"{y_name} of the tips [mm]", curves, equal_scales=True)
-
-
-def _finger(recording: Recording, body: RecordedSoftBody) -> SimpleNamespace:
-    """The part of the engine's `SoftBody` that shows where the tip is."""
-    settings, mesh = recording.scene.soft_bodies[body.name], body.mesh(str(recording.path))
-    return SimpleNamespace(
-        name=body.name,
-        settings=settings,
-        nodes=body.nodes,
-        rest_position=body.rest_position,
-        anchored=anchor_stiffness(mesh, settings.anchors, f"{body.name}.anchors").any(axis=1),
-        tip_nodes=None if settings.tip is None else select_nodes(mesh, settings.tip, f"{body.name}.tip"),
-    )
-
-
-def _state(recording: Recording, frame: int) -> Any:
-    """The part of a `State` that shows where the tips are; velocities are not used."""
-    position, frame_pose = recording.row("position", frame), recording.row("frame_pose", frame)
-    return SimpleNamespace(position=position, velocity=np.zeros_like(position), frame_pose=frame_pose)

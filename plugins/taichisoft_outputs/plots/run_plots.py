@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.plots.figure import Panel, draw_figure, figure_bytes
-from taichisoft_outputs.plots.panels import RunCurves, expected, panels_of
+from taichisoft_outputs.plots.panels import RunCurves, against, expected, panels_of
 from taichisoft_outputs.recording.reader import Recording
 
 FORMATS = ("png", "svg")
@@ -33,8 +33,8 @@ class Plots:
     left_out: tuple[str, ...]
 
 
-def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = None) -> Plots:
-    """Draw the panels called `only`, or all that there is something for.
+def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = None, over: str | None = None) -> Plots:
+    """Draw the panels called `only`, or all that there is something for; over time, or over the panel called `over`.
 
     Raises:
         PlotError: the format or panel is unknown, or nothing is to be drawn.
@@ -42,12 +42,19 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     if format not in FORMATS:
         raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
     known = panels_of(recording)
-    for name in only or ():
+    for option, name in [("--only", name) for name in only or ()] + [("--x", over)] * (over is not None):
         if name not in known:
-            raise PlotError(f"--only {name}: there are: {', '.join(known)}")
+            raise PlotError(f"{option} {name}: there are: {', '.join(known)}")
     run = RunCurves(recording)
     names = only or [name for name in known if expected(name, recording)]
-    panels = {name: _with_something_in_it(known[name](run)) for name in names}
+    made = {name: known[name](run) for name in names}
+    if over is not None:
+        across = known[over](run)
+        for name, panel in {over: across, **made}.items():
+            if panel.equal_scales:
+                raise PlotError(f"{name} is a path, not a figure over time; take tip-x, tip-y or tip-z")
+        made = {name: against(across, panel) for name, panel in made.items()}
+    panels = {name: _with_something_in_it(panel) for name, panel in made.items()}
     left_out = tuple(name for name, panel in panels.items() if not panel.curves)
     shown = {name: panel for name, panel in panels.items() if panel.curves}
     if not shown:

@@ -13,7 +13,9 @@ STYLE = Style()
 
 
 def render(
-    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN.h5", help="Recording of a run; several with --side-by-side.")
+    ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the pictures  \\[default: RUN's]")
     ] = None,
@@ -42,9 +44,22 @@ def render(
         str | None,
         typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
     ] = None,
+    follow: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BODY", help="Stay near a body, or a fingertip (finger.tip): --view follow:BODY in short."
+        ),
+    ] = None,
+    section: Annotated[
+        str | None,
+        typer.Option(metavar="PLANE", help="Cut bodies open: y=0 \\[mm], or y<0, which keeps that part."),
+    ] = None,
+    side_by_side: Annotated[
+        bool, typer.Option("--side-by-side", help="Several recordings in one picture: same times, same bars, names.")
+    ] = False,
     opacity: Annotated[
         float | None,
-        typer.Option(help="Opacity of soft bodies, up to 1  \\[default: 1 for stress and strain, else 0.6]"),
+        typer.Option(help="Opacity of soft bodies, up to 1  \\[default: 0.6; 1 with data or a section]"),
     ] = None,
     background: Annotated[
         str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything  \\[default: the scene's]")
@@ -63,6 +78,9 @@ def render(
         bool, typer.Option(help="Show the axes of bodies that have axes = true in the scene.")
     ] = STYLE.body_axes,
     caption: Annotated[bool, typer.Option(help="Write time, pressures, tensions and heights.")] = STYLE.caption,
+    font_size: Annotated[
+        float | None, typer.Option(help="Height of letters in pixels  \\[default: 1/36 of the height]")
+    ] = None,
     surface: Annotated[
         Path | None, typer.Option(help="Finer surface (STL, OBJ, PLY) to draw instead of each soft body's own.")
     ] = None,
@@ -76,11 +94,14 @@ def render(
     from taichisoft.running import warnings_printed_to
     from taichisoft_outputs.recording.reader import read_recording
     from taichisoft_outputs.rendering.render import key_moments, render_pictures
+    from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side
     from taichisoft_outputs.rendering.video import check_slow_motion, frame_progress, render_video
     from taichisoft_outputs.rendering.video_file import check_video
 
     if eye is not None and view:
         raise TaichisoftError("--eye takes the place of a view; give either --eye or --view")
+    if follow is not None:
+        view = [*(view or ()), f"follow:{follow}"]
     views: list[str | None] = list(dict.fromkeys(view)) if view else [None]
     styles = {
         one: Style(
@@ -98,23 +119,33 @@ def render(
             body_axes=body_axes,
             caption=caption,
             surface=surface,
+            section=section,
+            font_size=font_size,
         )
         for one in views
     }
     check_slow_motion(slow_motion)
     if video is not None:
         check_video(video, fps)
+    run, *others = runs
+    if bool(others) != side_by_side:
+        raise TaichisoftError("--side-by-side goes with two recordings or more, and several recordings with it")
     with read_recording(run) as recording:
         moments = {f"at_{moment:.2f}s": moment for moment in time} if time else key_moments(recording)
     with warnings_printed_to(rich.get_console()):
         for one, style in styles.items():
             ending = f"_{one.replace(':', '_')}" if one is not None and len(styles) > 1 else ""
             if image or time or video is None:
-                times = {name + ending: moment for name, moment in moments.items()}
-                for path in render_pictures(run, times, output or run.parent, style):
+                times = {name + "_side_by_side" * side_by_side + ending: moment for name, moment in moments.items()}
+                folder = output or run.parent
+                drawn = pictures_side_by_side(runs, times, folder, style) if others else None
+                for path in drawn or render_pictures(run, times, folder, style):
                     say(path)
             if video is not None:
                 file = video.with_name(f"{video.stem}{ending}{video.suffix}")
                 with frame_progress(file.name) as show:
-                    render_video(run, file, style, fps, slow_motion, show)
+                    if others:
+                        video_side_by_side(runs, file, style, fps, slow_motion, show)
+                    else:
+                        render_video(run, file, style, fps, slow_motion, show)
                 say(file)

@@ -19,8 +19,11 @@ TEMPLATE = Path(__file__).with_name("report.html")
 EMBEDDED_BYTES = 20_000_000
 """Size of pictures and videos up to which they are embedded; larger ones are linked."""
 
-UNITS = ("mm", "mN", "s", "ms")
-"""Units that stand at the end of a metric's name."""
+UNITS = {
+    **{unit: unit for unit in ("mm", "mN", "s", "ms", "kPa", "kg", "degrees")},
+    "mm3": "mm³",
+}
+"""Units that stand at the end of a metric's name, and how the page writes them: as the plots do."""
 
 HEADLINES = (
     *("object_lift_mm", "object_slip_mm", "object_distance_mm", "object_pushed_away_mm", "object_creep_mm"),
@@ -130,14 +133,14 @@ def _rows(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _words(name: str) -> tuple[str, str]:
     """The words of a metric's name, and its unit: "object_lift_mm" is the object lift in mm."""
     words, _, last = name.rpartition("_")
-    return (words.replace("_", " "), last) if last in UNITS and words else (name.replace("_", " "), "")
+    return (words.replace("_", " "), UNITS[last]) if last in UNITS and words else (name.replace("_", " "), "")
 
 
 def _value(value: Any) -> str:
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
     if isinstance(value, Mapping):
         return ", ".join(f"{name}: {_value(one)}" for name, one in value.items())
     if isinstance(value, list):

@@ -62,7 +62,8 @@ def optimise(
             search(asked, output, made, workers, done)
         rows = trial_rows(asked, made)
         written = write_table(rows, output)
-        _draw_curve(made, list(asked.objectives), output)
+        names = [f"{name} [{one.unit}]" if one.unit else name for name, one in asked.objectives.items()]
+        _draw_curve(made, names, output)
         statuses = Counter(row["status"] for row in rows)
         print_line(console, ", ".join(f"{count} {status}" for status, count in sorted(statuses.items())))
         print_line(console, f"results in {written}")
@@ -75,6 +76,7 @@ def _draw_curve(trials: Any, names: list[str], output: Path) -> None:
     """Draw the objective of every trial, and the best so far among the trials that satisfy all constraints."""
     import numpy as np
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
     from optuna.study import StudyDirection
 
     from taichisoft.atomic_file import atomic_file
@@ -94,6 +96,7 @@ def _draw_curve(trials: Any, names: list[str], output: Path) -> None:
         axes.plot(numbers[feasible], within, ".", color="#0072b2", label="within the constraints")
         axes.step(numbers[feasible], better.accumulate(within), where="post", color="#d55e00", label="best so far")
         axes.set_xlabel("trial")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_ylabel(names[index], parse_math=False)
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=8)

@@ -1,0 +1,149 @@
+"""What a finger can do: how far it bends by its pressure, and how hard it presses where it is held up."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import taichisoft
+from taichisoft.control import Control, Fingertips
+from taichisoft.scenes import Scene
+from taichisoft_studies.errors import StudyError
+
+BLOCK = "characteristics-block"
+"""Name of the obstacle that holds up the tip."""
+BLOCK_SIZE = 3.0
+"""Width of the block, in radii of the tip [-]."""
+
+
+@dataclass(frozen=True)
+class Characteristics:
+    """Curves of a finger at rest under a number of pressures.
+
+    Attributes:
+        pressures: of all its cavities [kPa], shape (pressure_count,).
+        bending: angle by which the tip has turned [degrees], shape (pressure_count,).
+        way: way of the tip along its path [mm], shape (pressure_count,).
+        volumes: of all its cavities together [mm^3], shape (pressure_count,).
+        blocked: numbers of the pressures whose bends a block holds, shape (bend_count,).
+        forces: normal force on the block [mN], shape (bend_count, pressure_count); NaN below the pressure of the bend.
+    """
+
+    pressures: np.ndarray
+    bending: np.ndarray
+    way: np.ndarray
+    volumes: np.ndarray
+    blocked: np.ndarray
+    forces: np.ndarray
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        """Force on a block for each millimetre by which it holds the tip back [mN/mm], shape (pressure_count,).
+
+        It is the secant from the free bend to the nearest bend that a block holds; NaN where none is less.
+        """
+        result = np.full(len(self.pressures), np.nan)
+        for number in range(len(self.pressures)):
+            before = [row for row, held in enumerate(self.blocked) if held < number]
+            if before:
+                row = before[-1]
+                result[number] = self.forces[row, number] / (self.way[number] - self.way[self.blocked[row]])
+        return result
+
+
+def characterise(
+    scene: Scene,
+    body: str | None,
+    pressures: Sequence[float],
+    bends: int,
+    done: Callable[[str], None] = lambda line: None,
+) -> Characteristics:
+    """Find the equilibria of a finger, free and against blocks: without inertia, so without a time to wait for.
+
+    Rigid bodies, obstacles and other soft bodies of the scene are left out; its gravity stays. A block is a box across
+    the path of the tip, where it touches the tip at one of the pressures, and stays there for the higher ones.
+
+    Args:
+        scene: the scene.
+        body: name of the finger; None for the only one, or the first.
+        pressures: pressures from 0, all rising or all falling [kPa].
+        bends: number of bends that are held, from the first pressure on, evenly spaced.
+        done: called with "" for each equilibrium that is found; `equilibrium_count` says of how many.
+
+    Raises:
+        StudyError: the scene has no such body, or it has no cavities or no tip.
+        EquilibriumNotFound: a pressure cannot be carried.
+    """
+    name = body or next(iter(scene.soft_bodies), "")
+    if name not in scene.soft_bodies or not scene.soft_bodies[name].cavities:
+        known = [one for one, settings in scene.soft_bodies.items() if settings.cavities]
+        raise StudyError(f"--body {name}: no soft body with a cavity is called so; there are: {', '.join(known)}")
+    alone = scene.model_copy(
+        update={
+            "soft_bodies": {name: scene.soft_bodies[name]},
+            "rigid_bodies": {},
+            "obstacles": {},
+            "external_forces": [],
+            "goal": None,
+        }
+    )
+    cavities = [f"{name}.{cavity}" for cavity in scene.soft_bodies[name].cavities]
+    held = _held(len(pressures), bends)
+    free = taichisoft.Simulation(alone)
+    found_tips = Fingertips(free.model.soft_bodies, free.model.frames).nodes
+    if not found_tips:
+        raise StudyError(f"soft_bodies.{name}: has no tip, since it has neither anchors nor `tip`")
+    (nodes,), states, seen = found_tips, [], []
+    for pressure in pressures:
+        found = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
+        free.restore(found.state)
+        states.append(found.state)
+        seen.append(found.observation)
+        done("")
+    tips = np.array([one.tip_positions[name] for one in seen])
+    steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+    if not (steps > 0.0).all():
+        raise StudyError(f"soft_bodies.{name}: its tip does not move under pressure, so nothing can hold it up")
+    along = np.gradient(tips, axis=0)
+    forces = np.full((len(held), len(pressures)), np.nan)
+    for row, first in enumerate(held):
+        forces[row, first] = 0.0
+        block = _block(states[first].position, nodes, along[first], scene.contact.contact_distance)
+        against = {**alone.model_dump(exclude_none=True), "obstacles": {BLOCK: block}}
+        blocked = taichisoft.Simulation(taichisoft.scene_from_dict(against))
+        blocked.restore(states[first])
+        for number in range(first + 1, len(pressures)):
+            found = taichisoft.equilibrium(blocked, Control(pressure=dict.fromkeys(cavities, pressures[number])))
+            blocked.restore(found.state)
+            forces[row, number] = found.observation.normal_forces.get((name, BLOCK), 0.0)
+            done("")
+    bending = np.degrees([one.bending_angles[name] for one in seen])
+    volumes = np.array([sum(one.volumes[cavity] for cavity in cavities) for one in seen])
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    return Characteristics(np.array(pressures), bending, way, volumes, held, forces)
+
+
+def equilibrium_count(pressures: int, bends: int) -> int:
+    """How many equilibria are searched for so many pressures and bends."""
+    return pressures + int((pressures - 1 - _held(pressures, bends)).sum())
+
+
+def _held(pressures: int, bends: int) -> np.ndarray:
+    return np.unique(np.linspace(0, pressures - 2, bends).astype(int))
+
+
+def _block(position: np.ndarray, nodes: np.ndarray, along: np.ndarray, distance: float) -> dict[str, Any]:
+    """The table of an obstacle: a box a contact's distance before the tip, its face across the tip's direction."""
+    from scipy.spatial.transform import Rotation
+
+    direction = along / np.linalg.norm(along)
+    middle = position[nodes].mean(axis=0)
+    size = BLOCK_SIZE * float(np.linalg.norm(position[nodes] - middle, axis=1).max())
+    offset = position - middle
+    beside = np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1)
+    reach = float((offset @ direction)[beside < size].max()) + distance
+    centre = middle + (reach + size / 2) * direction
+    rotation, _ = Rotation.align_vectors([direction], [[1.0, 0.0, 0.0]])
+    angles = rotation.as_euler("xyz", degrees=True).tolist()
+    return {"box": [size, size, size], "rotation": angles, "translation": centre.tolist()}

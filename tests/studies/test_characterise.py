@@ -1,0 +1,73 @@
+"""`taichisoft characterise`: curves of a finger at rest, and the files that show them."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import taichisoft
+from taichisoft_studies.characteristics import Characteristics, characterise, equilibrium_count
+from taichisoft_studies.commands.characterise import characterise as command
+from taichisoft_studies.datasheet import trust_line, write_datasheet
+from taichisoft_studies.errors import StudyError
+
+PRESSURES = [0.0, 12.0, 24.0]
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A finger without gravity, and how many equilibria it took."""
+    scene = taichisoft.load_scene("finger-inflated", ["gravity=[0.0, 0.0, 0.0]"])
+    counted = []
+    return characterise(scene, None, PRESSURES, 2, counted.append), len(counted), scene
+
+
+def test_a_finger_bends_by_its_pressure_and_presses_with_what_is_left(found):
+    """A block where the finger rests freely bears nothing; held further back, the tip presses harder."""
+    curves, count, _ = found
+    assert count == equilibrium_count(3, 2) == 3 + 2 + 1
+    assert curves.blocked.tolist() == [0, 1]
+    assert curves.bending[0] == pytest.approx(0.0, abs=1e-6)
+    assert (np.diff(curves.bending) > 5.0).all() and (np.diff(curves.volumes) > 0.0).all()
+    assert curves.forces[0, 0] == curves.forces[1, 1] == 0.0
+    assert np.isnan(curves.forces[1, 0])
+    assert 0.0 < curves.forces[1, 2] < curves.forces[0, 2]
+    # At small angles a finger is a spring that pressure moves: the force goes with the way that the block takes.
+    held_back = curves.way[2] - curves.way[curves.blocked]
+    assert curves.forces[0, 2] / held_back[0] == pytest.approx(curves.forces[1, 2] / held_back[1], rel=0.25)
+    assert curves.stiffness[2] == pytest.approx(curves.forces[1, 2] / held_back[1])
+    assert np.isnan(curves.stiffness[0])
+
+
+def test_the_free_bend_is_where_the_finger_comes_to_rest(found):
+    curves, _, scene = found
+    rest = taichisoft.equilibrium(taichisoft.Simulation(scene), taichisoft.Control(pressure={"finger.cavity": 24.0}))
+    assert curves.bending[2] == pytest.approx(np.degrees(rest.observation.bending_angles["finger"]), abs=1e-3)
+
+
+def test_table_picture_and_page_say_the_same(found, tmp_path):
+    curves, _, scene = found
+    finer = Characteristics(
+        curves.pressures, 1.1 * curves.bending, curves.way, curves.volumes, curves.blocked, 0.8 * curves.forces
+    )
+    table, picture, page = write_datasheet(tmp_path / "new", scene, curves, finer, "a finer mesh")
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["pressure [kPa]"]) for row in rows] == PRESSURES
+    assert float(rows[2]["force held at 12 kPa [mN]"]) == pytest.approx(curves.forces[1, 2], rel=1e-4)
+    assert rows[0]["bending [degrees]"] == "0" and rows[0]["force held at 12 kPa [mN]"] == ""
+    said = trust_line(curves, finer, "a finer mesh")
+    assert said == "With a finer mesh, bending differs by up to 9.1% of its largest value, and forces by up to 25.0%."
+    assert said in page.read_text(encoding="utf-8")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "nothing is known of the error" in trust_line(curves, None, "")
+
+
+def test_what_cannot_be_characterised_is_refused(tmp_path):
+    with pytest.raises(StudyError, match=r"--body cube: no soft body .* there are: finger"):
+        characterise(taichisoft.load_scene("finger-inflated"), "cube", PRESSURES, 1)
+    with pytest.raises(StudyError, match=r"no soft body with a cavity is called so; there are: $"):
+        characterise(taichisoft.load_scene("cable-gripper"), None, PRESSURES, 1)
+    for pressure in (0.0, np.nan):
+        with pytest.raises(StudyError, match="must be a number of kPa other than 0"):
+            command("finger-inflated", pressure)
