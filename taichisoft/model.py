@@ -83,7 +83,6 @@ class Model:
         self.obstacles = tuple(make_obstacle(name, obstacle) for name, obstacle in scene.obstacles.items())
         self.body_names = (*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles)
         self.rest_position = np.vstack([np.zeros((0, 3)), *(body.rest_position for body in soft)])
-        _refuse_newton_of_modes(soft, scene)
         self.elasticity = Elasticity(soft, scene.time) if soft else None
         self.element_material = np.concatenate([np.zeros(0, dtype=np.int32), *(body.material for body in soft)])
         held = [body.nodes.start + np.flatnonzero(body.anchored) for body in soft]
@@ -327,21 +326,6 @@ class Model:
             pivots.append(mean if table.pivot is None else np.array(table.pivot))
         above = [-1 if table.follows is None else names.index(table.follows) for table in tables.values()]
         return MovingFrames(names, np.array(above, dtype=np.int32), np.array(pivots, dtype=np.float64))
-
-
-def _refuse_newton_of_modes(bodies: list[SoftBody], scene: Scene) -> None:
-    """Raise SceneError where bodies that move by modes would be linearised more than once a step."""
-    reduced = [body.name for body in bodies if body.modes is not None]
-    if reduced and scene.time.newton > 1:
-        raise SceneError(
-            f"time.newton = {scene.time.newton}: must be 1 with soft_bodies.{reduced[0]}.reduced; a reduced body is "
-            "linearised once a step"
-        )
-    if reduced and scene.time.dynamics == "static":
-        raise SceneError(
-            f'time.dynamics = "static": must not be with soft_bodies.{reduced[0]}.reduced; an equilibrium linearises '
-            "its bodies again and again, and a reduced body is linearised once"
-        )
 
 
 def _loose(bodies: tuple[SoftBody, ...]) -> list[SoftBody]:

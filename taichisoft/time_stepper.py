@@ -1,6 +1,8 @@
 """The time step: implicit Euler, contacts and actuators solved together."""
 
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,6 +22,7 @@ from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.contact_prediction import ContactPrediction
 from taichisoft.step.divergence import DivergenceCheck
 from taichisoft.step.frame_wrenches import FrameWrenches
+from taichisoft.step.imbalance import Imbalance
 from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
@@ -53,6 +56,8 @@ class TimeStepper:
         self._frame_wrenches = FrameWrenches(model)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
+        self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
+        self._imbalance: Imbalance | None = None
 
     def restore(self, state: State) -> None:
         """Continue from a state of this model, such as an earlier one or one read from a file.
@@ -91,10 +96,13 @@ class TimeStepper:
         problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem)
+        gradient = self._geometry.gradient.soft.copy() if self._has_reduced_bodies else None
         end = self._integrate(start, solution, shift, reported)
         self._divergence_check.check(start, end)
         self.state = end
         self.report = self._make_report(problem, solution, shift, end, control, started)
+        if gradient is not None:
+            self.report = replace(self.report, find_imbalance=self._imbalance_of(start, end, solution, gradient))
         return self.report
 
     def derivative(self, control: Control) -> StepDerivative:
@@ -193,6 +201,20 @@ class TimeStepper:
             contact_impulse=reported.impulse[:count].copy(),
             contact_slip=reported.slip[:count].copy(),
         )
+
+    def _imbalance_of(
+        self, start: State, end: State, solution: StepSolution, gradient: np.ndarray
+    ) -> Callable[[], dict[str, float]]:
+        """The function that finds the imbalance of a step, with the actuators' gradients at its start."""
+        if self.model.scene.time.most_linearisations > 1:  # solved at the end of the step
+            gradient = self._geometry.gradient.soft.copy()
+
+        def find() -> dict[str, float]:
+            if self._imbalance is None:  # few look at it, and then not in every step
+                self._imbalance = Imbalance(self.model)
+            return self._imbalance.find(start, end.position, solution, gradient)
+
+        return find
 
     def _make_report(
         self,

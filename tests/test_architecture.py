@@ -172,10 +172,12 @@ LAYERS = {
     "taichisoft_reduction": [
         "__init__",
         "reduce_command",
+        "reduced_check",
         "shape_reduction",
         "validation_report",
         "comparison",
         "recorded_runs",
+        "fit_process",
         "shape_fit",
         "cubature",
         "domain_forces",
@@ -190,6 +192,7 @@ LAYERS = {
         "run_driver",
         "run_request",
         "body_shapes",
+        "tolerance",
         "errors",
     ],
     "taichisoft_studies": [

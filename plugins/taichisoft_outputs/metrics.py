@@ -62,6 +62,7 @@ class MetricsOutput(Output):
         self._figures = StepFigures(self._scene.contact.contact_distance, self._scene.time.newton_tolerance)
         self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
         self._beyond_training = {name: 0.0 for name in self._training.names}
+        self._beyond_validation = {name: (0.0, 0.0) for name in self._training.validated}
         self._largest: dict[str, dict[str, float]] = {figure.observed: {} for figure in self._watched}
         self._last_state = state
         self._slipping = Slipping(len(self._scene.soft_bodies), state)
@@ -247,10 +248,18 @@ class MetricsOutput(Output):
             self._stretch[name] = max(largest, before[0]), max(most, before[1])
         for name, share in self._training.beyond(self._last_state).items():
             self._beyond_training[name] = max(self._beyond_training[name], share)
+        if self._beyond_validation and self._figures.last is not None:
+            for name, doubt in self._training.beyond_validation(self._figures.last.imbalance).items():
+                self._beyond_validation[name] = max(self._beyond_validation[name], doubt)
 
     def _training_metrics(self) -> dict[str, Any]:
-        """How far each reduced body went beyond its training, as a share of it; nothing where there is none."""
-        return {"beyond_training": self._beyond_training} if self._beyond_training else {}
+        """How far each reduced body went beyond training and validation; nothing where there is none."""
+        figures: dict[str, Any] = {"beyond_training": self._beyond_training} if self._beyond_training else {}
+        if self._beyond_validation:
+            doubts = self._beyond_validation.items()
+            figures["imbalance_over_validation"] = {name: times for name, (times, _) in doubts}
+            figures["estimated_error_mm"] = {name: error for name, (_, error) in doubts}
+        return figures
 
     def _stretch_metrics(self) -> dict[str, Any]:
         """The largest principal stretch of each soft body in the run; nothing where there is none."""

@@ -1,11 +1,14 @@
 """Reduced models of soft bodies: training, basis, cubature and validation."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
-from taichisoft.plugin_system import hookimpl
+from taichisoft.plugin_system import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
+
+    from taichisoft.plugin_system import RunOption
 
 
 @hookimpl
@@ -14,3 +17,24 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     from taichisoft_reduction.reduce_command import reduce
 
     application.command()(reduce)
+
+
+@hookimpl
+def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
+    """The output that compares a reduced model with the full one."""
+    return Imported(__name__, {"reduced-check": "reduced_check:ReducedCheckOutput"})
+
+
+@hookimpl
+def taichisoft_run_options() -> "Mapping[str, RunOption]":
+    """Options of `taichisoft run` that bring it."""
+    from taichisoft.plugin_system import RunOption
+
+    return {
+        "--reduced-check": RunOption(
+            "reduced-check", "Run the full model beside reduced bodies, and say where they part."
+        ),
+        "--check-tolerance": RunOption(
+            "reduced-check", "The same, to within PERCENT of the largest change.", "tolerance", str, "PERCENT"
+        ),
+    }

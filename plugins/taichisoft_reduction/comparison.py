@@ -1,7 +1,7 @@
 """How far the runs of a reduced model are from those of the full one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,11 +60,17 @@ def compare(full: RunResult, reduced: RunResult) -> Comparison:
             if names:
                 values = np.array([full.figures[name][one] for name in names])
                 missed = np.abs(np.array([reduced.figures[name][other] for name in names]) - values)
-                change = np.abs(values - values[:, :1]) if quantity != "force" else np.abs(values)
-                if change.max() > 0.0:
-                    found[quantity] = Deviation(float(missed.max()), float(missed.mean()), float(change.max()))
+                change = float(changes(quantity, values).max())
+                if change > 0.0:
+                    found[quantity] = Deviation(float(missed.max()), float(missed.mean()), change)
     problem = full.problem or (f"reduced: {reduced.problem}" if reduced.problem else "")
     return Comparison(full.name, problem, found, full.steps_per_second, reduced.steps_per_second)
+
+
+def changes(quantity: str, values: np.ndarray) -> np.ndarray:
+    """By how much values over time, shape (name_count, time_count), have changed: forces and ways are changes."""
+    change: np.ndarray = np.abs(values if quantity in ("force", POSITION) else values - values[:, :1])
+    return change
 
 
 def _positions(full: RunResult, reduced: RunResult, one: np.ndarray, other: np.ndarray) -> Deviation:
@@ -75,6 +81,29 @@ def _positions(full: RunResult, reduced: RunResult, one: np.ndarray, other: np.n
         moved = max(moved, float(np.linalg.norm(values, axis=2).max(initial=0.0)))
     errors = np.concatenate(missed)
     return Deviation(float(errors.max()), float(errors.mean()), moved)
+
+
+def largest_imbalance(reduced: RunResult, bodies: Sequence[str]) -> float:
+    """Largest imbalance of some bodies in a run with reduced ones [mm]."""
+    values = [reduced.figures[key] for name in bodies if (key := f"imbalance of {name} [mm]") in reduced.figures]
+    return max((float(one.max(initial=0.0)) for one in values), default=0.0)
+
+
+def error_per_imbalance(pairs: Sequence[tuple[RunResult, RunResult]], bodies: Sequence[str]) -> float:
+    """The largest error of a position over the largest imbalance of a run [-], the median of some runs.
+
+    Args:
+        pairs: runs of the full model beside those of the reduced one.
+        bodies: copies of a body.
+    """
+    found = []
+    for full, reduced in pairs:
+        own = {name: full.displacement[name] for name in bodies if name in full.displacement}
+        imbalance = largest_imbalance(reduced, list(own))
+        if imbalance > 0.0:
+            compared = compare(replace(full, displacement=own, figures={}), reduced).deviations
+            found += [compared[POSITION].largest / imbalance] if compared else []
+    return float(np.median(found)) if found else 0.0
 
 
 def worst(comparisons: Sequence[Comparison]) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from taichisoft_reduction.errors import ReductionError
+from taichisoft_reduction.tolerance import tolerance_share
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,7 +46,7 @@ def reduce(
 
     What is finished stays in the folder: the same command goes on where it was interrupted.
     """
-    wanted = _share(tolerance)
+    wanted = tolerance_share("--tolerance", tolerance)
     if modes is not None and modes < 1:
         raise ReductionError(f"--modes {modes}: must be at least 1")
     if processes is not None and processes < 1:
@@ -84,17 +85,6 @@ def reduce(
     print_line(console, f"table in {output / TABLE}, curves in {output / PICTURE}")
     if found.verdict != WITHIN:
         print_line(console, "more --runs like the worst ones, more --modes or another --tolerance may help")
-
-
-def _share(text: str) -> float:
-    """A tolerance as a share, from "0.5%" or "0.005"."""
-    try:
-        value = float(text.removesuffix("%").strip()) / (100.0 if text.endswith("%") else 1.0)
-    except ValueError:
-        value = float("nan")
-    if not 0.0 < value < 1.0:
-        raise ReductionError(f"--tolerance {text}: must be a share of the displacement above 0, such as 0.5%")
-    return value
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

@@ -14,6 +14,43 @@ from taichisoft_reduction.body_shapes import relative_motions
 from taichisoft_reduction.run_request import RunResult
 
 
+class RunFigures:
+    """Figures of a run by which a full and a reduced model are compared."""
+
+    def __init__(self, bodies: Sequence[str], model: Model, state: State):
+        """Begin at a state; with the forces on `bodies`."""
+        self._bodies, self._model, self._first = bodies, model, state
+        self._slipping = Slipping(len(model.soft_bodies), state)
+        self._slid = np.zeros((len(model.rigid_bodies), 3))
+
+    def add(self, state: State) -> None:
+        """Follow a step; to be called after each."""
+        self._slid += self._slipping.add(state)
+
+    def at(self, state: State, report: StepReport) -> dict[str, float]:
+        """Values by name with unit after a step, such as "lift of cube [mm]"."""
+        seen, model = report.observation, self._model
+        found = {f"bending of {name} [deg]": math.degrees(angle) for name, angle in seen.bending_angles.items()}
+        found |= {f"imbalance of {name} [mm]": way for name, way in report.imbalance.items()}
+        found |= {f"volume of {name} [mm^3]": volume for name, volume in seen.volumes.items()}
+        forces = dict.fromkeys(self._pairs(), 0.0) | {
+            pair: force for pair, force in seen.normal_forces.items() if pair in self._pairs()
+        }
+        found |= {f"force of {one} on {other} [mN]": force for (one, other), force in forces.items()}
+        ways = state.rigid_position - self._first.rigid_position
+        for body, way, slid in zip(model.rigid_bodies, ways, self._slid, strict=True):
+            found[f"lift of {body.name} [mm]"] = float(way @ model.scene.up)
+            found[f"slip of {body.name} [mm]"] = float(np.linalg.norm(slid))
+        return found
+
+    def _pairs(self) -> list[tuple[str, str]]:
+        """Each kept body with each other body of the scene, in the scene's order."""
+        names = self._model.body_names
+        order = {name: number for number, name in enumerate(names)}
+        pairs = {tuple(sorted((one, other), key=order.__getitem__)) for one in self._bodies for other in names}
+        return sorted(((a, b) for a, b in pairs if a != b), key=lambda pair: (order[pair[0]], order[pair[1]]))
+
+
 class RunFrames(Output):
     """Keeps displacements and figures in some steps, evenly spread over the run."""
 
@@ -30,20 +67,19 @@ class RunFrames(Output):
     def begin(self, model: Model, state: State) -> None:
         """See `Output`."""
         self._begun = True
-        self._model, self._first, self._last = model, state, state
+        self._model, self._last = model, state
         self._motions = relative_motions(model, self._bodies)
         self._nodes = {body.name: body.nodes for body in model.soft_bodies}
         frames = zip(model.soft_bodies, model.soft_frame.tolist(), strict=True)
         self._frame = {body.name: frame for body, frame in frames}
         self._touched = {name: np.zeros(len(model.rest_position[self._nodes[name]]), bool) for name in self._bodies}
-        self._slipping = Slipping(len(model.soft_bodies), state)
-        self._slid = np.zeros((len(model.rigid_bodies), 3))
+        self._run_figures = RunFigures(self._bodies, model, state)
         self._lowest = state.actuator_target.copy()
         self._highest = state.actuator_target.copy()
 
     def record(self, state: State, report: StepReport) -> None:
         """See `Output`."""
-        self._slid += self._slipping.add(state)
+        self._run_figures.add(state)
         self._lowest = np.minimum(self._lowest, state.actuator_target)
         self._highest = np.maximum(self._highest, state.actuator_target)
         self._last = state
@@ -55,7 +91,7 @@ class RunFrames(Output):
             displacement = motion.displacement(state.position[self._nodes[name]], places, self._frame[name])
             self._displacement[name].append(displacement.astype(np.float32))
         self._note_touched(state)
-        self._figures.append(self._figures_of(state, report))
+        self._figures.append(self._run_figures.at(state, report))
 
     def result(self, name: str, problem: str, steps_per_second: float) -> RunResult:
         """What was kept; nothing of a run that never began."""
@@ -75,27 +111,6 @@ class RunFrames(Output):
             drives=self._drives(),
             steps_per_second=steps_per_second,
         )
-
-    def _figures_of(self, state: State, report: StepReport) -> dict[str, float]:
-        seen, model = report.observation, self._model
-        found = {f"bending of {name} [deg]": math.degrees(angle) for name, angle in seen.bending_angles.items()}
-        found |= {f"volume of {name} [mm^3]": volume for name, volume in seen.volumes.items()}
-        forces = dict.fromkeys(self._pairs(), 0.0) | {
-            pair: force for pair, force in seen.normal_forces.items() if pair in self._pairs()
-        }
-        found |= {f"force of {one} on {other} [mN]": force for (one, other), force in forces.items()}
-        ways = state.rigid_position - self._first.rigid_position
-        for body, way, slid in zip(model.rigid_bodies, ways, self._slid, strict=True):
-            found[f"lift of {body.name} [mm]"] = float(way @ model.scene.up)
-            found[f"slip of {body.name} [mm]"] = float(np.linalg.norm(slid))
-        return found
-
-    def _pairs(self) -> list[tuple[str, str]]:
-        """Each kept body with each other body of the scene, in the scene's order."""
-        names = self._model.body_names
-        order = {name: number for number, name in enumerate(names)}
-        pairs = {tuple(sorted((one, other), key=order.__getitem__)) for one in self._bodies for other in names}
-        return sorted(((a, b) for a, b in pairs if a != b), key=lambda pair: (order[pair[0]], order[pair[1]]))
 
     def _note_touched(self, state: State) -> None:
         pressing = np.einsum("cd,cd->c", state.contact_impulse, state.contact_normal) > 0.0

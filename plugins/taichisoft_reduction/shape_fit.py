@@ -1,7 +1,8 @@
 """The reduced model of a shape: its modes and its integration domains."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,11 +33,11 @@ class ShapeFit:
     Attributes:
         basis: all modes of the training.
         mode_count: number of modes that are used.
-        cubature: the chosen domains, after `choose`.
+        cubature: the chosen domains; None for all of them, before `choose`.
         domain_count: number of all domains.
     """
 
-    cubature: Cubature
+    cubature: Cubature | None = None
 
     def __init__(
         self,
@@ -69,10 +70,8 @@ class ShapeFit:
         if modes is not None and modes > most:
             raise ReductionError(f"--modes {modes}: the training of '{shape.name}' shows {most}; ask for no more")
         self.mode_count = modes if modes is not None else self.basis.count_for(tolerance)
-        self._forces = DomainForces(body, self.basis.modes[:, :, : self.mode_count])
-        self.domain_count = self._forces.count
-        states = self._states()
-        self._criterion = MotionCriterion(self._forces, states, states[:SPUN], lag)
+        self.domain_count = len(body.mesh_domains.element)
+        self._lag = lag
 
     def _states(self) -> np.ndarray:
         """Amplitudes that are spread over the training, and some beside them, shape (state_count, mode_count)."""
@@ -82,24 +81,33 @@ class ShapeFit:
         noise = np.random.default_rng(SEED).standard_normal(beside.shape)
         return np.vstack([some, beside + PERTURBATION * amplitudes.std(axis=0) * noise])
 
+    def add_modes(self) -> None:
+        """Use half as many modes again, before `choose`."""
+        self.mode_count = min(self.mode_count + self.mode_count // 2 + 1, len(self.basis.singular_values))
+
+    @cached_property
+    def _criterion(self) -> MotionCriterion:
+        states = self._states()
+        forces = DomainForces(self._body, self.basis.modes[:, :, : self.mode_count])
+        return MotionCriterion(forces, states, states[:SPUN], self._lag)
+
     def choose(self, progress: Callable[[int, float], None], part: float = 1.0) -> None:
         """Choose domains whose error is within a `part` of their share of the tolerance."""
         allowed = part * SHARE * self._tolerance * self.basis.largest
-        self.cubature = choose_domains(self._criterion, self._forces.volume, allowed, progress)
+        self.cubature = choose_domains(self._criterion, self._body.mesh_domains.volume, allowed, progress)
 
-    def modes(self, report: str = "{}", error: float | None = None) -> Modes:
-        """What goes into the file of the shape, with what the validation says, and its error [-]."""
+    def modes(self, **validated: Any) -> Modes:
+        """What goes into the file of the shape, with what the validation found."""
         amplitudes = self.basis.amplitudes[:, : self.mode_count]
         return Modes(
             rest_position=self._body.mesh.nodes,
-            modes=self._forces.modes,
-            domain=self.cubature.domain,
-            weight=self.cubature.weight,
+            modes=self.basis.modes[:, :, : self.mode_count],
+            domain=None if self.cubature is None else self.cubature.domain,
+            weight=None if self.cubature is None else self.cubature.weight,
             amplitude_range=np.column_stack([amplitudes.min(axis=0), amplitudes.max(axis=0)]),
             fingerprint=self._body.fingerprint,
             tolerance=self._tolerance,
-            error=error,
-            report=report,
+            **validated,
         )
 
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ from taichisoft import Model, Scene, make_model
 from taichisoft.scenes import scene_from_toml, scene_to_toml
 from taichisoft_reduction.actuator_ranges import Ranges, actuator_ranges
 from taichisoft_reduction.body_shapes import BodyShape, body_shapes
-from taichisoft_reduction.comparison import Comparison, compare, worst
+from taichisoft_reduction.comparison import Comparison, compare, error_per_imbalance, largest_imbalance, worst
 from taichisoft_reduction.errors import ReductionError
+from taichisoft_reduction.fit_process import FitProcess
 from taichisoft_reduction.recorded_runs import recorded_runs
 from taichisoft_reduction.run_pool import RunPool
 from taichisoft_reduction.run_request import RunResult, TrainingRun
-from taichisoft_reduction.shape_fit import ShapeFit, displacements_of
+from taichisoft_reduction.shape_fit import displacements_of
 from taichisoft_reduction.training_plan import TrainingPlan
 from taichisoft_reduction.validation_report import as_tables, draw_report, verdict, write_report
 
@@ -27,8 +29,11 @@ ATTEMPTS = 3
 """How often domains are chosen until the motions of the training are followed within the tolerance."""
 FAILED = 1.0
 """Error that a file says where a run of the validation failed: as large as the displacements."""
-REFINED_BY = ("ramp", "wave", "turned-0.6", "press-0", "press-1")
-"""Runs of the training, of a body alone, that are repeated with the reduced model."""
+FOLLOWED_BY_MODES = ("ramp", "wave", "press-0", "press-1")
+"""Runs of the training, of a body alone, that modes have to follow with all domains: where silicone hardly changes its
+volume, those that hold its displacements to the tolerance may lock."""
+REFINED_BY = (*FOLLOWED_BY_MODES, "turned-0.6")
+"""Those that are repeated with the chosen domains."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,7 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
     _check_ranges(model, wishes.ranges)
     recordings = recorded_runs(wishes.recordings, shapes, scene)
     plan = TrainingPlan(scene, model, shapes, wishes.plugins)
-    with RunPool(folder / RUNS, wishes.processes, wishes.plugins) as pool:
+    with ExitStack() as processes, RunPool(folder / RUNS, wishes.processes, wishes.plugins) as pool:
         own_request = plan.own_run()
         own = pool.results([own_request], progress.runs("own run", 1)) if own_request is not None else []
         ranges = {
@@ -106,24 +111,33 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
         }
         _say_ranges(ranges, progress)
         training, trained, validation, full = _runs(plan, pool, own, ranges, wishes, progress)
-        fits = {}
+        fits, tried = {}, {}
         for shape in shapes:
             body = next(one for one in model.soft_bodies if one.name == shape.name)
             snapshots = displacements_of(shape, [*recordings, *(trained if wishes.own_training else [])])
             lag = scene.time.step + body.settings.rayleigh_stiffness
-            fits[shape.name] = ShapeFit(body, shape, snapshots, wishes.tolerance, wishes.modes, lag)
-            _refine(fits[shape.name], shape, folder, pool, list(zip(training, trained, strict=True)), wishes, progress)
+            fit = FitProcess(body, shape, snapshots, wishes.tolerance, wishes.modes, lag)
+            fits[shape.name] = processes.enter_context(fit)
+            known = list(zip(training, trained, strict=True))
+            tried[shape.name] = _refine(fits[shape.name], shape, folder, pool, known, wishes, progress)
         files = {name: folder / f"{name}.npz" for name in fits}
         reduced = _reduced_runs(pool, validation, shapes, files, progress, "validation of the reduced model")
-    comparisons = [compare(one, other) for one, other in zip(full, reduced, strict=True)]
-    about = {
-        "scene": scene.title,
-        "bodies": {shape.name: _about(fits[shape.name], shape, files[shape.name]) for shape in shapes},
-        "seconds": time.perf_counter() - started,
-    }
-    tables = as_tables(comparisons, wishes.tolerance, about)
-    for name, fit in fits.items():
-        fit.modes(json.dumps(tables), min(worst(comparisons), FAILED)).write(files[name])
+        comparisons = [compare(one, other) for one, other in zip(full, reduced, strict=True)]
+        about = {
+            "scene": scene.title,
+            "bodies": {shape.name: _about(fits[shape.name], shape, files[shape.name]) for shape in shapes},
+            "seconds": time.perf_counter() - started,
+        }
+        tables = as_tables(comparisons, wishes.tolerance, about)
+        pairs = list(zip(full, reduced, strict=True))
+        for shape in shapes:
+            fits[shape.name].write(
+                files[shape.name],
+                report=json.dumps(tables),
+                error=min(worst(comparisons), FAILED),
+                imbalance=max(largest_imbalance(one, shape.bodies) for one in reduced),
+                error_per_imbalance=error_per_imbalance([*pairs, *tried[shape.name]], shape.bodies),
+            )
     write_report(folder, comparisons, tables)
     draw_report(folder, full, reduced)
     return Reduction(files, comparisons, verdict(comparisons, wishes.tolerance), worst(comparisons))
@@ -182,30 +196,50 @@ def _runs(
 
 
 def _refine(
-    fit: ShapeFit,
+    fit: FitProcess,
     shape: BodyShape,
     folder: Path,
     pool: RunPool,
     training: Sequence[tuple[TrainingRun, RunResult]],
     wishes: Wishes,
     progress: Progress,
-) -> None:
-    """Choose domains, and choose again where the motions of the training are not followed within the tolerance."""
-    names = [f"{shape.name}-{name}" for name in REFINED_BY]
-    known = [(request, result) for request, result in training if request.name in names and not result.problem]
+) -> list[tuple[RunResult, RunResult]]:
+    """Add modes, then choose domains again, where motions of the training are not followed within the tolerance.
+
+    Returns:
+        Runs of the training beside those of the model that was chosen last.
+    """
+    known = {
+        request.name.removeprefix(f"{shape.name}-"): (request, one) for request, one in training if not one.problem
+    }
     path = folder / f"{shape.name}.npz"
+
+    def tried(names: Sequence[str], title: str) -> tuple[list[tuple[RunResult, RunResult]], bool]:
+        fit.write(path)
+        some = [known[name] for name in names if name in known]
+        again = _reduced_runs(pool, [one for one, _ in some], [shape], {shape.name: path}, progress, title)
+        pairs = [(full, one) for (_, full), one in zip(some, again, strict=True)]
+        error = worst([compare(*pair) for pair in pairs]) if pairs else 0.0
+        progress.line(f"{title}; error of the training {100.0 * error:.2g} %")
+        return pairs, error <= wishes.tolerance
+
+    for attempt in range(ATTEMPTS if wishes.modes is None else 0):
+        if tried(FOLLOWED_BY_MODES, f"{shape.name}: {fit.mode_count} modes with all {fit.domain_count} domains")[1]:
+            break
+        if attempt < ATTEMPTS - 1:
+            fit.add_modes()
+    pairs: list[tuple[RunResult, RunResult]] = []
+    before = 0
     for attempt in range(ATTEMPTS):
-        fit.choose(lambda count, error: None, 0.5**attempt)
-        fit.modes().write(path)
-        requests = [request for request, _ in known]
-        again = _reduced_runs(pool, requests, [shape], {shape.name: path}, progress, f"{shape.name}: domains tried")
-        error = worst([compare(result, one) for (_, result), one in zip(known, again, strict=True)]) if known else 0.0
-        progress.line(
-            f"{shape.name}: {fit.mode_count} modes, {len(fit.cubature.domain)} of {fit.domain_count} domains; "
-            f"error of the training {100.0 * error:.2g} %"
-        )
-        if error <= wishes.tolerance:
-            return
+        fit.choose(0.5**attempt)
+        if fit.chosen_count == before:  # all that matter are chosen
+            break
+        before = fit.chosen_count
+        title = f"{shape.name}: {fit.mode_count} modes, {before} of {fit.domain_count} domains"
+        pairs, followed = tried(REFINED_BY, title)
+        if followed:
+            break
+    return pairs
 
 
 def _reduced_runs(
@@ -233,11 +267,11 @@ def _with_modes(request: TrainingRun, shapes: Sequence[BodyShape], files: Mappin
     return replace(request, name=f"{request.name}-reduced", scene=text, files=digest.hexdigest())
 
 
-def _about(fit: ShapeFit, shape: BodyShape, path: Path) -> dict[str, Any]:
+def _about(fit: FitProcess, shape: BodyShape, path: Path) -> dict[str, Any]:
     return {
         "bodies": list(shape.bodies),
         "file": path.name,
         "modes": fit.mode_count,
-        "domains": len(fit.cubature.domain),
+        "domains": fit.chosen_count,
         "all_domains": fit.domain_count,
     }

@@ -139,12 +139,12 @@ class DomainSystem:
         self._total = kernels.DomainSums(force, blocks, np.zeros(COUNTERS, dtype=np.int32))
         if self._hooke is not None:
             self._hooke_data = _own_moduli(self._hooke.data)
-            self._undamped_hooke = _undamped(self._hooke_data)
+            self._undamped_hooke = undamped_data(self._hooke_data)
             entry_count = len(self._hooke.data.node)
             self._entries = HookeEntries(np.zeros((entry_count, 3)), aligned(entry_count, 4))
         if self._rubber is not None:
             self._rubber_data = _own_moduli(self._rubber.data)
-            self._undamped_rubber = _undamped(self._rubber_data)
+            self._undamped_rubber = undamped_data(self._rubber_data)
             slot_count, most_entries = (
                 int(self._rubber.groups.first_slot[-1]),
                 int(np.diff(self._rubber.data.start).max()),
@@ -211,7 +211,7 @@ def _own_moduli(data: kernels.Domains) -> kernels.Domains:
     return data._replace(modulus=data.modulus.copy())
 
 
-def _undamped(data: kernels.Domains) -> kernels.Domains:
+def undamped_data(data: kernels.Domains) -> kernels.Domains:
     """The same domains without damping; they share the array of moduli."""
     lag, factor = data.undamped * data.lag, data.undamped * data.factor
     return data._replace(lag=lag, factor=factor, undamped=np.ones_like(lag))

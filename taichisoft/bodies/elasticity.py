@@ -222,7 +222,7 @@ class ElasticSystem:
         if self._domains is not None:
             self._domains.add(damped)
         if self.reduced is not None:
-            self.reduced.assemble()
+            self.reduced.assemble(damped)
 
 
 def internal_force(elasticity: Elasticity, position: np.ndarray) -> np.ndarray:

@@ -34,6 +34,9 @@ class Modes:
         fingerprint: `SoftBody.fingerprint` of the body: its element, laws, and ratios of moduli.
         tolerance: relative error that was asked for [-]; None: not known.
         error: relative error that the validation found [-]; None: not known.
+        imbalance: largest imbalance in the validation [mm], see `step/imbalance.py`; None: not known.
+        error_per_imbalance: largest error of a position over the largest imbalance of a run [-], the median of runs;
+            None: not known.
         report: figures of the validation, as JSON.
     """
 
@@ -45,6 +48,8 @@ class Modes:
     fingerprint: str = ""
     tolerance: float | None = None
     error: float | None = None
+    imbalance: float | None = None
+    error_per_imbalance: float | None = None
     report: str = "{}"
 
     @property
@@ -89,6 +94,8 @@ def read_modes(path: Path, key: str) -> Modes:
         fingerprint=str(found.get("fingerprint", "")),
         tolerance=_number(found, "tolerance", where),
         error=_number(found, "error", where),
+        imbalance=_number(found, "imbalance", where),
+        error_per_imbalance=_number(found, "error_per_imbalance", where),
         report=str(found.get("report", "{}")),
     )
     if not 0 < modes.mode_count <= 3 * len(modes.rest_position):

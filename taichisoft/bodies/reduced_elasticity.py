@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.bodies.domain_elasticity import aligned, domain_data
+from taichisoft.bodies.domain_elasticity import aligned, domain_data, undamped_data
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.kernels import mode_motion, reduced_domains
 from taichisoft.bodies.kernels.domain_deformation import SHAPE, Domains, Movement
@@ -242,6 +242,7 @@ class ReducedSystem:
 
     Attributes:
         modes: the modes, with the frames of the bodies in the step.
+        is_reduced: whether a node moves by modes, shape (node_count, 1).
     """
 
     def __init__(self, elasticity: ReducedElasticity, movement: Movement, blocks: np.ndarray):
@@ -270,10 +271,14 @@ class ReducedSystem:
         moments = [_moment(body, int(width)) for body, width in zip(elasticity.bodies, widths, strict=True)]
         self._amplitudes.moment[:] = np.vstack(moments)
         self._all_nodes = np.arange(elasticity.node_count, dtype=np.int32)
+        self.is_reduced = own.start[:, None] >= 0
         self._nodes = mode_motion.FrameMotion(
             rest=elasticity.node_rest, mass=elasticity.node_mass, displacement=np.zeros((elasticity.node_count, 3))
         )
         self._data = elasticity.data._replace(modulus=elasticity.data.modulus.copy())
+        self._undamped_data = undamped_data(self._data)
+        places = zip(elasticity.bodies, own.threes.tolist(), strict=True)
+        self._places = [slice(body.nodes.start, body.nodes.start + threes) for body, threes in places]
         squares = np.cumsum([0, *(tiles * widths)])
         self._stiffness = reduced_domains.ReducedStiffness(
             rows=aligned(int((elasticity.domains.body_rows * tiles).max()), TILE),
@@ -336,23 +341,36 @@ class ReducedSystem:
         """The matrix beside the domains: masses with their damping, and the anchors' springs."""
         model = self._elasticity
         for number, (stiffness, modes) in enumerate(model.anchors):
+            own = model.bodies[number].modes
+            assert own is not None
             along = np.einsum("ij,njk->nik", self.modes.axes[number], modes)  # axes of space
             flat = (np.sqrt(stiffness)[:, :, None] * along).reshape(-1, modes.shape[2])
-            matrix = model.anchor_factor[number] * (flat.T @ flat) + model.mass_factor[number] * np.eye(flat.shape[1])
+            is_mode = np.arange(flat.shape[1]) < own.mode_count
+            mass = np.where(is_mode, model.mass_factor[number], 1.0)  # what is padded stays 0, also without masses
+            matrix = model.anchor_factor[number] * (flat.T @ flat) + np.diag(mass)
             start = int(self._stiffness.square_start[number])
             self._stiffness.constant[start : start + matrix.size // TILE] = matrix.reshape(-1, TILE)
 
-    def assemble(self) -> None:
+    def assemble(self, damped: bool = True) -> None:
         """Fill the blocks of the reduced bodies, and find the elastic forces on the amplitudes."""
         reduced_domains.assemble_reduced(
             self.modes,
             self._elasticity.domains,
-            self._data,
+            self._data if damped else self._undamped_data,
             self._movement,
             self._amplitudes,
             self._stiffness,
             1,
         )
+
+    @property
+    def elastic(self) -> np.ndarray:
+        """Elastic forces on the unknowns, as `assemble` found them, shape (node_count, 3); 0 for full bodies."""
+        found = np.zeros((self._elasticity.node_count, 3))
+        for place, start in zip(self._places, self._amplitudes.start[:-1].tolist(), strict=True):
+            count = 3 * (place.stop - place.start)
+            found[place] = self._stiffness.force[start : start + -(-count // TILE)].reshape(-1)[:count].reshape(-1, 3)
+        return found
 
     def right_hand_side(self, node_impulse: np.ndarray, loaded: np.ndarray, time_step: float) -> np.ndarray:
         """Impulses on the unknowns in a step, shape (node_count, 3): on the nodes of full bodies as they are.
@@ -369,9 +387,16 @@ class ReducedSystem:
         )
         return self._unknown
 
-    def response_to(self, node_impulse: np.ndarray) -> np.ndarray:
+    def on_unknowns(self, node_impulse: np.ndarray) -> np.ndarray:
         """Impulses on the unknowns by these on the nodes alone [mN s], shape (node_count, 3) each."""
-        return self.right_hand_side(node_impulse, self._all_nodes, 0.0)
+        found = self.right_hand_side(node_impulse, self._all_nodes, 0.0)
+        for body, place in zip(self._elasticity.bodies, self._places, strict=True):
+            found[place.stop : body.nodes.stop] = 0.0  # where no amplitude has its place
+        return found.copy()
+
+    def rates(self, node_velocity: np.ndarray) -> np.ndarray:
+        """Rates of the unknowns that are nearest to velocities of the nodes [mm/s], shape (node_count, 3) each."""
+        return self.on_unknowns(np.where(self.is_reduced, self._nodes.mass[:, None], 1.0) * node_velocity)
 
     def node_velocity(self, unknown: np.ndarray) -> np.ndarray:
         """Velocities of the nodes [mm/s] by rates of the unknowns, shape (node_count, 3) each."""

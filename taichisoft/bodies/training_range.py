@@ -1,6 +1,6 @@
-"""How far reduced bodies are beyond the amplitudes that their modes were trained on."""
+"""How far reduced bodies are beyond the amplitudes of their training, and the imbalance of their validation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +14,11 @@ if TYPE_CHECKING:
 
 
 class TrainingRange:
-    """The trained amplitudes of the reduced bodies of a model.
+    """What is known of the training and the validation of the reduced bodies of a model.
 
     Attributes:
         names: of the reduced bodies whose training is known.
+        validated: of those whose validation measured how much error goes with an imbalance.
     """
 
     def __init__(self, bodies: "Sequence[SoftBody]", frames: "MovingFrames"):
@@ -25,6 +26,13 @@ class TrainingRange:
         self._bodies = [body for body in bodies if body.modes is not None and body.modes.amplitude_range is not None]
         self.names = tuple(body.name for body in self._bodies)
         self._frames, self._frame = frames, frames.numbers(body.settings.follows for body in self._bodies)
+        modes = {body.name: body.modes for body in bodies if body.modes is not None}
+        self._validation = {
+            name: (one.imbalance, one.error_per_imbalance)
+            for name, one in modes.items()
+            if one.imbalance and one.error_per_imbalance is not None
+        }
+        self.validated = tuple(self._validation)
         self._turns = [rotation_from_degrees(body.settings.rotation) for body in self._bodies]
         self._weighted = []
         for body in self._bodies:
@@ -54,3 +62,14 @@ class TrainingRange:
             size = float(np.maximum(np.abs(low), np.abs(high)).max())
             shares[body.name] = float(np.linalg.norm(excess)) / max(size, np.finfo(float).tiny)
         return shares
+
+    def beyond_validation(self, imbalance: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """By body: its imbalance over the largest one of its validation [-], and the error that goes with it [mm].
+
+        Args:
+            imbalance: by body, as in `StepReport.imbalance` [mm].
+        """
+        return {
+            name: (imbalance[name] / largest, imbalance[name] * ratio)
+            for name, (largest, ratio) in self._validation.items()
+        }

@@ -124,8 +124,9 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> 
                 continue
             report = _step(session)
             _warn_once(session, report, warned)
-            strain = strain_watch.complaint(session.simulation.state)
-            for complaint in (*([strain] if strain else ()), *training_watch.complaints(session.simulation.state)):
+            state = session.simulation.state
+            strain = strain_watch.complaint(state)
+            for complaint in (*([strain] if strain else ()), *training_watch.complaints(state, report)):
                 warnings.warn(complaint, stacklevel=4)
             if on_step is not None:
                 on_step(report)

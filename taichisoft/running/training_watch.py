@@ -5,21 +5,25 @@ from collections.abc import Iterator
 from taichisoft.bodies.training_range import TrainingRange
 from taichisoft.model import Model
 from taichisoft.state import State
+from taichisoft.step.report import StepReport
 
-EVERY = 10
-"""Steps between two checks: each takes a product with all modes."""
+EVERY = 20
+"""Steps between two checks: each takes half a step, for a product with all modes and for the forces on some nodes."""
 MARGIN = 0.05
 """Displacement beyond the trained amplitudes, over the largest trained one, up to which nothing is said."""
+UNBALANCED = 1.5
+"""Imbalance over the largest one of the validation, up to which nothing is said."""
 
 
 class TrainingWatch:
-    """Compares amplitudes with those of the training at intervals."""
+    """Compares amplitudes with those of the training, and imbalances with those of the validation, at intervals."""
 
     def __init__(self, model: Model):
         """Prepare; without reduced bodies there is nothing to do."""
         self._model = model
         self._range = TrainingRange(model.soft_bodies, model.frames)
-        self._said: set[str] = set()
+        self._is_reduced = any(body.modes is not None for body in model.soft_bodies)
+        self._said: set[tuple[str, str]] = set()
 
     def complaints_at_start(self) -> Iterator[str]:
         """A line for each reduced body whose validation found more than the tolerance."""
@@ -32,14 +36,25 @@ class TrainingWatch:
                 f"{100 * modes.tolerance:.2g} % that was asked for; try more modes, or a wider training"
             )
 
-    def complaints(self, state: State) -> Iterator[str]:
-        """A line for each body that is beyond its training for the first time."""
-        if state.step % EVERY or not self._range.names:
+    def complaints(self, state: State, report: StepReport) -> Iterator[str]:
+        """Lines for each body that is beyond its training, or beyond its validation, for the first time."""
+        if state.step % EVERY or not self._is_reduced:
             return
         for name, share in self._range.beyond(state).items():
-            if share > MARGIN and name not in self._said:
-                self._said.add(name)
+            if share > MARGIN and self._is_new(name, "training"):
                 yield (
                     f"'{name}' moves as it was not trained to at {state.time:.2f} s: {100 * share:.0f} % beyond the "
                     "amplitudes of the training: the validation's error no longer holds; metrics.json has the farthest"
                 )
+        for name, (times, error) in self._range.beyond_validation(report.imbalance).items():
+            if times > UNBALANCED and self._is_new(name, "validation"):
+                yield (
+                    f"'{name}' is {times:.1f} times as far from the full equations of motion as in its validation at "
+                    f"{state.time:.2f} s: its error no longer holds, and is about {error:.1g} mm; "
+                    "`--reduced-check` runs the full model beside it"
+                )
+
+    def _is_new(self, name: str, of: str) -> bool:
+        new = (name, of) not in self._said
+        self._said.add((name, of))
+        return new

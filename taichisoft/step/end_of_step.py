@@ -22,6 +22,8 @@ class EndOfStep:
     eigenvalues.
     `SoftMotion` solves them linearised at the start of the step, or ahead of it; this class evaluates and linearises
     them at other velocities. A linearisation omits the rotation of follower loads with the body.
+
+    Residuals are impulses on the unknowns: of reduced bodies Phi^T T^T times those above, at the amplitudes' places.
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, soft: SoftMotion, geometry: ActuatorGeometry):
@@ -52,7 +54,13 @@ class EndOfStep:
         self._order, self._column = order, column[order]
         self._row_start = np.searchsorted(row[order], np.arange(model.node_count + 1))
         self._velocity = np.empty((model.node_count, 3))
-        self._nodes = soft.nodes._replace(velocity=self._velocity, impulse=np.empty((model.node_count, 3)))
+        self._nodes = soft.nodes._replace(
+            loaded=np.arange(model.node_count, dtype=np.int32),
+            mass=elasticity.node_mass,
+            drag=elasticity.node_mass * elasticity.node_rayleigh_mass,
+            velocity=self._velocity,
+            impulse=np.empty((model.node_count, 3)),
+        )
 
     def begin(self, state: State) -> None:
         """Store the matrix that `SoftMotion` has assembled in the step from `state`."""
@@ -63,11 +71,17 @@ class EndOfStep:
         self._first_matrix = self._matrix(first_blocks)
         system.leave_out_damping()
         if self._is_damped:
-            lagged = system.force.copy()
+            lagged = self._elastic()
             system.assemble(damped=False)
-            self._first_damping = self._time_step * (system.force - lagged)
+            self._first_damping = self._time_step * (self._elastic() - lagged)
+            self._first_rates = self._soft.rates(state.velocity)
             self._damping_blocks = first_blocks - system.solver.blocks
             self._damping_matrix = self._matrix(self._damping_blocks)
+
+    def _elastic(self) -> np.ndarray:
+        """Elastic forces on the unknowns [mN], shape (node_count, 3)."""
+        system = self._soft.system
+        return system.force.copy() if system.reduced is None else system.force + system.reduced.elastic
 
     def _matrix(self, blocks: np.ndarray) -> sparse.bsr_array:
         """The full symmetric matrix of the solver's blocks."""
@@ -76,8 +90,8 @@ class EndOfStep:
         return sparse.bsr_array((both, self._column, self._row_start), (size, size))
 
     def first_force(self, node_velocity: np.ndarray) -> np.ndarray:
-        """Product of the first matrix and node velocities [mN s], shape (node_count, 3)."""
-        product: np.ndarray = (self._first_matrix @ node_velocity.ravel()).reshape(-1, 3)
+        """Product of the first matrix and the rates of the unknowns [mN s], shape (node_count, 3)."""
+        product: np.ndarray = (self._first_matrix @ self._soft.rates(node_velocity).ravel()).reshape(-1, 3)
         return product
 
     def move(
@@ -122,13 +136,17 @@ class EndOfStep:
             effort,
         )
         lacking: np.ndarray = self._nodes.impulse.copy()
-        if self._is_damped:
-            lacking -= self._first_damping
-            lacking -= (self._damping_matrix @ (velocity - self._start.velocity).ravel()).reshape(-1, 3)
         if self._has_inertia:
             lacking -= self._mass * (velocity - self._start.velocity)
         if self._has_drag:
             lacking -= self._time_step * self._mass * velocity
+        lacking = soft.on_unknowns(lacking)
+        if soft.system.reduced is not None:
+            lacking += self._time_step * soft.system.reduced.elastic
+        if self._is_damped:
+            lacking -= self._first_damping
+            change = soft.rates(velocity) - self._first_rates
+            lacking -= (self._damping_matrix @ change.ravel()).reshape(-1, 3)
         return lacking
 
     def linearise(self, load: np.ndarray) -> np.ndarray:

@@ -99,7 +99,7 @@ class NonlinearStep:
             force = equations.linearise(first.load)
             before, solution = solution, solver.solve(problem, solution)
             iterations, linearisations = iterations + solution.iterations, linearisations + 1
-            force += solution.node_impulse
+            force += self._soft.on_unknowns(solution.node_impulse)
             velocity = self._rates(solution)
 
     def linearise_at(self, solution: StepSolution, load: np.ndarray) -> None:
@@ -109,10 +109,10 @@ class NonlinearStep:
         self.equations.keep_matrix()
 
     def _free_solution(self, problem: StepProblem, solution: StepSolution) -> StepSolution:
-        """Nodes at rest under known loads only, the start of the first line search."""
+        """Unknowns at rest under known loads only, the start of the first line search."""
         zero = np.zeros_like(solution.node_velocity)
         return StepSolution(
-            node_velocity=zero,
+            node_velocity=self._soft.resting_velocity(),
             node_impulse=zero,
             contact_node_impulse=zero,
             rigid_velocity=self._rigid.state.free.copy(),
@@ -126,9 +126,9 @@ class NonlinearStep:
 
         Args:
             before, after: start and end of the line.
-            force: product of the matrix and the change of node velocities [mN s], shape (node_count, 3).
+            force: product of the matrix and the change of the unknowns' rates [mN s], shape (node_count, 3).
         """
-        way = after.node_velocity - before.node_velocity
+        way = self._soft.rates(after.node_velocity) - self._soft.rates(before.node_velocity)
         start = -float((force * way).sum())
         solution, end = after, self._slope(after, after, way)
         if not (start < 0.0 and end > -LARGE_SLOPE * start):
@@ -155,7 +155,8 @@ class NonlinearStep:
     def _slope(self, solution: StepSolution, forces: StepSolution, way: np.ndarray) -> float:
         """Move the bodies to a solution, and return the slope: the product of the residual there and the direction."""
         self.equations.move(solution.node_velocity, *self._rigid.end_poses(solution.rigid_velocity))
-        return -float(((self.equations.residual(forces.effort) + forces.contact_node_impulse) * way).sum())
+        lacking = self.equations.residual(forces.effort) + self._soft.on_unknowns(forces.contact_node_impulse)
+        return -float((lacking * way).sum())
 
     def _rates(self, solution: StepSolution) -> np.ndarray:
         """Rates of the actuators' coordinates in a solution, by the gradients at the current positions."""
@@ -167,8 +168,8 @@ class NonlinearStep:
 
     def _missing_velocity(self, solution: StepSolution) -> float:
         """Largest change of velocity by the residual impulses of the equations [mm/s]."""
-        lacking = self.equations.residual(solution.effort) + solution.contact_node_impulse
-        return float(np.abs(self._soft.response(lacking)).max())
+        lacking = self.equations.residual(solution.effort) + self._soft.on_unknowns(solution.contact_node_impulse)
+        return float(np.abs(self._soft.response_of_unknowns(lacking)).max())
 
     def _missing_rate(self, requests: ActuatorRequests, aim: np.ndarray) -> float:
         """Largest over the rows of the least node velocity that brings the coordinate to its aim [mm/s]."""

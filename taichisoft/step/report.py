@@ -34,6 +34,7 @@ class StepReport:
         linearisations: number of linearisations of the soft bodies' equations.
         newton_residual: largest move of a node by another linearisation [mm]; None for steps with one linearisation
             (`time.newton`).
+        find_imbalance: function that computes `imbalance`.
     """
 
     step: int
@@ -53,6 +54,7 @@ class StepReport:
     inverted_elements: int = 0
     linearisations: int = 1
     newton_residual: float | None = None
+    find_imbalance: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
 
     @property
     def contact_count(self) -> int:
@@ -68,3 +70,12 @@ class StepReport:
     def observation(self) -> Observation:
         """What a controller sees after the step; computed on first access."""
         return self.observe()
+
+    @cached_property
+    def imbalance(self) -> Mapping[str, float]:
+        """By reduced body, how far its full equations of motion are from being solved, see `step/imbalance.py` [mm].
+
+        The largest way by which one of a sample of its nodes would give if all others were held; computed on first
+        access.
+        """
+        return self.find_imbalance()

@@ -97,14 +97,35 @@ class SoftMotion:
         known_velocity = self.system.velocity
         if not has_inertia:
             known_velocity = np.where(self.system.modes.start[:, None] >= 0, known_velocity, 0.0)
-        self.factorise(state, self.nodes.impulse, known_velocity)
+        impulse, reduced = self.nodes.impulse, self.system.reduced
+        if reduced is not None:
+            impulse = reduced.right_hand_side(impulse, self.nodes.loaded, self._time_step)
+        self.factorise(state, impulse, known_velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], shape (node_count, 3), by impulses on the nodes [mN s], shape (node_count, 3)."""
+        return self.response_of_unknowns(self.on_unknowns(node_impulse))
+
+    def response_of_unknowns(self, impulse: np.ndarray) -> np.ndarray:
+        """Change of velocity of the nodes [mm/s] by impulses on the unknowns [mN s], shape (node_count, 3) each."""
+        change, reduced = self.system.solver.solve(impulse), self.system.reduced
+        return change if reduced is None else reduced.node_velocity(change)
+
+    def on_unknowns(self, node_impulse: np.ndarray) -> np.ndarray:
+        """Impulses on the unknowns, which are nodes and amplitudes, by those on the nodes [mN s], (node_count, 3)."""
+        return node_impulse if self.system.reduced is None else self.system.reduced.on_unknowns(node_impulse)
+
+    def rates(self, node_velocity: np.ndarray) -> np.ndarray:
+        """Rates of the unknowns at velocities of the nodes [mm/s], shape (node_count, 3) each."""
+        return node_velocity if self.system.reduced is None else self.system.reduced.rates(node_velocity)
+
+    def resting_velocity(self) -> np.ndarray:
+        """Velocities of the nodes where no unknown changes [mm/s], shape (node_count, 3): those of the frames, or 0."""
         reduced = self.system.reduced
         if reduced is None:
-            return self.system.solver.solve(node_impulse)
-        return reduced.node_velocity(self.system.solver.solve(reduced.response_to(node_impulse)))
+            return np.zeros_like(self.known_velocity)
+        moved = self.known_velocity - reduced.node_velocity(self.rates(self.known_velocity))
+        return np.where(reduced.is_reduced, moved, 0.0)
 
     def impulses(self, state: State, load: np.ndarray) -> np.ndarray:
         """Impulses on the nodes at the place of the linearisation [mN s], shape (node_count, 3).
@@ -126,9 +147,7 @@ class SoftMotion:
 
     def complete_with(self, node_impulse: np.ndarray) -> np.ndarray:
         """The same with impulses on the nodes [mN s], shape (node_count, 3)."""
-        reduced = self.system.reduced
-        more = node_impulse if reduced is None else reduced.response_to(node_impulse)
-        return self._moved(self.system.solver.complete_with(more))
+        return self._moved(self.system.solver.complete_with(self.on_unknowns(node_impulse)))
 
     def _moved(self, change: np.ndarray) -> np.ndarray:
         reduced = self.system.reduced
@@ -136,23 +155,20 @@ class SoftMotion:
             change = reduced.node_velocity(change)
         return change + self.known_velocity
 
-    def factorise(self, state: State, node_impulse: np.ndarray, known_velocity: np.ndarray) -> None:
+    def factorise(self, state: State, impulse: np.ndarray, known_velocity: np.ndarray) -> None:
         """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses.
 
         Args:
             state: at the start of the step.
-            node_impulse: impulses on the nodes [mN s], shape (node_count, 3).
+            impulse: on the unknowns [mN s], shape (node_count, 3).
             known_velocity: velocities to which the change is added [mm/s], shape (node_count, 3) or (3,).
 
         Raises:
             SimulationDiverged: the matrix is not positive definite.
         """
         self.known_velocity[:] = known_velocity
-        reduced = self.system.reduced
-        if reduced is not None:
-            node_impulse = reduced.right_hand_side(node_impulse, self.nodes.loaded, self._model.scene.time.step)
         try:
-            self.system.solver.factorise(node_impulse)
+            self.system.solver.factorise(impulse)
         except NotPositiveDefinite as error:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error

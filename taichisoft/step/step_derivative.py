@@ -93,13 +93,20 @@ class StepDerivative:
         """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is.
 
         Raises:
-            SceneError: a contact in the step has restitution, spinning or rolling friction.
+            SceneError: a contact in the step has restitution, spinning or rolling friction, or a reduced body is
+                linearised more than once.
         """
         self._model, self._soft, self._rigid = model, soft, rigid
         self._time_step, self._problem, self._solution = model.scene.time.step, problem, solution
         self._nonlinear = solver if isinstance(solver, NonlinearStep) else None
         self.geometry: ActuatorGeometry = problem.geometry
         if self._nonlinear is not None:
+            reduced = [body.name for body in model.soft_bodies if body.modes is not None]
+            if reduced:
+                raise SceneError(
+                    f"linearise: soft_bodies.{reduced[0]}.reduced has no derivative in equilibria, or with time.newton "
+                    "above 1; leave one of them out"
+                )
             self._nonlinear.linearise_at(solution, problem.requests.load)
             self.geometry = self._nonlinear.geometry
         rows = constraint_solver.rows

@@ -1,5 +1,7 @@
 """Reduced models: forces of domains, modes, weights, the frame of the base, and what is refused."""
 
+import json
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -9,14 +11,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from taichisoft import Control, Simulation, make_model, scene_from_dict
+from taichisoft.bodies import Modes
 from taichisoft.bodies.elasticity import internal_force
+from taichisoft.bodies.moving_frames import FramePlaces
 from taichisoft_reduction.basis import Basis
-from taichisoft_reduction.body_shapes import RelativeMotion, base_frame, body_shapes
-from taichisoft_reduction.comparison import compare, worst
+from taichisoft_reduction.body_shapes import RelativeMotion, body_shapes
+from taichisoft_reduction.comparison import compare, error_per_imbalance, largest_imbalance, worst
 from taichisoft_reduction.cubature import MotionCriterion, NonNegativeSearch, choose_domains
 from taichisoft_reduction.domain_forces import DomainForces
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.reduce_command import reduce
+from taichisoft_reduction.reduced_check import ReducedCheckOutput
 from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
 from taichisoft_reduction.shape_reduction import Progress, Wishes, reduce_scene
 
@@ -125,7 +130,7 @@ def test_chosen_domains_move_a_beam_as_all_do(block):
         simulation = Simulation(model)
         for _ in range(12):
             simulation.step(Control(gravity=30000.0 * direction))
-            states.append(RelativeMotion.of_body(body).displacement(simulation.state.position, np.eye(3), np.zeros(3)))
+            states.append(RelativeMotion.of_body(body).displacement(simulation.state.position, model.places(simulation.state), 0))
     basis = Basis(np.array(states), body.node_mass)
     forces = DomainForces(body, basis.modes[:, :, :6])
     amplitudes = basis.amplitudes[:, :6]
@@ -138,18 +143,18 @@ def test_chosen_domains_move_a_beam_as_all_do(block):
 
 
 @examples(40)
-@given(st.lists(st.floats(-3.0, 3.0), min_size=9, max_size=9))
-def test_a_body_that_moves_with_its_base_has_no_displacement(values):
-    """Turn and shift of the base are taken out, and the placement of the body, whatever they are."""
+@given(st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6))
+def test_a_body_that_moves_with_its_frame_has_no_displacement(values):
+    """Turn and shift of the frame are taken out, and the placement of the body, whatever they are."""
     nodes = np.random.default_rng(2).standard_normal((6, 3))
     placed = RelativeMotion(nodes, [10.0, 50.0, -70.0], [1.0, 2.0, 3.0])
     turn = Rotation.from_euler("xyz", [10.0, 50.0, -70.0], degrees=True).as_matrix()
     bent = nodes + 0.3 * nodes[::-1]
-    base_turn, base_shift = base_frame(*np.array(values).reshape(3, 3))
-    position = (bent @ turn.T + [1.0, 2.0, 3.0]) @ base_turn.T + base_shift
-    assert placed.displacement(position, base_turn, base_shift) == pytest.approx(bent - nodes, abs=1e-12)
-    pivot = np.array(values[6:])
-    assert base_turn @ pivot + base_shift == pytest.approx(pivot + values[:3], abs=1e-12)
+    shift, vector = np.array(values).reshape(2, 3)
+    frame = Rotation.from_rotvec(vector).as_matrix()
+    places = FramePlaces(np.array([np.eye(3), frame]), np.array([np.zeros(3), shift]))
+    position = (bent @ turn.T + [1.0, 2.0, 3.0]) @ frame.T + shift
+    assert placed.displacement(position, places, 1) == pytest.approx(bent - nodes, abs=1e-12)
 
 
 def test_copies_share_a_shape_and_other_materials_do_not():
@@ -180,6 +185,60 @@ def test_a_comparison_has_the_largest_error_and_a_failed_run_is_never_good(tmp_p
     assert RunResult.load(tmp_path / "run.npz").figures["lift of cube [mm]"].tolist() == [0.0, 1.0]
     (tmp_path / "half.npz").write_bytes((tmp_path / "run.npz").read_bytes()[:300])
     assert RunResult.load(tmp_path / "half.npz") is None
+
+
+def test_the_error_that_goes_with_an_imbalance_is_the_median_of_runs():
+    """Errors of 0.5 and 0.2 mm beside imbalances of 0.1 and 0.02 mm: ratios of 5 and 10; another body counts not."""
+    pairs = []
+    for error, imbalance in ((0.5, 0.1), (0.2, 0.02)):
+        away = np.zeros((2, 4, 3))
+        away[1, 2, 0] = error
+        both = {"a": np.zeros((2, 4, 3)), "b": np.zeros((2, 4, 3))}
+        figures = {"imbalance of a [mm]": np.array([0.0, imbalance]), "imbalance of b [mm]": np.array([0.0, 1e-9])}
+        full, reduced = run_result(displacement=both), run_result(displacement={**both, "a": away}, figures=figures)
+        pairs.append((full, reduced))
+    assert error_per_imbalance(pairs, ["a"]) == pytest.approx(7.5)
+    assert error_per_imbalance(pairs, ["c"]) == 0.0
+    assert largest_imbalance(pairs[0][1], ["a", "b", "c"]) == 0.1
+
+
+def test_the_full_model_beside_the_reduced_one_says_where_they_part(block, tmp_path):
+    """Two modes of a beam under its weight: the check has the errors of two runs of their own, and from when on."""
+    scene = beam(block, element="linear", young_modulus=100.0, density=1e-5)
+    full = Simulation(scene)
+    body = full.model.soft_bodies[0]
+    weight = np.sqrt(np.repeat(body.node_mass, 3))[:, None]
+    along = np.where(body.anchored, 0.0, body.mesh.nodes[:, 0])[:, None]
+    shapes = np.stack([along**2 * np.eye(3)[n] for n in (1, 2)], axis=2).reshape(-1, 2)
+    columns = (np.linalg.qr(weight * shapes)[0] / weight).reshape(-1, 3, 2)
+    Modes(body.mesh.nodes, columns, fingerprint=body.fingerprint, tolerance=0.01).write(tmp_path / "beam.npz")
+    reduced = Simulation(
+        scene.model_copy(
+            update={"soft_bodies": {"beam": body.settings.model_copy(update={"reduced": str(tmp_path / "beam.npz")})}}
+        )
+    )
+    check = ReducedCheckOutput(tmp_path, "2%")
+    check.begin(reduced.model, reduced.state)
+    away = []
+    for _ in range(6):
+        control = Control(gravity=[0.0, 0.0, -9810.0], base_translation=np.array([0.0, 1.0, 0.0]))
+        report = reduced.step(control)
+        check.record(reduced.state, report)
+        full.step(control)
+        if full.state.step % 2 == 0:
+            away.append(float(np.linalg.norm(full.state.position - reduced.state.position, axis=1).max()))
+    check.end("completed")
+    (found,) = (one for one in check.partings() if one.quantity == "position")
+    assert (found.of, found.largest, found.time) == ("beam", max(away), pytest.approx(0.06))
+    above = [2 * (n + 1) * 0.01 for n, one in enumerate(away) if one > 0.02 * found.scale]
+    assert found.parted == pytest.approx(above[0])
+    assert (
+        f"of beam at 0.06 s; beyond the tolerance from {above[0]:.2f} s on"
+        in check.summary()["position: reduced from full"]
+    )
+    assert json.loads((tmp_path / "reduced_check.json").read_text())["quantities"][0]["largest"] == found.largest
+    with pytest.raises(ReductionError, match="--reduced-check: no soft body of the scene is reduced"):
+        ReducedCheckOutput(tmp_path).begin(full.model, full.state)
 
 
 def test_a_request_of_other_content_has_another_file():

@@ -15,6 +15,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.state import State
+from taichisoft.statics import equilibrium
 
 SIZE = (40.0, 20.0, 20.0)
 ROUND_OFF = 1e-9  # [mm], of anchors' springs with 1e12 mN/mm beside an elastic stiffness of 1e4
@@ -132,6 +133,9 @@ def test_all_modes_and_domains_are_the_full_body(
     assert any(len(state.contact_impulse) for state in there)
     assert np.abs(there[-1].position - full.model.rest_position).max() > 1.0
     here = drive(reduced, 12, volume)
+    assert reduced.report is not None
+    # Nothing is left out; laws of rubber are linearised where the base leads, not where the motion does.
+    figures.at_most("imbalance [mm]", reduced.report.imbalance["chamber"], 1e-9 if law == "hooke" else 1e-3)
     figures.at_most("difference of a node [mm]", largest_difference(there, here), ROUND_OFF)
     forces = np.array([[state.frame_wrench[0, 0] for state in states] for states in (there, here)])
     figures.at_most(
@@ -140,6 +144,44 @@ def test_all_modes_and_domains_are_the_full_body(
     torques = np.array([[state.frame_wrench[0, 1] for state in states] for states in (there, here)])
     missed = np.abs(torques[0] - torques[1]).max() / np.abs(torques).max()
     figures.at_most("torque on the base [of the largest]", float(missed), 1e-6)
+
+
+@pytest.mark.parametrize(("element", "law", "volume"), [CASES[0], CASES[3]])
+def test_further_linearisations_of_all_modes(
+    tmp_path: Path, figures: Figures, element: str, law: str, volume: bool
+) -> None:
+    """Newton's method in other unknowns: the same linearisations, to the same end, with contact, damping and air."""
+    body, time = chamber(tmp_path, element=element, law=law), {"newton": 20, "newton_tolerance": 1e-9}
+    full = with_ball(body, time=time)
+    reduced = with_ball({**body, "reduced": write_modes(tmp_path / "all.npz", full)}, time=time)
+    figures.at_most("difference [mm]", largest_difference(drive(full, 6, volume), drive(reduced, 6, volume)), ROUND_OFF)
+    assert full.report is not None and reduced.report is not None
+    assert reduced.report.linearisations == full.report.linearisations > 1
+    force = full.state.frame_wrench[0, 0]
+    missed = np.abs(reduced.state.frame_wrench[0, 0] - force).max() / np.abs(force).max()
+    figures.at_most("force on the base [of the largest]", float(missed), 1e-6)
+    if law == "hooke":  # the damping of rubber is linearised where the base leads
+        figures.at_most("imbalance [mm]", reduced.report.imbalance["chamber"], ROUND_OFF)
+
+
+def test_equilibria_of_all_modes(tmp_path: Path, figures: Figures) -> None:
+    """By `equilibrium` of a dynamic simulation, and by a static step; so is the wrench, in which nothing moves."""
+    body = chamber(tmp_path, element="smoothed", law="neo-hookean")
+    asked = Control(pressure={"chamber.air": 6.0}, base_rotation=np.array([0.0, 0.1, 0.2]))
+    scene: dict[str, Any] = {"gravity": (0.0, 0.0, -GRAVITY), "time": {"newton_tolerance": 1e-9, "dynamics": "static"}}
+    full = simulate(soft_bodies={"chamber": body}, **scene)
+    modes = write_modes(tmp_path / "all.npz", full)
+    reduced = simulate(soft_bodies={"chamber": {**body, "reduced": modes}}, **scene)
+    for one in (full, reduced):
+        one.step(asked)
+    assert np.abs(full.state.position - full.model.rest_position).max() > 1.0
+    figures.at_most("difference of a node [mm]", largest_difference([full.state], [reduced.state]), ROUND_OFF)
+    wrench = full.state.frame_wrench[0]
+    missed = np.abs(reduced.state.frame_wrench[0] - wrench).max(axis=1) / np.abs(wrench).max(axis=1)
+    figures.at_most("wrench on the base [of the largest]", float(missed.max()), 1e-6)
+    dynamic = simulate(soft_bodies={"chamber": {**body, "reduced": modes}}, gravity=(0.0, 0.0, -GRAVITY))
+    found = equilibrium(dynamic, asked)
+    figures.at_most("equilibrium [mm]", np.abs(found.state.position - full.state.position).max(), 1e-3)
 
 
 def test_a_constant_force_acts_on_modes_too(tmp_path: Path, figures: Figures) -> None:
@@ -266,3 +308,25 @@ def test_energy_does_not_grow(tmp_path: Path, figures: Figures) -> None:
         assert now <= last + 1e-9 * first
         last = now
     figures.at_most("energy left [-]", last / first, 0.9)
+
+
+def test_what_modes_cannot_follow_is_seen_in_the_full_equations(tmp_path: Path) -> None:
+    """Lowest modes follow air in the chamber nearly; the dent of a force on few nodes is in none of them, nor is it in
+    the residual of the reduced equations, which is 0 in either case."""
+    body = chamber(tmp_path, element="linear")
+    full = simulate(soft_bodies={"chamber": body})
+    modes = write_modes(tmp_path / "few.npz", full, mode_count=40)
+    seen = []
+    for force in ({}, {"forces": [{"box": [[19, -9, -9], [30, 30, 30]], "force": [-2000.0, 0.0, 0.0]}]}):
+        pair = [simulate(soft_bodies={"chamber": {**body, **force, **more}}) for more in ({}, {"reduced": modes})]
+        for one in pair:
+            one.step(Control(pressure={"chamber.air": 1.0}))
+            for _ in range(30):
+                one.step()
+        there, here = (one.state.position for one in pair)
+        assert pair[1].report is not None
+        seen.append((np.linalg.norm(here - there, axis=1).max(), pair[1].report.imbalance["chamber"]))
+    (little, balanced), (much, unbalanced) = seen
+    assert much > 5.0 * little
+    assert unbalanced > 3.0 * balanced
+    assert 1.0 < much / unbalanced < 50.0  # a length of the order of the error

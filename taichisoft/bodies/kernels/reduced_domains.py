@@ -20,7 +20,7 @@ from taichisoft.bodies.kernels.polar_rotation import polar_rotation
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Matrices, ti, vec3
+from taichisoft.runtime.taichi_start import Integers, Matrices, mat3, ti, vec3
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque
 
 
@@ -74,11 +74,8 @@ class ReducedStiffness(NamedTuple):
 
 
 @func
-def respond(d: ti.i32, modes: ModeShapes, reduced: ReducedDomains, domains: Domains, movement: Movement):
-    """Stress and tangent of a domain in the frame of the mesh, as `respond_by_stretches` gives them."""
-    deformation, rate = deformation_and_rate(d, domains, movement)
-    inverse = modes.axes[reduced.body[d]].transpose()
-    deformation, rate = inverse @ deformation, inverse @ rate
+def respond(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains):
+    """Stress and tangent of a domain under any law, as `respond_by_stretches` gives them."""
     stress, left, right = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3)
     hessian, same, swapped = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3), vec3(0.0)
     if domains.law[d] == HOOKE:
@@ -118,7 +115,9 @@ def strain_domain(
     one: ti.i32,
 ):
     """Add a domain's force on the amplitudes, and fill its rows of S."""
-    stress, left, right, hessian, same, swapped = respond(d, modes, reduced, domains, movement)
+    deformation, rate = deformation_and_rate(d, domains, movement)
+    to_mesh = modes.axes[reduced.body[d]].transpose()
+    stress, left, right, hessian, same, swapped = respond(d, to_mesh @ deformation, to_mesh @ rate, domains)
     r00, i00 = safe_root(hessian[0, 0])
     r10, r20 = hessian[1, 0] * i00, hessian[2, 0] * i00
     r11, i11 = safe_root(hessian[1, 1] - r10 * r10)
