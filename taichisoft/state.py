@@ -46,8 +46,8 @@ class State:
             [mN], in the order of the cables with friction, shape (loss_count,).
         air_mass: mass of the air in each cavity and its line [kg], shape (cavity_count,).
         tube_air_mass: the part of it in the tube of the line [kg], shape (cavity_count,).
-        warm_air_space: space in which the air of each cavity has room temperature [mm^3]: that of the cavity and what is
-            shut in with it as a regulator last filled it, else at rest, shape (cavity_count,).
+        warm_air_space: space in which the air of each cavity has room temperature [mm^3]: that of the cavity and what
+            is shut in with it as a regulator last filled it, else at rest, shape (cavity_count,).
         air_flow: flow of air into cavity and line in the last step [kg/s], shape (cavity_count,).
         valve_request: requested openings of the valves, from -1 (to the exhaust) to 1, shape (cavity_count,).
         valve_opening: openings in the last step, after delay and response, shape (cavity_count,).

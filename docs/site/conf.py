@@ -31,7 +31,10 @@ exclude_patterns = ["docs/site/**"]
 
 myst_heading_anchors = 4  # as GitHub makes them
 myst_enable_extensions = ["attrs_block", "attrs_inline", "html_image"]
-suppress_warnings = ["misc.highlighting_failure", "myst.header"]  # pages may begin their second level where it suits them
+suppress_warnings = [
+    "misc.highlighting_failure",
+    "myst.header",
+]  # pages may begin their second level where it suits them
 pygments_style = "friendly"
 
 html_theme = "furo"

@@ -130,7 +130,9 @@ def test_chosen_domains_move_a_beam_as_all_do(block):
         simulation = Simulation(model)
         for _ in range(12):
             simulation.step(Control(gravity=30000.0 * direction))
-            states.append(RelativeMotion.of_body(body).displacement(simulation.state.position, model.places(simulation.state), 0))
+            states.append(
+                RelativeMotion.of_body(body).displacement(simulation.state.position, model.places(simulation.state), 0)
+            )
     basis = Basis(np.array(states), body.node_mass)
     forces = DomainForces(body, basis.modes[:, :, :6])
     amplitudes = basis.amplitudes[:, :6]
