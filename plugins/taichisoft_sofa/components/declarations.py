@@ -186,13 +186,14 @@ declare("MergeSets", in1=INDICES, in2=INDICES, op=(TEXT, "union"))
 
 # time and systems of equations
 
-declare(
-    "EulerImplicitSolver",
-    rayleighStiffness=(SCALAR, 0.0, FROM_0),
-    rayleighMass=(SCALAR, 0.0, FROM_0),
-    firstOrder=BOOL,
-    trapezoidalScheme=BOOL,
-)
+for _integration in ("EulerImplicitSolver", "StaticSolver"):
+    declare(
+        _integration,
+        rayleighStiffness=(SCALAR, 0.0, FROM_0),
+        rayleighMass=(SCALAR, 0.0, FROM_0),
+        firstOrder=BOOL,
+        trapezoidalScheme=BOOL,
+    )
 declare("StaticSolver", newton_iterations=INTEGER)
 declare("CGLinearSolver", threshold=(SCALAR, 1e-5, FROM_0))
 
