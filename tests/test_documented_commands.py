@@ -58,6 +58,10 @@ LEFT_OUT = {
 
 SHORTER = (
     (r"--pressure 40 --steps 5", "--pressure 2 --steps 2"),  # a pad bears no more
+    (
+        r"--set controller.settings.links=colliding",
+        "",
+    ),  # pads have no arm
     (r"--duration [\d.]+", "--duration 0.03"),
     (r"--steps \d+", "--steps 3"),
     (r"--(at|time) [\d.]+", r"--\1 0.02"),
