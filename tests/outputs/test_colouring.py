@@ -153,7 +153,7 @@ def test_different_pressures_are_all_in_the_caption(pressures, text):
     actuators = ActuatorNames({"cavity": [f"cavity {number}" for number in range(len(pressures))], "cable": ()})
     recording = SimpleNamespace(
         times=np.zeros(3), actuators=actuators, row=lambda name, frame: rows[name], last_start=0,
-        scene=SimpleNamespace(rigid_bodies=(), up=np.array([0.0, 0.0, 1.0])),
+        scene=SimpleNamespace(rigid_bodies=(), objects=(), up=np.array([0.0, 0.0, 1.0])),
     )  # fmt: skip
     assert caption_parts(recording, 1) == ["0.00 s", text]
 
