@@ -12,11 +12,13 @@ from taichisoft.actuators.cavities import CAVITIES
 from taichisoft.actuators.kind import ActuatorFigure
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.control.contact_patches import ContactPatches, LazyMapping
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.frame_motion import observed_frames
 from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
+from taichisoft.control.sensors import Sensors
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -63,19 +65,38 @@ class Observer:
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._fingertips = Fingertips(model.soft_bodies, model.frames)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
+        self._patches, self._sensors = ContactPatches(model), Sensors(model.scene)
         self._working = Lock()
         self._last: tuple[State, Observation] | None = None
 
     def observe(self, state: State) -> Observation:
-        """What a controller sees before the step that follows `state`; worked out once, copied for who asks."""
+        """What a controller sees before the step that follows `state`, through the scene's sensors."""
+        truth = self.truth(state)
+        if not self._model.scene.sensors:
+            return truth
+        shown = self._sensors.readings(self._sensors.begin(state.sensor_memory, truth), truth)
+        return replace(truth, **shown, exact=truth)
+
+    def truth(self, state: State) -> Observation:
+        """The exact observation of a state; worked out once, copied for who asks."""
         with self._working:
             if self._last is None or self._last[0] is not state:
                 self._last = state, self._work_out(state)
             return _copied(self._last[1])
 
+    def with_samples(self, state: State, start: State | None = None) -> State:
+        """The state with what its sensors remember: from the one before the step, or as they begin without one."""
+        if not self._model.scene.sensors:
+            return state
+        truth = self.truth(state)
+        if start is None:
+            return state.changed(sensor_memory=self._sensors.begin(state.sensor_memory, truth))
+        return state.changed(sensor_memory=self._sensors.after(start.sensor_memory, truth))
+
     def _work_out(self, state: State) -> Observation:
         model, tips, contacts = self._model, self._fingertips, summarise_contacts(self._model, state)
         tip_positions, tip_velocities, bending_angles = tips.observe(state)
+        patches = LazyMapping(lambda: self._patches.patches(state))
         return Observation(
             time=state.time,
             step=state.step,
@@ -95,6 +116,9 @@ class Observer:
             slip_speeds=MappingProxyType(contacts.slip_speeds),
             contact_points=contacts.points,
             contact_forces=contacts.forces,
+            contact_areas=LazyMapping(lambda: {pair: patch.area for pair, patch in patches.items()}),
+            peak_pressures=LazyMapping(lambda: {pair: patch.peak for pair, patch in patches.items()}),
+            tactile=LazyMapping(lambda: self._patches.tactile(state)) if model.scene.tactile_arrays else {},
             clipped=clipped(model, state),
             state=state,
         )

@@ -122,9 +122,9 @@ def test_no_drawn_place_lies_within_a_finger() -> None:
 
 
 def test_an_object_without_a_free_place_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("taichisoft_gym.environment.MOST_PLACES", 1)
+    monkeypatch.setattr("taichisoft_gym.episode_start.MOST_PLACES", 1)
     env = make("Grasp", randomisation={"place": 12.0})
-    with pytest.raises(SceneError, match=r"place'\] = 12: none of 1 places was free; bodies '.*' and 'cube' overlap"):
+    with pytest.raises(SceneError, match=r"place'\]: none of 1 places was free; bodies '.*' and 'cube' overlap"):
         for seed in range(12):
             env.reset(seed=seed)
 
@@ -200,9 +200,9 @@ def test_an_episode_begins_at_the_state_that_is_given() -> None:
 def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> None:
     env = make("Reach")
     env.reset(seed=0)
-    from taichisoft_gym.reach import LARGEST, tip_places
+    from taichisoft_gym.reach import LARGEST
 
-    places = tip_places(env.unwrapped._scene_text, "finger", 0.0, 60.0)
+    places = env.unwrapped.tip_places()
     target = places[round(share * (len(places) - 1))]
     env.reset(options={"target": target})
     action = 2.0 * LARGEST * round(share * (len(places) - 1)) / (len(places) - 1) - 1.0

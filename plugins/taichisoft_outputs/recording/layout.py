@@ -108,6 +108,7 @@ QUANTITIES = {
     "steps/supply_pressure": RecordedQuantity("kPa", "supply_pressure"),
     "steps/delayed_requests": RecordedQuantity("1 or kPa", "delayed_requests"),
     "steps/pull_point": RecordedQuantity("mm", "pull_point"),
+    "steps/sensor_memory": RecordedQuantity("of the quantities", "sensor_memory"),
     "steps/normal_force": RecordedQuantity("mN"),
     "steps/friction_force": RecordedQuantity("mN"),
     "steps/slip_speed": RecordedQuantity("mm/s"),
