@@ -248,7 +248,9 @@ class Model:
     @cached_property
     def _state_shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the arrays of a state, except contacts, whose number varies, and sensors, which can begin anew."""
-        names = [field.name for field in dataclasses.fields(State) if not field.name.startswith(("contact_", "sensor_"))]
+        names = [
+            field.name for field in dataclasses.fields(State) if not field.name.startswith(("contact_", "sensor_"))
+        ]
         initial = self.initial_state()
         return {name: np.shape(getattr(initial, name)) for name in names}
 

@@ -54,9 +54,7 @@ class Actuation:
         channels: name, unit, and values at -1 and 1 of each number.
     """
 
-    def __init__(
-        self, scene: Scene, pressure: tuple[float, float], travel: Travel | None, drives: Sequence[str] = ()
-    ):
+    def __init__(self, scene: Scene, pressure: tuple[float, float], travel: Travel | None, drives: Sequence[str] = ()):
         """Find the actuators.
 
         Args:

@@ -195,7 +195,9 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
 
     def achieved_goal(self, seen: Observation) -> np.ndarray:
         """Where the task is now, in the numbers of a goal, shape (goal_count,)."""
-        raise NotImplementedError(f"{type(self).__name__} has goal_channels; it needs a method achieved_goal(self, seen)")
+        raise NotImplementedError(
+            f"{type(self).__name__} has goal_channels; it needs a method achieved_goal(self, seen)"
+        )
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """Reward of goals, shape (..., goal_count): 0 within `tolerance`, else -1, shape (...)."""
@@ -206,7 +208,9 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """Points marked by `render`, such as targets [mm], shape (mark_count, 3)."""
         return np.zeros((0, 3))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Readings, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Readings, dict[str, Any]]:
         """Begin an episode.
 
         Args:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.control.observation import Pair
 from taichisoft.model import Model
 from taichisoft.state import State
@@ -44,32 +43,57 @@ class ContactPatches:
     """Finds the patches of a model's states."""
 
     def __init__(self, model: Model):
-        """Prepare the surfaces of the soft bodies."""
-        self._model = model
-        self._surfaces = [_Surface(body) for body in model.soft_bodies]
+        """Join the surfaces of the soft bodies."""
+        self._model, bodies = model, model.soft_bodies
+        sizes = [len(body.surface.nodes) for body in bodies]
+        self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        self._triangles = np.vstack(
+            [
+                np.zeros((0, 3), np.int64),
+                *(body.surface.triangles + start for body, start in zip(bodies, self._start[:-1], strict=True)),
+            ]
+        )
+        self._rest = np.vstack([np.zeros((0, 3)), *(body.surface.positions(body.mesh.nodes) for body in bodies)])
+        corners = self._triangles.ravel()
+        order, count = np.argsort(corners, kind="stable"), np.bincount(corners, minlength=len(self._rest))
+        column = np.arange(len(corners)) - np.repeat(np.cumsum(count) - count, count)
+        self._fans = np.full((len(self._rest), max(count.max(initial=0), 1)), -1)
+        self._fans[corners[order], column] = order // 3
 
     def patches(self, state: State) -> dict[Pair, ContactPatch]:
         """The patches by pair of bodies, in the scene's order; pairs of which none is soft have none."""
+        force, pairs, count = self._pressing(state), state.contact_body_pair, len(self._model.soft_bodies)
+        rows = np.flatnonzero((force > 0.0) & (pairs < count).any(axis=1))
+        if not len(rows):
+            return {}
+        # The smaller number of the two is that of a soft body: these come first.
+        placed = self._placed(state)
+        triangle, weights = self._below(placed, state.contact_point[rows], pairs[rows].min(axis=1))
+        corners, load, names = self._triangles[triangle], force[rows, None] * weights, self._model.body_names
         found: dict[Pair, ContactPatch] = {}
-        force, names = self._pressing(state), self._model.body_names
-        for first, second in np.unique(state.contact_body_pair[force > 0.0], axis=0):
-            rows = np.flatnonzero((state.contact_body_pair == (first, second)).all(axis=1) & (force > 0.0))
-            soft = next((one for one in sorted((first, second)) if one < len(self._surfaces)), None)
-            if soft is not None:
-                patch = self._surfaces[soft].patch(self._positions(state), state.contact_point[rows], force[rows])
-                found[names[first], names[second]] = patch
+        for first, second in np.unique(pairs[rows], axis=0).tolist():
+            of_pair = (pairs[rows] == (first, second)).all(axis=1)
+            vertex, place = np.unique(corners[of_pair], return_inverse=True)
+            loads = np.bincount(place.ravel(), load[of_pair].ravel(), len(vertex))
+            share = np.minimum(np.bincount(place.ravel(), weights[of_pair].ravel(), len(vertex)), 1.0)
+            area, soft = self._areas(placed, vertex), min(first, second)
+            found[names[first], names[second]] = ContactPatch(
+                names[soft], vertex - self._start[soft], loads, loads / area, float(area @ share)
+            )
         return found
 
     def tactile(self, state: State) -> dict[str, np.ndarray]:
         """Normal force on each patch of the tactile arrays [mN], by their names, of the shape of `patches`."""
-        felt, force = {}, self._pressing(state)
-        for number, surface in enumerate(self._surfaces):
-            arrays = surface.body.settings.tactile
-            touches = (state.contact_body_pair == number).any(axis=1) & (force > 0.0)
-            points = surface.rest_points(self._positions(state), state.contact_point[touches]) if arrays else None
-            for name, table in arrays.items():
+        felt, force, placed = {}, self._pressing(state), self._placed(state)
+        for number, body in enumerate(self._model.soft_bodies):
+            touches = np.flatnonzero((state.contact_body_pair == number).any(axis=1) & (force > 0.0))
+            if not body.settings.tactile:
+                continue
+            triangle, weights = self._below(placed, state.contact_point[touches], np.full(len(touches), number))
+            points = np.einsum("pk,pkd->pd", weights, self._rest[self._triangles[triangle]])
+            for name, table in body.settings.tactile.items():
                 cells = [np.linspace(low, high, n + 1) for low, high, n in zip(*table.box, table.patches, strict=True)]
-                felt[f"{surface.body.name}.{name}"] = np.histogramdd(points, cells, weights=force[touches])[0]
+                felt[f"{body.name}.{name}"] = np.histogramdd(points, cells, weights=force[touches])[0]
         return felt
 
     def _pressing(self, state: State) -> np.ndarray:
@@ -77,63 +101,47 @@ class ContactPatches:
         along: np.ndarray = np.einsum("cd,cd->c", state.contact_impulse, state.contact_normal)
         return along / self._model.scene.time.step
 
-    def _positions(self, state: State) -> np.ndarray:
-        """Where the nodes were at the start of the step, when the contacts were found [mm], shape (node_count, 3)."""
-        moved: np.ndarray = state.position - self._model.scene.time.step * state.velocity
-        return moved
+    def _placed(self, state: State) -> np.ndarray:
+        """Where the surfaces were at the start of the step, when the contacts were found [mm], (vertex_count, 3)."""
+        position = state.position - self._model.scene.time.step * state.velocity
+        bodies = self._model.soft_bodies
+        return np.vstack([np.zeros((0, 3)), *(body.surface.positions(position[body.nodes]) for body in bodies)])
 
-
-class _Surface:
-    """The surface of a soft body, and which triangles meet at each vertex."""
-
-    def __init__(self, body: SoftBody):
-        self.body, self._mapped = body, body.surface
-        self._triangles = body.surface.triangles
-        self._rest = body.surface.positions(body.mesh.nodes)
-        corners = self._triangles.ravel()
-        order, count = np.argsort(corners, kind="stable"), np.bincount(corners, minlength=len(self._rest))
-        column = np.arange(len(corners)) - np.repeat(np.cumsum(count) - count, count)
-        self._fans = np.full((len(self._rest), max(count.max(initial=0), 1)), -1)
-        self._fans[corners[order], column] = order // 3
-
-    def patch(self, position: np.ndarray, points: np.ndarray, force: np.ndarray) -> ContactPatch:
-        """The patch of contacts at points [mm], shape (count, 3), with their normal forces [mN], shape (count,)."""
-        placed = self._mapped.positions(position[self.body.nodes])
-        triangle, weights = self._below(placed, points)
-        corners = self._triangles[triangle].ravel()
-        loads = np.bincount(corners, (force[:, None] * weights).ravel(), len(placed))
-        share = np.minimum(np.bincount(corners, weights.ravel(), len(placed)), 1.0)
-        loaded = np.flatnonzero(loads > 0.0)
-        around = self._fans[loaded]
+    def _areas(self, placed: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+        """A third of the triangles at each vertex [mm^2], shape (count,)."""
+        around = self._fans[vertices]
         a, b, c = (placed[self._triangles[around, k]] for k in range(3))
         twice = np.where(around >= 0, np.linalg.norm(np.cross(b - a, c - a), axis=2), 0.0)
-        area = twice.sum(axis=1) / 6.0
-        return ContactPatch(self.body.name, loaded, loads[loaded], loads[loaded] / area, float(area @ share[loaded]))
+        area: np.ndarray = twice.sum(axis=1) / 6.0
+        return area
 
-    def rest_points(self, position: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Where the surface below points was at rest, in the mesh's coordinates [mm], shape (count, 3)."""
-        triangle, weights = self._below(self._mapped.positions(position[self.body.nodes]), points)
-        rest: np.ndarray = np.einsum("pk,pkd->pd", weights, self._rest[self._triangles[triangle]])
-        return rest
-
-    def _below(self, placed: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The triangle nearest to each point, of those at its nearest vertex, and barycentric coordinates there."""
-        from trimesh.triangles import closest_point, points_to_barycentric
-
+    def _below(self, placed: np.ndarray, points: np.ndarray, bodies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The triangle of a body nearest to each point, of those at its nearest vertex, and barycentric coordinates."""
+        nearest, row = np.zeros(len(points), np.int64), np.arange(len(points))
         if not len(points):
-            return np.zeros(0, np.int64), np.zeros((0, 3))
-        nearest = ((points[:, None] - placed) ** 2).sum(axis=2).argmin(axis=1)
+            return nearest, np.zeros((0, 3))
+        for body in np.unique(bodies):
+            own, start = bodies == body, self._start[body]
+            some = placed[start : self._start[body + 1]]
+            nearest[own] = start + ((points[own, None] - some) ** 2).sum(axis=2).argmin(axis=1)
         candidates = self._fans[nearest]
-        corners = placed[self._triangles[candidates]].reshape(-1, 3, 3)
-        repeated = np.repeat(points, candidates.shape[1], axis=0)
-        foot = closest_point(corners, repeated).reshape(*candidates.shape, 3)
-        distance = ((foot - points[:, None]) ** 2).sum(axis=2)
-        best = np.where(candidates >= 0, distance, np.inf).argmin(axis=1)
-        row = np.arange(len(points))
-        triangle = candidates[row, best]
-        weights = points_to_barycentric(placed[self._triangles[triangle]], foot[row, best])
-        weights = np.clip(weights, 0.0, 1.0)
-        return triangle, weights / weights.sum(axis=1, keepdims=True)
+        a, b, c = (placed[self._triangles[candidates, k]] for k in range(3))
+        weights = _barycentric(points[:, None], a, b, c)
+        away = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c - points[:, None]
+        distance = np.where(candidates >= 0, np.einsum("pcd,pcd->pc", away, away), np.inf)
+        best = distance.argmin(axis=1)
+        return candidates[row, best], weights[row, best]
+
+
+def _barycentric(point: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Coordinates of points projected on triangles, those beyond an edge moved onto it along the others, (..., 3)."""
+    u, v, w = b - a, c - a, point - a
+    uu, uv, vv, uw, vw = (np.einsum("...d,...d->...", *two) for two in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    determinant = np.maximum(uu * vv - uv * uv, np.finfo(float).tiny)
+    second, third = (vv * uw - uv * vw) / determinant, (uu * vw - uv * uw) / determinant
+    found = np.maximum(np.stack([1.0 - second - third, second, third], axis=-1), 0.0)
+    weights: np.ndarray = found / found.sum(axis=-1, keepdims=True)
+    return weights
 
 
 class LazyMapping(Mapping[Any, Any]):

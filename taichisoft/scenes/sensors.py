@@ -128,9 +128,7 @@ def memory_size(scene: "Scene") -> int:
     """Length of `State.sensor_memory`: seed, whether there are samples, and these; 0 without sensors."""
     if not scene.sensors:
         return 0
-    kept = (
-        sum(sensed_sizes(scene, name)) * samples_kept(one, scene.time.step) for name, one in scene.sensors.items()
-    )
+    kept = (sum(sensed_sizes(scene, name)) * samples_kept(one, scene.time.step) for name, one in scene.sensors.items())
     return 2 + sum(kept)
 
 

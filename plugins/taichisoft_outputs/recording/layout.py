@@ -112,6 +112,8 @@ QUANTITIES = {
     "steps/normal_force": RecordedQuantity("mN"),
     "steps/friction_force": RecordedQuantity("mN"),
     "steps/slip_speed": RecordedQuantity("mm/s"),
+    "steps/contact_area": RecordedQuantity("mm^2"),
+    "steps/peak_pressure": RecordedQuantity("kPa"),
     "steps/slide": RecordedQuantity("mm"),
     "steps/signals": RecordedQuantity("of the controller"),
     **dict.fromkeys(COUNTS.values(), RecordedQuantity("1")),
