@@ -1,4 +1,4 @@
-"""Scripted policies for the environments, whose scores a learned one should beat: `python -m taichisoft_gym.baselines`."""
+"""Scripted policies for the environments, whose scores learned ones should beat; printed by this module."""
 
 import argparse
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What observations of environments consist of: quantities by name, as `SoftRobotEnvironment.observations` lists them."""
+"""Quantities by name, of which the observations of environments consist."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
