@@ -18,7 +18,16 @@ from pydantic.fields import FieldInfo
 
 import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
-from taichisoft.scenes import actuators, frame_settings, rigid_body, scene, sensors, shape_settings, soft_body, table
+from taichisoft.scenes import (
+    actuators,
+    frame_settings,
+    rigid_body,
+    scene,
+    sensor_settings,
+    shape_settings,
+    soft_body,
+    table,
+)
 from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.without_effect import IGNORED
@@ -81,7 +90,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[limits]": scene.Limits,
     "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
-    "[sensors.QUANTITY]": sensors.SensorSettings,
+    "[sensors.QUANTITY]": sensor_settings.SensorSettings,
     "[appearance]": scene.Appearance,
     "[soft_bodies.NAME]": soft_body.SoftBodySettings,
     "[soft_bodies.NAME.mesh]": soft_body.BodyMesh,
@@ -90,7 +99,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
     "[[soft_bodies.NAME.forces]]": soft_body.NodalForce,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
-    "[soft_bodies.NAME.tactile.NAME]": sensors.TactileArray,
+    "[soft_bodies.NAME.tactile.NAME]": sensor_settings.TactileArray,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
     "[frames.NAME]": frame_settings.FrameSettings,

@@ -24,7 +24,7 @@ from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError, StateError, nearest
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.scene import Scene
-from taichisoft.scenes.sensors import memory_size
+from taichisoft.scenes.sensor_settings import memory_size
 from taichisoft.scenes.validation_errors import short_text
 from taichisoft.state import State
 

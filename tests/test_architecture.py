@@ -116,8 +116,8 @@ LAYERS = {
         "kinematic_chain",
     ],
     "taichisoft_gym": [
-        "__init__",
         "baselines",
+        "__init__",
         "vector",
         "carry",
         "grasp",
@@ -129,7 +129,7 @@ LAYERS = {
         "places",
         "environment_page",
         "prepared",
-        "quantities",
+        "observed_quantities",
         "changed_scene",
         "pressures",
         "randomisation",

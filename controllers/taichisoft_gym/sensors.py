@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from gymnasium.utils import RecordConstructorArgs
 
-from taichisoft_gym import quantities
+from taichisoft_gym import observed_quantities
 from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
 
 
@@ -36,21 +36,21 @@ class ContactForces(Sensor):
     """Adds the normal force of each finger on the object [mN], up to `highest`."""
 
     def __init__(self, env: Any, highest: float = 5000.0):
-        super().__init__(env, quantities.contact_force(env, highest), highest=highest)
+        super().__init__(env, observed_quantities.contact_force(env, highest), highest=highest)
 
 
 class Bending(Sensor):
     """Adds the bending angle of each finger [rad], from 0 to pi."""
 
     def __init__(self, env: Any):
-        super().__init__(env, quantities.bending(env))
+        super().__init__(env, observed_quantities.bending(env))
 
 
 class Flows(Sensor):
     """Adds the flow of air into each cavity [mm^3/s], from -`highest` to `highest`."""
 
     def __init__(self, env: Any, highest: float = 200e3):
-        super().__init__(env, quantities.flow(env, highest), highest=highest)
+        super().__init__(env, observed_quantities.flow(env, highest), highest=highest)
 
 
 class Camera(gymnasium.ObservationWrapper[dict[str, np.ndarray], np.ndarray, np.ndarray], RecordConstructorArgs):

@@ -1,4 +1,3 @@
-from .contact_patches import ContactPatch as ContactPatch
 from .contact_patches import ContactPatches as ContactPatches
 from .contact_summary import ContactSummary as ContactSummary
 from .contact_summary import summarise_contacts as summarise_contacts
@@ -10,4 +9,4 @@ from .keys import KeyEvent as KeyEvent
 from .observation import Observation as Observation
 from .observation import Pair as Pair
 from .observed_figures import find_figure as find_figure
-from .sensors import SensorChain as SensorChain
+from .sensor_chain import SensorChain as SensorChain

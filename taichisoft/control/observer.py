@@ -18,7 +18,7 @@ from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.frame_motion import observed_frames
 from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
-from taichisoft.control.sensors import Sensors
+from taichisoft.control.sensor_chain import Sensors
 from taichisoft.model import Model
 from taichisoft.state import State
 

@@ -10,7 +10,7 @@ from taichisoft.scenes.actuators import ActuatorLimits
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.frame_settings import BASE, FrameSettings
 from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, ObstacleSettings, RigidBodySettings
-from taichisoft.scenes.sensors import SensedQuantity, SensorSettings, TactileArray, check_times
+from taichisoft.scenes.sensor_settings import SensedQuantity, SensorSettings, TactileArray, check_times
 from taichisoft.scenes.soft_body import SoftBodySettings
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector
 

@@ -9,7 +9,7 @@ from taichisoft.scenes.actuators import ActuatorTables
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.elastic_law import Law, check_coefficients, initial_shear_modulus
 from taichisoft.scenes.material import ELASTICITY, Material, with_material
-from taichisoft.scenes.sensors import TactileArray
+from taichisoft.scenes.sensor_settings import TactileArray
 from taichisoft.scenes.table import (
     Groups,
     KeySets,

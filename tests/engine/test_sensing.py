@@ -9,10 +9,10 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
-from taichisoft.control.sensors import SensorChain
+from taichisoft.control.sensor_chain import SensorChain
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes.sensors import SensorSettings
+from taichisoft.scenes.sensor_settings import SensorSettings
 from taichisoft.state import State
 
 SIZE = 4000

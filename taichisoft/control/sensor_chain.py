@@ -15,7 +15,7 @@ import numpy as np
 from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.control.observation import Observation
 from taichisoft.scenes.scene import Scene
-from taichisoft.scenes.sensors import SensorSettings, memory_size, samples_kept, sensed_names, sensed_sizes
+from taichisoft.scenes.sensor_settings import SensorSettings, memory_size, samples_kept, sensed_names, sensed_sizes
 
 PLURALS = {"air_mass": "air_masses", "tactile": "tactile", "contact_area": "contact_areas"}
 IN_BASE = {"base_force": "base_force_in_base", "base_torque": "base_torque_in_base"}

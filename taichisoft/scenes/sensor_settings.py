@@ -1,15 +1,12 @@
 """Sensors of a scene: what disturbs the figures that controllers see, and arrays of patches that feel forces."""
 
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from taichisoft.scenes.table import NotNegative, Table, Vector
-
-if TYPE_CHECKING:
-    from taichisoft.scenes.scene import Scene
 
 Probability = Annotated[float, Field(strict=True, ge=0.0, le=1.0)]
 Count = Annotated[int, Field(strict=True, ge=1, le=1000)]
@@ -91,7 +88,7 @@ class TactileArray(Table):
         return self
 
 
-def sensed_names(scene: "Scene", quantity: SensedQuantity) -> list[tuple[str, ...] | str]:
+def sensed_names(scene: Any, quantity: SensedQuantity) -> list[tuple[str, ...] | str]:
     """Names of a quantity's values in an observation of a scene; of the base there is one without a name."""
     if quantity.startswith("base_"):
         return [""]
@@ -110,7 +107,7 @@ def sensed_names(scene: "Scene", quantity: SensedQuantity) -> list[tuple[str, ..
     return [*pairs, *((one, other) for one in moving for other in still)]
 
 
-def sensed_sizes(scene: "Scene", quantity: SensedQuantity) -> list[int]:
+def sensed_sizes(scene: Any, quantity: SensedQuantity) -> list[int]:
     """Number of numbers of each of the values that `sensed_names` names."""
     if quantity == "tactile":
         return [one.patch_count for one in scene.tactile_arrays.values()]
@@ -124,7 +121,7 @@ def samples_kept(sensor: SensorSettings, time_step: float) -> int:
     return 1 + -(-round(sensor.delay / time_step) // period)
 
 
-def memory_size(scene: "Scene") -> int:
+def memory_size(scene: Any) -> int:
     """Length of `State.sensor_memory`: seed, whether there are samples, and these; 0 without sensors."""
     if not scene.sensors:
         return 0
@@ -132,7 +129,7 @@ def memory_size(scene: "Scene") -> int:
     return 2 + sum(kept)
 
 
-def check_times(scene: "Scene") -> None:
+def check_times(scene: Any) -> None:
     """Raise ValueError where a sensor's times are not whole multiples of the time step, or it measures nothing."""
     for name, sensor in scene.sensors.items():
         for key in ("period", "delay"):

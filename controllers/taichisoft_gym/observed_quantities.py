@@ -1,16 +1,16 @@
-"""Quantities by name, of which the observations of environments consist."""
+"""Quantities by name, of which the observations of environments consist.
+
+Each function takes a `SoftRobotEnvironment`, or an environment around it.
+"""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from taichisoft.control import Observation
 from taichisoft_gym.actuation import AXES
 from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
-
-if TYPE_CHECKING:
-    from taichisoft_gym.environment import SoftRobotEnvironment
 
 
 def by_finger(env: Any, name: str, unit: str, high: float, read: Callable[[Observation, str], float]) -> ChannelGroup:
@@ -63,36 +63,36 @@ def tactile(env: Any, highest: float = 1000.0) -> ChannelGroup:
     )
 
 
-def _of_base(env: "SoftRobotEnvironment") -> ChannelGroup:
+def _of_base(env: Any) -> ChannelGroup:
     low, high = (np.zeros(3), np.zeros(3)) if env.travel is None else (env.travel.low, env.travel.high)
     channels = [Channel(f"base {axis}", "mm", a - 1.0, b + 1.0) for axis, a, b in zip(AXES, low, high, strict=True)]
     return ChannelGroup(tuple(channels), lambda seen: env.axes @ seen.base_translation)
 
 
-def _of_object(env: "SoftRobotEnvironment") -> ChannelGroup:
+def _of_object(env: Any) -> ChannelGroup:
     return ChannelGroup(symmetric("object", "mm", 200.0, AXES), env.way_of_object)
 
 
-def _object_velocity(env: "SoftRobotEnvironment") -> ChannelGroup:
+def _object_velocity(env: Any) -> ChannelGroup:
     name = env.object
     return ChannelGroup(
         symmetric("object velocity", "mm/s", 1000.0, AXES), lambda seen: env.axes @ seen.object_velocities[name]
     )
 
 
-def _tip(env: "SoftRobotEnvironment") -> ChannelGroup:
+def _tip(env: Any) -> ChannelGroup:
     finger = env.finger
     return ChannelGroup(symmetric("tip", "mm", 200.0, AXES), lambda seen: env.axes @ seen.tip_positions[finger])
 
 
-def _tip_velocity(env: "SoftRobotEnvironment") -> ChannelGroup:
+def _tip_velocity(env: Any) -> ChannelGroup:
     finger = env.finger
     return ChannelGroup(
         symmetric("tip velocity", "mm/s", 1000.0, AXES), lambda seen: env.axes @ seen.tip_velocities[finger]
     )
 
 
-def _way_to_goal(env: "SoftRobotEnvironment") -> ChannelGroup:
+def _way_to_goal(env: Any) -> ChannelGroup:
     channels = tuple(
         Channel(f"way to the target {one.name.rpartition(' ')[2]}", one.unit, -env.goal_reach, env.goal_reach)
         for one in env.goal_channels
@@ -100,7 +100,7 @@ def _way_to_goal(env: "SoftRobotEnvironment") -> ChannelGroup:
     return ChannelGroup(channels, lambda seen: env.desired_goal - env.achieved_goal(seen))
 
 
-QUANTITIES: dict[str, Callable[["SoftRobotEnvironment"], ChannelGroup]] = {
+QUANTITIES: dict[str, Callable[[Any], ChannelGroup]] = {
     "actuators": lambda env: ChannelGroup(env.actuation.actuator_channels, env.actuation.read),
     "tip": _tip,
     "tip velocity": _tip_velocity,
