@@ -42,7 +42,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         actions: what actions drive: "pressure", "volume_growth", "valve", "cable_tension", "cable_pull"; of an actuator
             the first that it can be driven by. Empty: the usual one of every actuator.
         travel: range and speed of the base; None: it stands still.
-        observations: what is observed, by the names of `taichisoft_gym.observed_quantities.QUANTITIES`, or functions of the
+        observations: what is observed, by the names of `observed_quantities.QUANTITIES`, or functions of the
             environment that return a `ChannelGroup`.
         goal_channels: name, unit and range of each number of a goal; empty: the task has no goal.
         goal_reach: range of "way to the target" in each direction.

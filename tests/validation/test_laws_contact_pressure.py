@@ -34,9 +34,9 @@ def rubber(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_ball_presses_a_block_as_hertz_says(rubber: Path, figures: Figures) -> None:
     """F = 4/3 E* sqrt(R) d^1.5 gives a^3 = 3 F R / (4 E*), the area pi a^2 and the peak 3 F / (2 pi a^2) (Hertz 1882).
 
-    A pressure at a vertex is that of the triangles around it, which regular tetrahedra share out unevenly: with elements
-    of a sixth of the radius the area is 23 % too small and the peak 28 % too high, with finer ones (12 x 12 x 6,
-    an eighth of it) 15 and 8 %.
+    A pressure at a vertex is that of the triangles around it, which regular tetrahedra share out unevenly: with
+    elements of a sixth of the radius the area is 23 % too small and the peak 28 % too high, with finer ones (12 x 12
+    x 6, an eighth of it) 15 and 8 %.
     """
     body = {
         "mesh": str(rubber),
