@@ -111,6 +111,9 @@ def reload_plugin(name: str) -> None:
     modules = {one: sys.modules[one] for one in list(sys.modules) if f"{one}.".startswith(f"{module_name}.")}
     for one in modules:
         del sys.modules[one]
+    for code in path.rglob("*.py") if path.is_dir() else [path]:
+        # Byte code counts as that of a file of the same second and size.
+        Path(importlib.util.cache_from_source(str(code))).unlink(missing_ok=True)
     importlib.invalidate_caches()
     origin = registry.origins[name]
     registry.remove(name)

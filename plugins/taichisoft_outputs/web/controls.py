@@ -12,8 +12,8 @@ from taichisoft_outputs.web.page_messages import SHOWN_ONLY, PageSetup, Snapshot
 MOVED_BY_VIEWER = 0.5
 """For so long [s] a slider that a viewer has moved is not set back to what the run has not heard of yet."""
 
-MOST_OPEN = 12
-"""A folder with more sliders is closed at first."""
+MOST_ABOVE = 12
+"""A folder with more sliders stands below the plots."""
 
 LABELS = {"up": "↑ up", "down": "↓ down", "left": "← left", "right": "→ right"}
 
@@ -66,7 +66,8 @@ class Controls:
         setup = self._setup
         for number, group in enumerate(dict.fromkeys(one.group for one in first.sliders.values())):
             some = {name: one for name, one in first.sliders.items() if one.group == group}
-            with self._gui.add_folder(group, order=1.0 + 0.01 * number, expand_by_default=len(some) <= MOST_OPEN):
+            order = (1.0 if len(some) <= MOST_ABOVE else 200.0) + 0.01 * number
+            with self._gui.add_folder(group, order=order):
                 for name, slider in some.items():
                     self._add_slider(name, slider)
         if setup.controller_bindings:
