@@ -21,6 +21,7 @@ from taichisoft.plugin_system import hook_names, hookspecs
 from taichisoft.scenes import (
     actuators,
     frame_settings,
+    pattern,
     rigid_body,
     scene,
     sensor_settings,
@@ -71,8 +72,9 @@ SCENES = f"""# Scenes
 
 A scene is a TOML file. Units are millimetre, kilogram and second: forces in mN, pressures and moduli in kPa.
 Files are looked for beside the scene, in the current folder, and among what ships. A soft body may say
-`like = "other"` to take over everything that it does not set itself from a soft body above it. `taichisoft run`
-writes the resolved scene, with every default filled in, to `scene.toml` in its output folder.
+`like = "other"` to take over everything that it does not set itself from a soft body above it. A soft or rigid body
+with a table `pattern` stands for several in a circle. `taichisoft run` writes the
+resolved scene, with every default filled in, to `scene.toml` in its output folder.
 """
 SOFA = f"""# Components of SOFA
 
@@ -99,6 +101,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
     "[[soft_bodies.NAME.forces]]": soft_body.NodalForce,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
+    "[soft_bodies.NAME.pattern], [rigid_bodies.NAME.pattern]": pattern.CircularPattern,
     "[soft_bodies.NAME.tactile.NAME]": sensor_settings.TactileArray,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
