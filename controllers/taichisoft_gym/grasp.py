@@ -1,13 +1,14 @@
 """Grasp-v0: a gripper closes on an object, lifts it and holds it."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from taichisoft.control import Observation
 from taichisoft.state import State
 from taichisoft_gym.actuation import Travel
-from taichisoft_gym.environment import SoftRobotEnvironment
+from taichisoft_gym.environment import Quantity, SoftRobotEnvironment
 
 LOST = 80.0
 """Horizontal distance of the object beyond the range of the base, after which it is lost [mm]."""
@@ -23,7 +24,7 @@ class GripperEnvironment(SoftRobotEnvironment):
     """Base class of tasks with a gripper and an object."""
 
     travel: Travel
-    observations = ("actuators", "base", "object", "object velocity")
+    observations: ClassVar[Sequence[Quantity]] = ("actuators", "base", "object", "object velocity")
 
     def touching(self, seen: Observation) -> float:
         """Share of the fingers that press the object [-]."""

@@ -72,7 +72,8 @@ class Randomisation:
         for name, between in ranges.items():
             if between is not None:
                 usual = scene_friction if name == "friction" else 1.0
-                drawn[name] = random.uniform(*((1.0 - difficulty) * usual + difficulty * end for end in between))
+                low, high = ((1.0 - difficulty) * usual + difficulty * end for end in between)
+                drawn[name] = random.uniform(low, high)
         return drawn | self.draw_place(random, difficulty)
 
     def draw_place(self, random: np.random.Generator, difficulty: float = 1.0) -> Drawn:

@@ -31,6 +31,7 @@ ARRAYS_BY_NAME = (
     "object_angular_velocities",
     "contact_points",
     "contact_forces",
+    "tactile",
     "frame_translations",
     "frame_rotations",
     "frame_forces",
@@ -165,7 +166,9 @@ def _copied(seen: Observation) -> Observation:
     own: dict[str, Any] = {
         name: MappingProxyType({key: values.copy() for key, values in getattr(seen, name).items()})
         for name in ARRAYS_BY_NAME
+        if name != "tactile"
     }
+    own["tactile"] = LazyMapping(lambda: {name: values.copy() for name, values in seen.tactile.items()})
     own |= {name: getattr(seen, name).copy() for name in ARRAYS_OF_BASE}
     return replace(seen, **own)
 

@@ -94,6 +94,7 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
         "cables": len(file["steps"].attrs["cables"]),
         "rubbing_points": 5,
         "delayed_steps": 0,
+        "sensor_numbers": 7,
         "pairs": len(file["steps"].attrs["pairs"]),
         "carriers": len(file["frames"].attrs["names"]),
     }

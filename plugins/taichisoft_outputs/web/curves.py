@@ -81,16 +81,20 @@ class History:
         row[-1] -= self._start
         # The newest point always shows; it gives way to the next if it is too near to the one before.
         if len(self.times) > 1 and self.times[-1] - self.times[-2] < WINDOW / MOST_POINTS:
-            for kept in (self.times, self.rows, *self.signals.values()):
-                kept.pop()
+            self._remove(-1)
         self.times.append(frame.time)
         self.rows.append(row)
         for name in dict.fromkeys((*self.signals, *frame.signals)):
             values = self.signals.setdefault(name, [np.nan] * (len(self.times) - 1))
             values.append(frame.signals.get(name, np.nan))
         while self.times[-1] - self.times[0] > WINDOW:
-            for kept in (self.times, self.rows, *self.signals.values()):
-                kept.pop(0)
+            self._remove(0)
+
+    def _remove(self, index: int) -> None:
+        """Remove a frame."""
+        del self.times[index], self.rows[index]
+        for values in self.signals.values():
+            del values[index]
 
 
 class Curves:
@@ -99,7 +103,8 @@ class Curves:
     def __init__(self, gui: Any, content: PageScene):
         """Add empty plots to a panel of viser."""
         shown, soft = content.scene.main_object, tuple(content.scene.soft_bodies)
-        self._gui, self._signals = gui, {}  # type: Any, dict[str, Any]
+        self._gui, self._folder = gui, None  # type: Any, Any
+        self._signals: dict[str, Any] = {}
         start, self._plots = 0, []
         pressing = soft if shown is not None else ()
         is_carried = any(body.anchors for body in content.scene.soft_bodies.values())
@@ -125,8 +130,9 @@ class Curves:
             plot.data = (times, *rows.T[columns])
         for name, values in (signals or {}).items():
             if name not in self._signals:
-                with self._gui.add_folder("signals", order=101.0) if not self._signals else self._folder as folder:
-                    self._folder = folder
+                if self._folder is None:
+                    self._folder = self._gui.add_folder("signals", order=101.0)
+                with self._folder:
                     self._signals[name] = _add_plot(self._gui, name, (name,))
             signal = np.array(values, float)
             is_there = np.isfinite(signal)  # a plot with NaN in it has no scale

@@ -141,7 +141,7 @@ def snapshot(session: "Session", state: "State", patches: ContactPatches | None 
         lines=lines,
         contact_points=state.contact_point,
         contact_forces=state.contact_impulse / model.scene.time.step,
-        plotted=plotted_row(model.scene, efforts, forces, peaks, state.base_wrench, state.rigid_position),
+        plotted=plotted_row(model.scene, efforts, forces, peaks, state.frame_wrench[0], state.rigid_position),
         signals=dict(report.signals) if report is not None else {},
         sliders=_sliders(session, state),
         paused=session.paused,

@@ -22,7 +22,7 @@ SECONDS_BETWEEN_LOOKS = 1.0
 PLOTTED = (
     "normal_force",
     "peak_pressure",
-    "base_wrench",
+    "frame_wrench",
     "rigid_position",
     *(kind.effort.name for kind in ACTUATOR_KINDS),
 )
@@ -211,4 +211,6 @@ def _plotted_row(
     *efforts: np.ndarray,
 ) -> np.ndarray:
     forces_by_pair, peaks_by_pair = (dict(zip(recording.pairs, one.tolist(), strict=True)) for one in (forces, peaks))
-    return plotted_row(recording.scene, np.concatenate(efforts).tolist(), forces_by_pair, peaks_by_pair, wrench, places)
+    return plotted_row(
+        recording.scene, np.concatenate(efforts).tolist(), forces_by_pair, peaks_by_pair, wrench[0], places
+    )
