@@ -53,7 +53,7 @@ SECTIONS = {
     "Planning": ["rollouts", "Rollouts", "equilibrium", "Equilibrium", "Linearisation", "inverse", "InverseSolution"],
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
     "Plug-ins": [
-        *("hookimpl", "RunOption", "Renderer", "group_with_default"),
+        *("hookimpl", "RunOption", "Renderer", "CameraFrame", "CameraView", "group_with_default"),
         *("load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"),
     ],
 }
@@ -93,6 +93,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
     "[sensors.QUANTITY]": sensor_settings.SensorSettings,
+    "[cameras.NAME]": sensor_settings.CameraSettings,
     "[appearance]": scene.Appearance,
     "[soft_bodies.NAME]": soft_body.SoftBodySettings,
     "[soft_bodies.NAME.mesh]": soft_body.BodyMesh,

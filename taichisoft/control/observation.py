@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -68,6 +69,8 @@ class Observation:
             "body.array".
         clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
             "base_translation" and "base_rotation", and so on for other frames.
+        cameras: what the scene's cameras see, a `CameraFrame` by name, drawn when it is looked at; empty in an
+            observation of a `TimeStepper` alone.
         exact: the same without the scene's `[sensors]`, which disturb the fields above; None where there are none, or
             in an exact observation. `truth` is one of both.
         state: the complete state that all the above was worked out from, read-only, for controllers that need every
@@ -116,6 +119,7 @@ class Observation:
     peak_pressures: Mapping[Pair, float] = field(default_factory=dict)
     tactile: Mapping[str, np.ndarray] = field(default_factory=dict)
     clipped: tuple[str, ...] = ()
+    cameras: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     exact: "Observation | None" = field(default=None, repr=False)
     state: State | None = field(default=None, repr=False, compare=False)
 

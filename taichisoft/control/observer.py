@@ -1,7 +1,8 @@
 """What a controller sees, worked out from a state."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from threading import Lock
 from types import MappingProxyType
 from typing import Any
@@ -16,6 +17,7 @@ from taichisoft.control.contact_patches import ContactPatches, LazyMapping
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.frame_motion import observed_frames
+from taichisoft.control.lazy_values import LazyValues
 from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
 from taichisoft.control.sensor_chain import Sensors
@@ -67,6 +69,7 @@ class Observer:
         self._fingertips = Fingertips(model.soft_bodies, model.frames)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
         self._patches, self._sensors = ContactPatches(model), Sensors(model.scene)
+        self.look: Callable[[State, str], Any] | None = None
         self._working = Lock()
         self._last: tuple[State, Observation] | None = None
 
@@ -120,6 +123,7 @@ class Observer:
             contact_areas=LazyMapping(lambda: {pair: patch.area for pair, patch in patches.items()}),
             peak_pressures=LazyMapping(lambda: {pair: patch.peak for pair, patch in patches.items()}),
             tactile=LazyMapping(lambda: self._patches.tactile(state)) if model.scene.tactile_arrays else {},
+            cameras={} if self.look is None else LazyValues(model.scene.cameras, partial(self.look, state)),
             clipped=clipped(model, state),
             state=state,
         )

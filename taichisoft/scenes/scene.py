@@ -10,7 +10,13 @@ from taichisoft.scenes.actuators import ActuatorLimits
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.frame_settings import BASE, FrameSettings
 from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, ObstacleSettings, RigidBodySettings
-from taichisoft.scenes.sensor_settings import SensedQuantity, SensorSettings, TactileArray, check_times
+from taichisoft.scenes.sensor_settings import (
+    CameraSettings,
+    SensedQuantity,
+    SensorSettings,
+    TactileArray,
+    check_sensors,
+)
 from taichisoft.scenes.soft_body import SoftBodySettings
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector
 
@@ -241,6 +247,7 @@ class Scene(Table):
     external_forces: list[ExternalForce] = []
     goal: Goal | None = None
     sensors: dict[SensedQuantity, SensorSettings] = {}
+    cameras: dict[Name, CameraSettings] = {}
     appearance: Appearance = Appearance()
     soft_bodies: dict[Name, SoftBodySettings] = {}
     rigid_bodies: dict[Name, RigidBodySettings] = {}
@@ -314,7 +321,7 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _check_sensors(self) -> Self:
-        check_times(self)
+        check_sensors(self)
         return self
 
     @model_validator(mode="after")

@@ -88,6 +88,25 @@ class TactileArray(Table):
         return self
 
 
+class CameraSettings(Table):
+    """A camera that controllers see through."""
+
+    eye: Vector
+    """Where it stands [mm]."""
+    target: Vector
+    """What it looks at [mm]; against gravity is up in its picture."""
+    size: tuple[Annotated[int, Field(ge=8, le=4096)], Annotated[int, Field(ge=8, le=4096)]] = (160, 120)
+    """Width and height of the picture [pixels]."""
+    follows: str | None = None
+    """Frame that carries it, "base" or one of `frames`: eye, target and picture move with it; else it stands still."""
+
+    @model_validator(mode="after")
+    def _check_direction(self) -> Self:
+        if self.eye == self.target:
+            raise ValueError(f"eye and target are one point, {list(self.eye)}: the camera would look nowhere")
+        return self
+
+
 def sensed_names(scene: Any, quantity: SensedQuantity) -> list[tuple[str, ...] | str]:
     """Names of a quantity's values in an observation of a scene; of the base there is one without a name."""
     if quantity.startswith("base_"):
@@ -129,8 +148,12 @@ def memory_size(scene: Any) -> int:
     return 2 + sum(kept)
 
 
-def check_times(scene: Any) -> None:
-    """Raise ValueError where a sensor's times are not whole multiples of the time step, or it measures nothing."""
+def check_sensors(scene: Any) -> None:
+    """Raise ValueError where times of a sensor are no multiples of the step, or where it measures or follows nothing."""
+    for name, camera in scene.cameras.items():
+        if camera.follows is not None and camera.follows not in scene.all_frames:
+            there_are = ", ".join(scene.all_frames)
+            raise ValueError(f"cameras.{name}.follows = '{camera.follows}': must be a frame; there are: {there_are}")
     for name, sensor in scene.sensors.items():
         for key in ("period", "delay"):
             count = getattr(sensor, key) / scene.time.step
