@@ -149,7 +149,7 @@ def memory_size(scene: Any) -> int:
 
 
 def check_sensors(scene: Any) -> None:
-    """Raise ValueError where times of a sensor are no multiples of the step, or where it measures or follows nothing."""
+    """Raise ValueError where a sensor's times are no multiples of the step, or it measures or follows nothing."""
     for name, camera in scene.cameras.items():
         if camera.follows is not None and camera.follows not in scene.all_frames:
             there_are = ", ".join(scene.all_frames)

@@ -13,7 +13,7 @@ CAMERA = "cameras.eye={eye=[0.0, 60.0, 40.0], target=[0.0, 0.0, 5.2], size=[96, 
 
 
 def test_a_pixel_leads_to_the_surface_that_it_says() -> None:
-    """K^-1 (u, v, 1) depth, turned into the world, is a point of the body that is seen: of the cube, of the floor z = 0.
+    """K^-1 (u, v, 1) depth, turned into the world, is a point of the body that is seen: cube, or floor at z = 0.
 
     Depth has 24 bits or so between the planes near and far, and a pixel's middle is where the surface is.
     """
@@ -45,7 +45,7 @@ def test_a_pixel_leads_to_the_surface_that_it_says() -> None:
 def test_cameras_that_make_no_sense_are_refused() -> None:
     with pytest.raises(SceneError, match="eye and target are one point"):
         load_scene(TINY_GRIPPER, ["cameras.eye={eye=[0, 0, 0], target=[0, 0, 0]}"])
-    with pytest.raises(SceneError, match="cameras.eye.follows = 'arm': must be a frame; there are: base"):
+    with pytest.raises(SceneError, match=r"cameras\.eye\.follows = 'arm': must be a frame; there are: base"):
         load_scene(TINY_GRIPPER, ["cameras.eye={eye=[0, 0, 1], target=[0, 0, 0], follows='arm'}"])
     simulation = Simulation(load_scene(TINY_GRIPPER, [CAMERA]))
     with pytest.raises(SceneError, match="there is no 'eve'; did you mean 'eye'"):
