@@ -18,7 +18,17 @@ from pydantic.fields import FieldInfo
 
 import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
-from taichisoft.scenes import actuators, frame_settings, rigid_body, scene, shape_settings, soft_body, table
+from taichisoft.scenes import (
+    actuators,
+    frame_settings,
+    pattern,
+    rigid_body,
+    scene,
+    sensor_settings,
+    shape_settings,
+    soft_body,
+    table,
+)
 from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.without_effect import IGNORED
@@ -43,7 +53,7 @@ SECTIONS = {
     "Planning": ["rollouts", "Rollouts", "equilibrium", "Equilibrium", "Linearisation", "inverse", "InverseSolution"],
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
     "Plug-ins": [
-        *("hookimpl", "RunOption", "Renderer", "group_with_default"),
+        *("hookimpl", "RunOption", "Renderer", "CameraFrame", "CameraView", "group_with_default"),
         *("load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"),
     ],
 }
@@ -62,8 +72,9 @@ SCENES = f"""# Scenes
 
 A scene is a TOML file. Units are millimetre, kilogram and second: forces in mN, pressures and moduli in kPa.
 Files are looked for beside the scene, in the current folder, and among what ships. A soft body may say
-`like = "other"` to take over everything that it does not set itself from a soft body above it. `taichisoft run`
-writes the resolved scene, with every default filled in, to `scene.toml` in its output folder.
+`like = "other"` to take over everything that it does not set itself from a soft body above it. A soft or rigid body
+with a table `pattern` stands for several in a circle. `taichisoft run` writes the
+resolved scene, with every default filled in, to `scene.toml` in its output folder.
 """
 SOFA = f"""# Components of SOFA
 
@@ -81,6 +92,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "[limits]": scene.Limits,
     "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
+    "[sensors.QUANTITY]": sensor_settings.SensorSettings,
+    "[cameras.NAME]": sensor_settings.CameraSettings,
     "[appearance]": scene.Appearance,
     "[soft_bodies.NAME]": soft_body.SoftBodySettings,
     "[soft_bodies.NAME.mesh]": soft_body.BodyMesh,
@@ -89,6 +102,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
     "[[soft_bodies.NAME.forces]]": soft_body.NodalForce,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
+    "[soft_bodies.NAME.pattern], [rigid_bodies.NAME.pattern]": pattern.CircularPattern,
+    "[soft_bodies.NAME.tactile.NAME]": sensor_settings.TactileArray,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
     "[frames.NAME]": frame_settings.FrameSettings,

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from taichisoft.plugin_system.plugins import load_plugins_folder as load_plugins_folder
     from taichisoft.plugin_system.plugins import register_plugin as register_plugin
     from taichisoft.plugin_system.plugins import unregister_plugin as unregister_plugin
+    from taichisoft.plugin_system.renderer import CameraFrame as CameraFrame
+    from taichisoft.plugin_system.renderer import CameraView as CameraView
     from taichisoft.plugin_system.renderer import Renderer as Renderer
     from taichisoft.running.loop import run as run
     from taichisoft.scenes.scene import Scene as Scene
@@ -68,7 +70,7 @@ _NAMES = {
     "plugin_system.geometry": ["Geometry"],
     "plugin_system.hookspecs": ["RunOption", "hookimpl"],
     "plugin_system.plugins": ["load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"],
-    "plugin_system.renderer": ["Renderer"],
+    "plugin_system.renderer": ["CameraFrame", "CameraView", "Renderer"],
     "running.loop": ["run"],
     "scenes.scene": ["Scene"],
     "session.output": ["Output"],

@@ -24,6 +24,7 @@ from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError, StateError, nearest
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.scene import Scene
+from taichisoft.scenes.sensor_settings import memory_size
 from taichisoft.scenes.validation_errors import short_text
 from taichisoft.state import State
 
@@ -136,6 +137,7 @@ class Model:
             actuator_value=actuators.rest_value.copy(),
             actuator_loss=np.zeros(actuators.count - count),
             **actuators.start(),
+            sensor_memory=np.zeros(memory_size(self.scene)),
             contact_body_pair=np.zeros((0, 2), dtype=np.int32),
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),
@@ -245,8 +247,10 @@ class Model:
 
     @cached_property
     def _state_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the arrays of a state, except contacts, whose number varies."""
-        names = [field.name for field in dataclasses.fields(State) if not field.name.startswith("contact_")]
+        """Shapes of the arrays of a state, except contacts, whose number varies, and sensors, which can begin anew."""
+        names = [
+            field.name for field in dataclasses.fields(State) if not field.name.startswith(("contact_", "sensor_"))
+        ]
         initial = self.initial_state()
         return {name: np.shape(getattr(initial, name)) for name in names}
 

@@ -55,6 +55,8 @@ class State:
         delayed_requests: openings or pressures [kPa] that were asked for and have had no effect yet, the oldest first,
             shape (cavity_count, longest delay in steps).
         pull_point: positions of the pull points before their frames moved them [mm], shape (cable_count, 3).
+        sensor_memory: seed of the scene's sensors, 1 once they have samples, and these, sensor by sensor, the oldest
+            first; empty without sensors.
         contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
         contact_point: midpoint of each contact at its detection [mm], shape (contact_count, 3).
         contact_normal: unit vector from the first body to the second, shape (contact_count, 3).
@@ -93,6 +95,7 @@ class State:
     supply_pressure: np.ndarray
     delayed_requests: np.ndarray
     pull_point: np.ndarray
+    sensor_memory: np.ndarray
     contact_body_pair: np.ndarray
     contact_point: np.ndarray
     contact_normal: np.ndarray

@@ -58,6 +58,7 @@ class TimeStepper:
         self._observer = Observer(model)
         self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
         self._imbalance: Imbalance | None = None
+        self.state = self._observer.with_samples(self.state)
 
     def restore(self, state: State) -> None:
         """Continue from a state of this model, such as an earlier one or one read from a file.
@@ -66,7 +67,7 @@ class TimeStepper:
             StateError: the state belongs to another model, or has a value that is not finite.
         """
         self.model.check(state)
-        self.state = state
+        self.state = self._observer.with_samples(state)
 
     def change_model(self, model: Model) -> None:
         """Continue with a variant of the model, see `Model.varied`; the state is unchanged.
@@ -99,6 +100,7 @@ class TimeStepper:
         gradient = self._geometry.gradient.soft.copy() if self._has_reduced_bodies else None
         end = self._integrate(start, solution, shift, reported)
         self._divergence_check.check(start, end)
+        end = self._observer.with_samples(end, start)
         self.state = end
         self.report = self._make_report(problem, solution, shift, end, control, started)
         if gradient is not None:
@@ -242,7 +244,7 @@ class TimeStepper:
             converged=residual < settings.contact.tolerance and missed <= settings.time.newton_tolerance,
             signals=dict(control.signals),
             step_time=time.perf_counter() - started,
-            observe=partial(self._observer.observe, end),
+            observe=partial(self._observer.truth, end),
             deepest=(names[deepest[0]], names[deepest[1]]) if deepest else None,
             inverted_elements=self._divergence_check.inverted,
             linearisations=solution.linearisations,

@@ -10,14 +10,35 @@ import lazy_loader
 from taichisoft.optional_packages import extra, require
 
 if TYPE_CHECKING:
-    from taichisoft_gym.disturbances import Bias, Delayed, Noise, Quantised, Sampled
+    from taichisoft_gym.actuation import Travel
+    from taichisoft_gym.channels import Channel, ChannelGroup
+    from taichisoft_gym.disturbances import Bias, Delayed, Dropout, Noise, Quantised, Sampled
+    from taichisoft_gym.environment import SoftRobotEnvironment
     from taichisoft_gym.sensors import Bending, Camera, ContactForces, Flows
 
-__all__ = ["Bending", "Bias", "Camera", "ContactForces", "Delayed", "Flows", "Noise", "Quantised", "Sampled"]
+__all__ = [
+    "Bending",
+    "Bias",
+    "Camera",
+    "Channel",
+    "ChannelGroup",
+    "ContactForces",
+    "Delayed",
+    "Dropout",
+    "Flows",
+    "Noise",
+    "Quantised",
+    "Sampled",
+    "SoftRobotEnvironment",
+    "Travel",
+]
 __getattr__, *_ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "disturbances": ["Bias", "Delayed", "Noise", "Quantised", "Sampled"],
+        "actuation": ["Travel"],
+        "channels": ["Channel", "ChannelGroup"],
+        "disturbances": ["Bias", "Delayed", "Dropout", "Noise", "Quantised", "Sampled"],
+        "environment": ["SoftRobotEnvironment"],
         "sensors": ["Bending", "Camera", "ContactForces", "Flows"],
     },
 )

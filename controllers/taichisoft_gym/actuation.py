@@ -1,15 +1,16 @@
 """Actions: pressures of cavities, pulls of cables, and velocities of the base."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS, CAVITIES, Drive
+from taichisoft.actuators import ACTUATOR_KINDS, CAVITIES, ActuatorKind, Drive
 from taichisoft.bodies import right_of
 from taichisoft.control import Control, Observation
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, nearest
 from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.channels import Channel
@@ -30,11 +31,20 @@ def scene_axes(scene: Scene) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Travel:
-    """Range of the base from its start in the directions of AXES [mm], and its speed [mm/s]."""
+    """Range of the base.
+
+    Attributes:
+        low, high: ends of its way from the start in the directions of AXES [mm].
+        speed: its speed [mm/s].
+        turn: largest angle about the direction up, either way [rad].
+        turning_speed: angular speed [rad/s].
+    """
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
-    speed: float
+    speed: float = USUAL_SPEED
+    turn: float = 0.0
+    turning_speed: float = 1.0
 
 
 class Actuation:
@@ -44,24 +54,33 @@ class Actuation:
         channels: name, unit, and values at -1 and 1 of each number.
     """
 
-    def __init__(self, scene: Scene, pressure: tuple[float, float], travel: Travel | None):
+    def __init__(self, scene: Scene, pressure: tuple[float, float], travel: Travel | None, drives: Sequence[str] = ()):
         """Find the actuators.
 
         Args:
             scene: scene with actuators.
             pressure: lowest and highest pressure [kPa].
             travel: range of the base; None: the base stands still.
+            drives: keys of `Control` that actions ask for, such as "cable_tension"; an actuator is driven by the first
+                of them that fits it, and by none if none does. Empty: the usual one of each.
 
         Raises:
-            SceneError: the scene has neither a cavity nor a cable.
+            SceneError: the scene has neither a cavity nor a cable, or a drive is unknown or fits no actuator.
         """
+        valid = [drive.asked for kind in ACTUATOR_KINDS for drive in kind.drives]
+        for one in drives:
+            if one not in valid:
+                raise SceneError(f"actions: there is no '{one}'; {nearest(one, valid, 'there are')}")
         tables = [(kind, *one) for kind in ACTUATOR_KINDS for one in scene.actuators(kind.plural).items()]
         # The first way to drive an actuator; sealed air has none.
         self._driven = [
             (drive, name, table)
             for kind, name, table in tables
-            for drive in [one for one in kind.drives if one.fits(table)][:1]
+            for drive in [one for one in _ranked(kind, drives) if one.fits(table)][:1]
         ]
+        idle = next((one for one in drives if all(drive.asked != one for drive, *_ in self._driven)), None)
+        if self._driven and idle is not None:
+            raise SceneError(f"actions: no actuator of the scene is driven by '{idle}'")
         if not self._driven:
             raise SceneError("an environment needs a soft body with a cavity or a cable; the scene has none")
         self.cavities = tuple(scene.actuators(CAVITIES.plural))
@@ -75,6 +94,10 @@ class Actuation:
         if travel is not None:
             speed = min(travel.speed, math.inf if scene.limits.base_speed is None else scene.limits.base_speed)
             channels += [Channel(f"base velocity {AXES[axis]}", "mm/s", -speed, speed) for axis in self._moves]
+            if travel.turn:
+                limit = scene.limits.base_turning_speed
+                fastest = min(travel.turning_speed, math.inf if limit is None else math.radians(limit))
+                channels.append(Channel("base turning speed", "rad/s", -fastest, fastest))
         self.channels = tuple(channels)
         self._low, self._high = (np.array([getattr(one, end) for one in channels]) for end in ("low", "high"))
 
@@ -86,15 +109,26 @@ class Actuation:
             asked.setdefault(drive.asked, {})[name] = value
         if self._travel is not None:
             velocity = np.zeros(3)
-            velocity[self._moves] = values[len(self._driven) :]
+            velocity[self._moves] = values[len(self._driven) :][: len(self._moves)]
             place = self._axes @ state.base_translation
             reached = np.clip(place + period * velocity, self._travel.low, self._travel.high)
             asked["base_velocity"] = (reached - place) / period @ self._axes
+            if self._travel.turn:
+                up, furthest = self._axes[2], self._travel.turn
+                angle = float(up @ state.base_rotation)
+                asked["base_angular_velocity"] = (
+                    (np.clip(angle + period * values[-1], -furthest, furthest) - angle) / period * up
+                )
         return Control(**asked)
 
     def read(self, seen: Observation) -> list[float]:
         """What the actuators are driven by in an observation, in the order of `actuator_channels`."""
         return [getattr(seen, drive.observed)[name] for drive, name, _ in self._driven]
+
+
+def _ranked(kind: ActuatorKind, drives: Sequence[str]) -> list[Drive]:
+    """The drives of a kind that are asked for, in that order; all if none is named."""
+    return [one for name in drives for one in kind.drives if one.asked == name] if drives else list(kind.drives)
 
 
 def _range(drive: Drive, table: Any, pressure: tuple[float, float]) -> tuple[float, float]:

@@ -1,19 +1,15 @@
 """Carry-v0: a gripper carries an object to another place on the floor and releases it."""
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Scene
 from taichisoft.state import State
-from taichisoft_gym.actuation import USUAL_SPEED, Travel
-from taichisoft_gym.channels import ChannelGroup, symmetric
+from taichisoft_gym.actuation import Travel
+from taichisoft_gym.channels import symmetric
 from taichisoft_gym.grasp import STILL, GripperEnvironment
-from taichisoft_gym.task import Judgement
 
 PLACED = 2.0
 """Height over the floor up to which an object stands on it [mm]."""
@@ -22,64 +18,69 @@ PLACED = 2.0
 class Carry(GripperEnvironment):
     """Carry-v0; docs/environments.md describes it."""
 
-    def __init__(
-        self,
-        scene: str | Path | Scene = "gripper",
-        distance: tuple[float, float] = (20.0, 50.0),
-        tolerance: float = 5.0,
-        **common: Any,
-    ):
+    observations = (*GripperEnvironment.observations, "way to the target")
+    goal_channels = symmetric("object", "mm", 200.0, ("right", "front"))
+    goal_options = ("target",)
+
+    def __init__(self, distance: tuple[float, float] = (20.0, 50.0), tolerance: float = 5.0, **common: Any):
         """Make the environment; `common` are the arguments of `SoftRobotEnvironment`.
 
         Args:
-            scene: scene with a gripper and an object, or its name or path.
             distance: shortest and longest horizontal distance to the target [mm], in any direction.
             tolerance: distance to the target within which the object has arrived [mm].
+            common: see above; the scene has a gripper and an object.
 
         Raises:
             SceneError: the scene or an argument is not valid.
         """
-        self._distance, self._tolerance = distance, tolerance
+        self._distance, self.tolerance = distance, tolerance
         reach = distance[1] + 20.0
-        super().__init__(Travel((-reach, -reach, 0.0), (reach, reach, 60.0), USUAL_SPEED), scene=scene, **common)
+        self.travel = Travel((-reach, -reach, 0.0), (reach, reach, 60.0))
+        super().__init__(**common)
 
-    def _observed(self) -> Sequence[ChannelGroup]:
-        self._target = np.zeros(2)
-        way = ChannelGroup(
-            symmetric("way to the target", "mm", 200.0, ("right", "front")),
-            lambda seen: self._target - self._way(seen)[:2],
-        )
-        return [*super()._observed(), way]
-
-    def _begin_task(self, start: State, options: dict[str, Any]) -> None:
-        super()._begin_task(start, options)
+    def begin(self, start: State, options: dict[str, Any]) -> None:
+        """Draw a target, or take that of the option "target"."""
         target = options.pop("target", None)
         if target is None:
-            distance, angle = self.np_random.uniform(*self._distance), self.np_random.uniform(0.0, 2.0 * np.pi)
+            shortest, longest = self._distance
+            longest = shortest + self.difficulty * (longest - shortest)
+            distance, angle = self.np_random.uniform(shortest, longest), self.np_random.uniform(0.0, 2.0 * np.pi)
             target = distance * np.array([np.cos(angle), np.sin(angle)])
-        self._target = self._numbers(target)
-        if self._target.shape != (2,) or not np.isfinite(self._target).all() or not self._target.any():
+        self.desired_goal = self.numbers(target)
+        if self.desired_goal.shape != (2,) or not np.isfinite(self.desired_goal).all() or not self.desired_goal.any():
             raise SceneError(
                 f"options['target'] = {target!r}: must be a way to the right and to the front [mm], not zero"
             )
 
-    def _marks(self) -> np.ndarray:
-        place: np.ndarray = self._start + self._target @ self._axes[:2]
+    def achieved_goal(self, seen: Observation) -> np.ndarray:
+        """Displacement of the object to the right and to the front [mm], shape (2,)."""
+        return self.way_of_object(seen)[:2]
+
+    def reward(self, seen: Observation) -> float:
+        """Grip, progress, and 1 once it is placed."""
+        left, touching = self._left(seen), self.touching(seen)
+        progress = float(np.clip(1.0 - left / np.linalg.norm(self.desired_goal), -1.0, 1.0))
+        # After arrival, releasing is worth more than holding, so that the policy does not hold the object for ever.
+        grip = 1.0 - touching if left < self.tolerance else touching
+        return 0.2 * grip + 0.8 * progress + float(self._placed(seen))
+
+    def information(self, seen: Observation) -> dict[str, Any]:
+        """Success, distance and lift [mm], and the share of fingers that touch."""
+        return {
+            "is_success": self._placed(seen) and not self.terminated(seen),
+            "distance": self._left(seen),
+            "lift": float(self.way_of_object(seen)[2]),
+            "touching": self.touching(seen),
+        }
+
+    def marks(self) -> np.ndarray:
+        """The target."""
+        place: np.ndarray = self.start_of_object + self.desired_goal @ self.axes[:2]
         return place[None]
 
-    def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
-        way, touching = self._way(seen), self._touching(seen)
-        left = float(np.linalg.norm(self._target - way[:2]))
-        progress = float(np.clip(1.0 - left / np.linalg.norm(self._target), -1.0, 1.0))
-        arrived = left < self._tolerance
-        placed = arrived and way[2] < PLACED and touching == 0.0 and self._speed(seen) < STILL
-        failed = self._is_lost(way)
-        info = {
-            "is_success": bool(placed) and not failed,
-            "distance": left,
-            "lift": float(way[2]),
-            "touching": touching,
-        }
-        # After arrival, releasing is worth more than holding, so that the policy does not hold the object for ever.
-        grip = 1.0 - touching if arrived else touching
-        return Judgement(0.2 * grip + 0.8 * progress + float(placed), failed, info)
+    def _left(self, seen: Observation) -> float:
+        return float(np.linalg.norm(self.desired_goal - self.achieved_goal(seen)))
+
+    def _placed(self, seen: Observation) -> bool:
+        is_down = self.way_of_object(seen)[2] < PLACED and self.touching(seen) == 0.0
+        return bool(self._left(seen) < self.tolerance and is_down and self.speed(seen) < STILL)

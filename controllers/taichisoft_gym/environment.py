@@ -1,8 +1,7 @@
-"""Base class of all environments: scene, actions, observations, repeatable episodes, pictures."""
+"""Environments of one's own: a task is a class with a scene, actions, observations, a reward."""
 
 import time
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -11,76 +10,106 @@ import numpy as np
 
 from taichisoft.building import load_scene, with_reduced_bodies
 from taichisoft.control import Observation
-from taichisoft.errors import SceneError, SimulationDiverged
-from taichisoft.scenes import Scene, scene_to_toml
+from taichisoft.errors import SceneError, SimulationDiverged, nearest
+from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes
+from taichisoft_gym.changed_scene import changed_scene
 from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
-from taichisoft_gym.randomisation import Randomisation
-from taichisoft_gym.task import Judgement, changed_scene
+from taichisoft_gym.observed_quantities import QUANTITIES
+from taichisoft_gym.randomisation import Drawn, Randomisation
 
 if TYPE_CHECKING:  # these import Taichi, which must not start if only the spaces of an environment are used
     from taichisoft.building import Simulation
-    from taichisoft.model import Model
     from taichisoft_gym.environment_page import EnvironmentPage
-    from taichisoft_gym.places import FreePlaces
+    from taichisoft_gym.episode_start import EpisodeStart
 
-SETTLING_TIME = 0.3
-"""Time before an episode for the object to settle on the floor and the fingers to hang [s]."""
-MOST_PLACES = 100
-"""Largest number of places drawn for the object until one is free."""
+Readings = np.ndarray | dict[str, np.ndarray]
+"""An observation: numbers, or with `goals=True` a dictionary of observation, achieved_goal and desired_goal."""
+Quantity = str | Callable[[Any], ChannelGroup]
 
 
-class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Base class of the environments; subclasses define observations and reward of a task.
+class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
+    """A task with soft robots: subclasses set the class attributes that they need and write `reward`.
 
-    The simulator starts at the first `reset`, so that a process that only uses the spaces can still fork.
+    The simulator starts at the first `reset`, so that a process that only uses the spaces can still fork. The scene's
+    `[sensors]` disturb the observations; `reward`, `terminated` and `information` get the exact figures.
 
     Attributes:
+        usual_scene: scene of the task, unless the argument `scene` names another.
+        usual_pressure: pressures of the actions -1 and 1 [kPa], unless the argument `pressure` gives others.
+        actions: what actions drive: "pressure", "volume_growth", "valve", "cable_tension", "cable_pull"; of an actuator
+            the first that it can be driven by. Empty: the usual one of every actuator.
+        travel: range and speed of the base; None: it stands still.
+        observations: what is observed, by the names of `observed_quantities.QUANTITIES`, or functions of the
+            environment that return a `ChannelGroup`.
+        goal_channels: name, unit and range of each number of a goal; empty: the task has no goal.
+        goal_reach: range of "way to the target" in each direction.
+        goal_options: names of options of `reset` that `begin` takes.
+        tolerance: distance within which a goal is reached.
+        desired_goal: the goal, which `begin` sets, shape (goal_count,).
         scene: simulated scene, with the changes by the arguments.
+        axes: unit vectors to the right, to the front and up, as rows, shape (3, 3).
         channels: name, unit and range of each number of an observation.
         action_channels: name, unit, and values at -1 and 1 of each number of an action.
-        simulation: simulation of all episodes; randomisation changes its state and its model.
-        usual_pressure: default pressures of the actions -1 and 1 [kPa].
+        action_change: mean change of the action since the last control period [-], 0 in the first.
+        control_period: time between two actions [s].
+        difficulty: from 0 to 1, for a curriculum: the share of all ranges from which `reset` draws. May be set at any
+            time, by the option "difficulty" of `reset` as well.
+        simulation: simulation of the episode; randomisation changes its state and its model.
+        start_of_object: centre of mass of the object at the start of the episode [mm], shape (3,).
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
         "render_modes": ["rgb_array", "human"],
         "render_fps": 20,
     }
+    usual_scene: ClassVar[str | Path | Scene] = "gripper"
     usual_pressure: ClassVar[tuple[float, float]] = (0.0, 100.0)
+    actions: ClassVar[Sequence[str]] = ()
+    travel: Travel | None = None
+    observations: ClassVar[Sequence[Quantity]] = ("actuators",)
+    goal_channels: tuple[Channel, ...] = ()
+    goal_reach: float = 200.0
+    goal_options: ClassVar[Sequence[str]] = ()
+    tolerance: float = 1.0
     simulation: "Simulation"
 
     def __init__(
         self,
-        travel: Travel | None,
-        scene: str | Path | Scene,
+        scene: str | Path | Scene | None = None,
         reduced: str | Path | None = None,
         object: Mapping[str, Any] | None = None,
+        objects: Mapping[str, Mapping[str, Any]] | None = None,
         friction: float | None = None,
         pressure: tuple[float, float] | None = None,
         pressure_rate: float | None = None,
         noise: float = 0.0,
         randomisation: Randomisation | Mapping[str, Any] | None = None,
+        difficulty: float = 1.0,
+        goals: bool = False,
         control_period: float = 0.05,
         render_mode: str | None = None,
         camera: str | Sequence[Sequence[float]] = "iso",
         size: tuple[int, int] = (640, 480),
     ):
-        """Read the scene. All arguments but the first are common to all environments.
+        """Read the scene.
 
         Args:
-            travel: range of the base; None: the base stands still.
-            scene: scene, or its name or path.
+            scene: scene, or its name or path; None: `usual_scene`.
             reduced: folder of `taichisoft reduce`, by whose files soft bodies move; None: as the scene says.
             object: changed keys of the scene's object, such as {"mass": 0.01} or another shape.
+            objects: such changes by a name of the object; every reset draws one.
             friction: Coulomb's coefficient [-]; None: the scene's.
             pressure: pressures of the actions -1 and 1 [kPa], within the limits of the scene and its cavities; None:
                 `usual_pressure` within these limits.
             pressure_rate: fastest change of a pressure [kPa/s]; None: 300, or the scene's if lower.
             noise: standard deviation of the observation, relative to each channel's range [-].
             randomisation: ranges for the random draws of every reset, see `Randomisation`.
+            difficulty: share of all ranges from which resets draw, from 0 to 1.
+            goals: whether observations are dictionaries with the goal, and rewards are `compute_reward` (as of
+                GoalEnv in gymnasium-robotics), for hindsight experience replay.
             control_period: time between two actions [s].
             render_mode: "rgb_array", or "human" for a page in the browser.
             camera: camera of pictures, see `Simulation.render`.
@@ -91,39 +120,103 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SceneError(f"render_mode = {render_mode!r}: must be one of {self.metadata['render_modes']}, or None")
+        if goals and not self.goal_channels:
+            raise SceneError(f"goals = True: {type(self).__name__} has no goal; set its goal_channels")
+        scene = self.usual_scene if scene is None else scene
         read = scene if isinstance(scene, Scene) else load_scene(scene)
         if reduced is not None:
             read = with_reduced_bodies(read, Path(reduced), "reduced")
         between = pressures.pressure_range(read, pressure, self.usual_pressure)
-        self.scene = changed_scene(read, object, friction, between, pressures.pressure_rate(read, pressure_rate))
-        self._scene_text = scene_to_toml(self.scene)
-        self._axes = scene_axes(self.scene)
+        rate = pressures.pressure_rate(read, pressure_rate)
+        if objects is not None and (object is not None or not objects):
+            raise SceneError("objects: must be changed keys of the object by at least one name, without object")
+        changes = {"": object} if objects is None else objects
+        self.scenes = {name: changed_scene(read, one, friction, between, rate) for name, one in changes.items()}
+        self.scene = next(iter(self.scenes.values()))
+        self.axes = scene_axes(self.scene)
         self._steps = _whole_steps(control_period, self.scene.time.step)
-        self._period = control_period
-        self._noise = noise
-        self._randomisation = Randomisation.from_mapping(randomisation)
-        self._actuation = Actuation(self.scene, between, travel)
-        self.action_channels = self._actuation.channels
+        self.control_period = control_period
+        self.difficulty = _share("difficulty", difficulty)
+        self.randomisation = Randomisation.from_mapping(randomisation)
+        self.actuation = Actuation(self.scene, between, self.travel, self.actions)
+        self.action_channels = self.actuation.channels
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
-        self._quantities = self._observed()
+        self.desired_goal = np.zeros(len(self.goal_channels))
+        self.start_of_object = np.zeros(3)
+        self._quantities = self._named_quantities(goals)
         self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
-        self._space = box_of(self.channels)
-        self.observation_space = self._space
+        self._space, self._goal_space, self._goals, self._noise = (
+            box_of(self.channels),
+            box_of(self.goal_channels),
+            goals,
+            noise,
+        )
+        self.observation_space = self._space if not goals else self._dictionary_space()
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_period))}  # type: ignore[misc]
         self.render_mode, self._camera, self._size = render_mode, camera, size
-        self._model: Model | None = None  # model of `simulation` before randomisation
-        self._places: FreePlaces | None = None
+        self._starts: dict[str, EpisodeStart] = {}
         self._page: EnvironmentPage | None = None
         self._shown = 0.0
+        self._last_action: np.ndarray | None = None
+        self.action_change = 0.0
+
+    def begin(self, start: State, options: dict[str, Any]) -> None:
+        """Choose the task of an episode that starts at `start`; removes the options that it uses from `options`.
+
+        Random numbers come from `self.np_random`. Raises SceneError where an option makes no sense.
+        """
+
+    def randomise(self) -> Drawn:
+        """Draw what differs in this episode: friction [-], factors "mass" and "modulus", "place right" and "place
+        front" [mm], and "object", a name of `objects`; what is not drawn is as in the scene.
+        """
+        drawn = self.randomisation.draw(self.np_random, self.difficulty, self.scene.contact.friction)
+        return drawn if len(self.scenes) == 1 else {**drawn, "object": str(self.np_random.choice(list(self.scenes)))}
+
+    def update(self, seen: Observation) -> None:
+        """Note what the task needs to know of a control period that is over; called before `reward`."""
+
+    def reward(self, seen: Observation) -> float:
+        """Reward of a control period that led to `seen`; with a goal and unless overridden, `compute_reward` of it."""
+        if not self.goal_channels:
+            raise NotImplementedError(f"{type(self).__name__} needs a method reward(self, seen), or goal_channels")
+        return float(self.compute_reward(self.achieved_goal(seen), self.desired_goal, {}))
+
+    def terminated(self, seen: Observation) -> bool:
+        """Whether the task has failed irrecoverably, or is over for good."""
+        return False
+
+    def information(self, seen: Observation) -> dict[str, Any]:
+        """Entries of `info`; by custom "is_success" is among them."""
+        if not self.goal_channels:
+            return {}
+        distance = float(np.linalg.norm(self.desired_goal - self.achieved_goal(seen)))
+        return {"is_success": distance < self.tolerance, "distance": distance}
+
+    def achieved_goal(self, seen: Observation) -> np.ndarray:
+        """Where the task is now, in the numbers of a goal, shape (goal_count,)."""
+        raise NotImplementedError(
+            f"{type(self).__name__} has goal_channels; it needs a method achieved_goal(self, seen)"
+        )
+
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+        """Reward of goals, shape (..., goal_count): 0 within `tolerance`, else -1, shape (...)."""
+        distance = np.linalg.norm(np.asarray(achieved_goal, float) - np.asarray(desired_goal, float), axis=-1)
+        return -(distance >= self.tolerance).astype(np.float64)
+
+    def marks(self) -> np.ndarray:
+        """Points marked by `render`, such as targets [mm], shape (mark_count, 3)."""
+        return np.zeros((0, 3))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    ) -> tuple[Readings, dict[str, Any]]:
         """Begin an episode.
 
         Args:
             seed: seed that makes this and all later episodes repeatable bit for bit.
-            options: "state", a `taichisoft.State` to start from without randomisation; and options of the task.
+            options: "state", a `taichisoft.State` to start from without randomisation; "difficulty"; and options of the
+                task.
 
         Raises:
             SceneError: an option is unknown, or no free place was found for the object.
@@ -132,22 +225,27 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         options = dict(options or {})
         given = options.pop("state", None)
-        drawn = {} if given is not None else self._randomisation.draw(self.np_random)
-        self._begin(given, drawn)
-        self._begin_task(self.simulation.state, options)
+        self.difficulty = _share("options['difficulty']", options.pop("difficulty", self.difficulty))
+        drawn = {} if given is not None else self.randomise()
+        self._begin_simulation(given, drawn)
+        start = self.simulation.state
+        if self.scene.main_object is not None:
+            self.start_of_object = start.rigid_position[list(self.scene.rigid_bodies).index(self.object)].copy()
+        self._last_action, self.action_change = None, 0.0
+        self.begin(start, options)
         if options:
-            raise SceneError(f"options: there is no '{next(iter(options))}'; there are: state, {self._options}")
+            there_are = ", ".join(("state", "difficulty", *self.goal_options))
+            raise SceneError(f"options: there is no '{next(iter(options))}'; there are: {there_are}")
         seen = self.simulation.observe()
-        info = {**self._judge(seen, None).info, "randomised": drawn}
+        info = {**self.information(seen.truth), "randomised": drawn}
         self._show()
         return self._measure(seen), info
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Readings, float, bool, bool, dict[str, Any]]:
         """Simulate one control period.
 
-        An episode is terminated when the task has failed irrecoverably, and truncated when the simulation diverges,
-        which is not a failure of the task; info then has "diverged". Actions are clipped to -1 and 1, for the motion
-        and for the reward.
+        An episode is truncated when the simulation diverges, which is not a failure of the task; info then has
+        "diverged". Actions are clipped to -1 and 1, for the motion and for the reward.
 
         Raises:
             ResetNeeded: no episode has begun.
@@ -155,18 +253,25 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         self._refuse_before_reset()
         asked = self._valid_action(action)
-        control = self._actuation.control(asked, self.simulation.state, self._period)
-        diverged = ""
+        control = self.actuation.control(asked, self.simulation.state, self.control_period)
+        diverged = {}
         try:
             for _ in range(self._steps):
                 self.simulation.step(control)
         except SimulationDiverged as error:
-            diverged = str(error)
+            diverged = {"diverged": str(error)}
         seen = self.simulation.observe()
-        judged = self._judge(seen, asked)
-        info = {**judged.info, "diverged": diverged} if diverged else dict(judged.info)
+        self.action_change = 0.0 if self._last_action is None else float(np.abs(asked - self._last_action).mean())
+        self._last_action = asked
+        self.update(seen.truth)
+        info = {**self.information(seen.truth), **diverged}
+        readings = self._measure(seen)
+        if isinstance(readings, dict):
+            reward = self.compute_reward(readings["achieved_goal"], readings["desired_goal"], info)
+        else:
+            reward = self.reward(seen.truth)
         self._show()
-        return self._measure(seen), float(judged.reward), judged.failed, bool(diverged), info
+        return readings, float(reward), bool(self.terminated(seen.truth)), bool(diverged), info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """Picture of the present state with a mark at the target, shape (height, width, 3), dtype uint8.
@@ -175,7 +280,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if self.render_mode != "rgb_array":
             return None
-        return self.picture(self._camera, self._size, self._marks())
+        return self.picture(self._camera, self._size, self.marks())
 
     def picture(
         self,
@@ -192,12 +297,10 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.simulation.render(camera, size, marks=marks)
 
     def close(self) -> None:
-        """Close the renderer and the page."""
-        if self._model is not None:
-            self.simulation.close()
-        if self._page is not None:
-            self._page.close()
-            self._page = None
+        """Close the renderers and the page."""
+        for start in self._starts.values():
+            start.simulation.close()
+        self._close_page()
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -205,91 +308,20 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return tuple(name for name, body in self.scene.soft_bodies.items() if body.anchors)
 
     @property
-    def cavities(self) -> tuple[str, ...]:
-        """Names of the cavities."""
-        return self._actuation.cavities
-
-    @property
-    def _options(self) -> str:
-        return "target"
-
-    @abstractmethod
-    def _observed(self) -> Sequence[ChannelGroup]:
-        """Observed quantities, in the order of the channels."""
-
-    @abstractmethod
-    def _begin_task(self, start: State, options: dict[str, Any]) -> None:
-        """Choose the task of an episode that starts at `start`; removes the options that it uses from `options`."""
-
-    @abstractmethod
-    def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
-        """Judge the task after a control period with `action`; None at the start of an episode."""
-
-    def _refuse_before_reset(self) -> None:
-        if self._model is None:
-            raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
-
-    @staticmethod
-    def _numbers(value: Any) -> np.ndarray:
-        """Copy an argument to an array of numbers; a single NaN if it cannot be converted."""
-        try:
-            given = np.asarray(value)
-        except ValueError:  # rows of unequal lengths
-            return np.array(np.nan)
-        return given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(np.nan)
-
-    def _valid_action(self, action: Any) -> np.ndarray:
-        """Copy an action to numbers from -1 to 1, shape (action_count,)."""
-        asked = self._numbers(action)
-        if asked.shape != self.action_space.shape or not np.isfinite(asked).all():
-            raise SceneError(f"action {action!r}: must be {len(self.action_channels)} finite numbers from -1 to 1")
-        return np.clip(asked, -1.0, 1.0)
-
-    def _begin(self, given: State | None, drawn: dict[str, float]) -> None:
-        """Set the simulation to the start of an episode."""
-        from taichisoft.building import Simulation
-        from taichisoft_gym.places import FreePlaces
-        from taichisoft_gym.prepared import prepared
-
-        model, start = prepared(self._scene_text, SETTLING_TIME)
-        if model is not self._model:
-            if self._model is not None:
-                self.simulation.close()
-            self._model, self.simulation = model, Simulation(model)
-            self._places = FreePlaces(model, start, self.object) if self._randomisation.place else None
-        masses = {self.object: drawn["mass"] * self._mass_of(model)} if "mass" in drawn else {}
-        friction = drawn.get("friction")
-        self.simulation.change_model(model.varied(friction, masses) if masses or friction is not None else model)
-        self.simulation.restore(given if given is not None else self._placed(start, drawn))
-
-    def _placed(self, start: State, drawn: dict[str, float]) -> State:
-        """The first state with the drawn variations; a place within another body is drawn again.
+    def finger(self) -> str:
+        """Name of the first finger.
 
         Raises:
-            SceneError: no free place was found.
+            SceneError: no soft body has anchors.
         """
-        if "modulus" in drawn:
-            start = start.changed(young_modulus=drawn["modulus"] * start.young_modulus)
-        if self._places is None:
-            return start
-        problem = ""
-        for _ in range(MOST_PLACES):
-            placed = self._shifted(start, drawn)
-            problem = self._places.problem(placed)
-            if not problem:
-                return placed
-            drawn |= self._randomisation.draw_place(self.np_random)
-        raise SceneError(
-            f"randomisation['place'] = {self._randomisation.place:g}: none of {MOST_PLACES} places was free; "
-            f"{problem}; take a shorter distance"
-        )
+        if self.fingers:
+            return self.fingers[0]
+        raise SceneError("this needs a scene with a soft body that has anchors")
 
-    def _shifted(self, start: State, drawn: Mapping[str, float]) -> State:
-        """A state with the object at the drawn place."""
-        places = start.rigid_position.copy()
-        index = list(self.scene.rigid_bodies).index(self.object)
-        places[index] += drawn["place right"] * self._axes[0] + drawn["place front"] * self._axes[1]
-        return start.changed(rigid_position=places)
+    @property
+    def cavities(self) -> tuple[str, ...]:
+        """Names of the cavities."""
+        return self.actuation.cavities
 
     @property
     def object(self) -> str:
@@ -302,20 +334,80 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
             raise SceneError("this needs a scene with a rigid body; it has none")
         return self.scene.main_object
 
-    def _mass_of(self, model: "Model") -> float:
-        return next(body.mass for body in model.rigid_bodies if body.name == self.object)
+    def way_of_object(self, seen: Observation) -> np.ndarray:
+        """Displacement of the object since the start of the episode: right, front and up [mm], shape (3,)."""
+        way: np.ndarray = self.axes @ (seen.object_positions[self.object] - self.start_of_object)
+        return way
 
-    def _marks(self) -> np.ndarray:
-        """Points marked by `render` [mm], shape (mark_count, 3)."""
-        return np.zeros((0, 3))
+    @staticmethod
+    def numbers(value: Any) -> np.ndarray:
+        """Copy an argument to an array of numbers; a single NaN if it cannot be converted."""
+        try:
+            given = np.asarray(value)
+        except ValueError:  # rows of unequal lengths
+            return np.array(np.nan)
+        return given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(np.nan)
 
-    def _measure(self, seen: Observation) -> np.ndarray:
+    def _named_quantities(self, goals: bool) -> list[ChannelGroup]:
+        makers = []
+        for what in self.observations:
+            if isinstance(what, str) and what not in QUANTITIES:
+                raise SceneError(f"observations: there is no '{what}'; {nearest(what, list(QUANTITIES), 'there are')}")
+            if not (goals and what == "way to the target"):  # hindsight would change the goal, but not this
+                makers.append(QUANTITIES[what] if isinstance(what, str) else what)
+        return [make(self) for make in makers]
+
+    def _dictionary_space(self) -> gymnasium.spaces.Dict:
+        goal = self._goal_space
+        return gymnasium.spaces.Dict({"observation": self._space, "achieved_goal": goal, "desired_goal": goal})
+
+    def _refuse_before_reset(self) -> None:
+        if not self._starts:
+            raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
+
+    def _valid_action(self, action: Any) -> np.ndarray:
+        """Copy an action to numbers from -1 to 1, shape (action_count,)."""
+        asked = self.numbers(action)
+        if asked.shape != self.action_space.shape or not np.isfinite(asked).all():
+            raise SceneError(f"action {action!r}: must be {len(self.action_channels)} finite numbers from -1 to 1")
+        return np.clip(asked, -1.0, 1.0)
+
+    def _begin_simulation(self, given: State | None, drawn: Drawn) -> None:
+        """Set the simulation to the start of an episode."""
+        from taichisoft_gym.episode_start import EpisodeStart
+
+        name = str(drawn.get("object", next(iter(self.scenes))))
+        if name not in self.scenes:
+            raise SceneError(f"randomise() drew the object '{name}'; {nearest(name, list(self.scenes), 'there are')}")
+        if name not in self._starts:
+            places = any(one.startswith("place ") for one in drawn) or bool(self.randomisation.place)
+            self._starts[name] = EpisodeStart(self.scenes[name], places)
+        start = self._starts[name]
+        if self._page is not None and self.scene is not self.scenes[name]:
+            self._close_page()  # a page shows the bodies that it began with
+        self.scene, self.simulation = self.scenes[name], start.simulation
+        start.begin(given, drawn, lambda: self.randomisation.draw_place(self.np_random, self.difficulty))
+        if given is None and self.simulation.state.sensor_memory.size:
+            memory = self.simulation.state.sensor_memory.copy()
+            memory[0] = self.np_random.integers(2**32)
+            memory[1] = 0.0
+            self.simulation.restore(self.simulation.state.changed(sensor_memory=memory))
+
+    def _measure(self, seen: Observation) -> Readings:
         """The observation, with noise."""
         values = np.concatenate([np.asarray(what.read(seen), np.float64) for what in self._quantities])
         if self._noise:
             spread = self._noise * (self._space.high.astype(np.float64) - self._space.low)
             values = values + spread * self.np_random.standard_normal(len(values))
-        return saturated(values, self._space)
+        readings = saturated(values, self._space)
+        if not self._goals:
+            return readings
+        achieved, desired = self.achieved_goal(seen.truth), self.desired_goal
+        return {
+            "observation": readings,
+            "achieved_goal": saturated(achieved, self._goal_space),
+            "desired_goal": saturated(desired, self._goal_space),
+        }
 
     def _show(self) -> None:
         """Show the state in a browser, in real time."""
@@ -326,8 +418,13 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
             self._page = EnvironmentPage(self.simulation)
         self._page.show(self.simulation)
-        time.sleep(max(0.0, self._shown + self._period - time.monotonic()))
+        time.sleep(max(0.0, self._shown + self.control_period - time.monotonic()))
         self._shown = time.monotonic()
+
+    def _close_page(self) -> None:
+        if self._page is not None:
+            self._page.close()
+            self._page = None
 
 
 def _whole_steps(period: float, time_step: float) -> int:
@@ -335,3 +432,9 @@ def _whole_steps(period: float, time_step: float) -> int:
     if steps < 1 or abs(steps * time_step - period) > 1e-9:
         raise SceneError(f"control_period = {period:g} s: must be a whole multiple of the time step, {time_step:g} s")
     return steps
+
+
+def _share(name: str, value: Any) -> float:
+    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
+        return float(value)
+    raise SceneError(f"{name} = {value!r}: must be a number from 0 to 1")

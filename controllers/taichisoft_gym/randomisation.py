@@ -9,6 +9,8 @@ import numpy as np
 from taichisoft.errors import SceneError, nearest
 
 Range = tuple[float, float]
+Drawn = dict[str, float | str]
+"""What was drawn for an episode by name; a text is the name of an object."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +59,29 @@ class Randomisation:
         if not _is_range((0.0, self.place), zero_is_valid=True):
             raise SceneError(f"randomisation['place'] = {self.place!r}: must be a distance [mm], not negative")
 
-    def draw(self, random: np.random.Generator) -> dict[str, float]:
-        """Draw a value for each given range; "place right" and "place front" [mm] for the place."""
-        ranges = {"friction": self.friction, "mass": self.mass, "modulus": self.modulus}
-        drawn = {name: random.uniform(*between) for name, between in ranges.items() if between is not None}
-        return drawn | self.draw_place(random)
+    def draw(self, random: np.random.Generator, difficulty: float = 1.0, scene_friction: float = 0.0) -> Drawn:
+        """Draw a value for each given range; "place right" and "place front" [mm] for the place.
 
-    def draw_place(self, random: np.random.Generator) -> dict[str, float]:
+        Args:
+            random: generator.
+            difficulty: share of the ranges, counted from the scene's value, that is drawn from [-].
+            scene_friction: the scene's coefficient of friction [-].
+        """
+        ranges = {"friction": self.friction, "mass": self.mass, "modulus": self.modulus}
+        drawn: Drawn = {}
+        for name, between in ranges.items():
+            if between is not None:
+                usual = scene_friction if name == "friction" else 1.0
+                low, high = ((1.0 - difficulty) * usual + difficulty * end for end in between)
+                drawn[name] = random.uniform(low, high)
+        return drawn | self.draw_place(random, difficulty)
+
+    def draw_place(self, random: np.random.Generator, difficulty: float = 1.0) -> Drawn:
         """Draw a place of the object; empty if the place is not randomised."""
         if not self.place:
             return {}
-        return {f"place {axis}": random.uniform(-self.place, self.place) for axis in ("right", "front")}
+        furthest = difficulty * self.place
+        return {f"place {axis}": random.uniform(-furthest, furthest) for axis in ("right", "front")}
 
 
 def _is_range(value: Any, zero_is_valid: bool) -> bool:

@@ -1,20 +1,17 @@
 """Reach-v0: a fingertip moves to a target and stays there."""
 
-from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Scene
+from taichisoft.scenes import scene_to_toml
 from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, Actuation
-from taichisoft_gym.channels import ChannelGroup, symmetric
-from taichisoft_gym.environment import SETTLING_TIME, SoftRobotEnvironment
-from taichisoft_gym.task import Judgement
+from taichisoft_gym.channels import symmetric
+from taichisoft_gym.environment import SoftRobotEnvironment
 
 LARGEST = 0.8
 """Targets are rest positions of the tip up to this share of the range, so that a stiffer finger reaches them."""
@@ -27,81 +24,64 @@ REST = 0.3
 class Reach(SoftRobotEnvironment):
     """Reach-v0; docs/environments.md describes it."""
 
+    usual_scene = "finger-inflated"
     usual_pressure = (0.0, 60.0)
+    observations = ("actuators", "tip", "tip velocity", "way to the target")
+    goal_channels = symmetric("tip", "mm", 200.0, AXES)
+    goal_reach = 100.0
+    goal_options = ("target",)
 
-    def __init__(
-        self,
-        scene: str | Path | Scene = "finger-inflated",
-        pressure: tuple[float, float] | None = None,
-        tolerance: float = 3.0,
-        **common: Any,
-    ):
+    def __init__(self, tolerance: float = 3.0, **common: Any):
         """Make the environment; `common` are the arguments of `SoftRobotEnvironment`.
 
         Args:
-            scene: scene, or its name or path; its first finger reaches.
-            pressure: pressures of the actions -1 and 1 [kPa]; None: 0 to 60 within the scene's limits.
             tolerance: distance within which the target is reached [mm].
+            common: see above; the first finger of the scene reaches.
 
         Raises:
             SceneError: the scene or an argument is not valid.
         """
-        self._tolerance = tolerance
-        super().__init__(None, scene=scene, pressure=pressure, **common)
+        self.tolerance = tolerance
+        super().__init__(**common)
 
-    @property
-    def finger(self) -> str:
-        """Name of the finger that reaches: the first with anchors.
-
-        Raises:
-            SceneError: no soft body has anchors.
-        """
-        if self.fingers:
-            return self.fingers[0]
-        raise SceneError("this needs a scene with a soft body that has anchors")
-
-    def _observed(self) -> Sequence[ChannelGroup]:
-        self._target = np.zeros(3)
-        finger, axes = self.finger, self._axes
-        return [
-            ChannelGroup(self._actuation.actuator_channels, self._actuation.read),
-            ChannelGroup(symmetric("tip", "mm", 200.0, AXES), lambda seen: axes @ seen.tip_positions[finger]),
-            ChannelGroup(
-                symmetric("tip velocity", "mm/s", 1000.0, AXES), lambda seen: axes @ seen.tip_velocities[finger]
-            ),
-            ChannelGroup(
-                symmetric("way to the target", "mm", 100.0, AXES),
-                lambda seen: axes @ (self._target - seen.tip_positions[finger]),
-            ),
-        ]
-
-    def _begin_task(self, start: State, options: dict[str, Any]) -> None:
+    def begin(self, start: State, options: dict[str, Any]) -> None:
+        """Draw a target where the tip has been, or take that of the option "target"."""
         target = options.pop("target", None)
         if target is None:
-            low, high = self._actuation.actuator_channels[0].low, self._actuation.actuator_channels[0].high
-            places = tip_places(self._scene_text, self.finger, low, high)
-            share = self.np_random.uniform()
-            if len(self._actuation.channels) == 1:
+            places = self.tip_places()
+            share = self.difficulty * self.np_random.uniform()
+            if len(self.action_channels) == 1:
                 along = np.linspace(0.0, 1.0, len(places))
                 target = [np.interp(share, along, places[:, axis]) for axis in range(3)]
             else:
                 target = places[int(share * len(places))]
-        self._target = self._numbers(target)
-        if self._target.shape != (3,) or not np.isfinite(self._target).all():
+        self.target = self.numbers(target)
+        if self.target.shape != (3,) or not np.isfinite(self.target).all():
             raise SceneError(f"options['target'] = {target!r}: must be a point [mm], three finite numbers")
-        self._last_action: np.ndarray | None = None
+        self.desired_goal = self.axes @ self.target
 
-    def _marks(self) -> np.ndarray:
-        return self._target[None]
+    def achieved_goal(self, seen: Observation) -> np.ndarray:
+        """The tip's position: right, front and up [mm], shape (3,)."""
+        place: np.ndarray = self.axes @ seen.tip_positions[self.finger]
+        return place
 
-    def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
-        distance = float(np.linalg.norm(self._target - seen.tip_positions[self.finger]))
-        change = 0.0
-        if action is not None and self._last_action is not None:
-            change = float(np.abs(action - self._last_action).mean())
-        self._last_action = action
-        info = {"is_success": distance < self._tolerance, "distance": distance, "target": self._target.copy()}
-        return Judgement(-0.1 * distance - 0.1 * change, False, info)
+    def reward(self, seen: Observation) -> float:
+        """Distance and changes of the action cost."""
+        distance = float(np.linalg.norm(self.desired_goal - self.achieved_goal(seen)))
+        return -0.1 * distance - 0.1 * self.action_change
+
+    def information(self, seen: Observation) -> dict[str, Any]:
+        """Success, distance [mm] and the target [mm]."""
+        return {**super().information(seen), "target": self.target.copy()}
+
+    def marks(self) -> np.ndarray:
+        """The target."""
+        return self.target[None]
+
+    def tip_places(self) -> np.ndarray:
+        """Rest positions of the tip for rising actuations [mm], shape (count, 3), see `tip_places`."""
+        first = self.actuation.actuator_channels[0]
+        return tip_places(scene_to_toml(self.scene), self.finger, first.low, first.high)
 
 
 @lru_cache(maxsize=8)
@@ -114,6 +94,7 @@ def tip_places(scene: str, finger: str, low: float, high: float) -> np.ndarray:
         low, high: range of the first actuator, as a key of the cache.
     """
     from taichisoft.building import Simulation
+    from taichisoft_gym.episode_start import SETTLING_TIME
     from taichisoft_gym.prepared import prepared
 
     model, start = prepared(scene, SETTLING_TIME)

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from gymnasium.utils import RecordConstructorArgs
 
+from taichisoft_gym import observed_quantities
 from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
 
 
@@ -35,29 +36,21 @@ class ContactForces(Sensor):
     """Adds the normal force of each finger on the object [mN], up to `highest`."""
 
     def __init__(self, env: Any, highest: float = 5000.0):
-        fingers, name = env.get_wrapper_attr("fingers"), env.get_wrapper_attr("object")
-        channels = tuple(Channel(f"contact force {finger}", "mN", 0.0, highest) for finger in fingers)
-        read = ChannelGroup(channels, lambda seen: [seen.normal_forces.get((finger, name), 0.0) for finger in fingers])
-        super().__init__(env, read, highest=highest)
+        super().__init__(env, observed_quantities.contact_force(env, highest), highest=highest)
 
 
 class Bending(Sensor):
     """Adds the bending angle of each finger [rad], from 0 to pi."""
 
     def __init__(self, env: Any):
-        fingers = env.get_wrapper_attr("fingers")
-        channels = tuple(Channel(f"bending {finger}", "rad", 0.0, np.pi) for finger in fingers)
-        super().__init__(env, ChannelGroup(channels, lambda seen: [seen.bending_angles[finger] for finger in fingers]))
+        super().__init__(env, observed_quantities.bending(env))
 
 
 class Flows(Sensor):
     """Adds the flow of air into each cavity [mm^3/s], from -`highest` to `highest`."""
 
     def __init__(self, env: Any, highest: float = 200e3):
-        cavities = env.get_wrapper_attr("cavities")
-        channels = tuple(Channel(f"flow {cavity}", "mm^3/s", -highest, highest) for cavity in cavities)
-        read = ChannelGroup(channels, lambda seen: [seen.flows[cavity] for cavity in cavities])
-        super().__init__(env, read, highest=highest)
+        super().__init__(env, observed_quantities.flow(env, highest), highest=highest)
 
 
 class Camera(gymnasium.ObservationWrapper[dict[str, np.ndarray], np.ndarray, np.ndarray], RecordConstructorArgs):

@@ -50,11 +50,14 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft mesh`, `mesh info`, `mesh cache` and `mesh mould`."""
+    """Add `taichisoft mesh`, `mesh info`, `mesh cache`, `mesh mould` and `new gripper`."""
+    import typer
+
     from taichisoft.plugin_system import group_with_default
     from taichisoft_meshing.commands.mesh import mesh
     from taichisoft_meshing.commands.mesh_info import mesh_info
     from taichisoft_meshing.commands.mould import mould
+    from taichisoft_meshing.commands.new_gripper import gripper
     from taichisoft_meshing.mesh_cache import mesh_cache
 
     group = group_with_default(mesh)
@@ -62,3 +65,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     group.command("cache")(mesh_cache)
     group.command("mould")(mould)
     application.add_typer(group, name="mesh")
+    new = typer.Typer(no_args_is_help=True, help="Write something to start from.")
+    new.callback()(lambda: None)
+    new.command("gripper")(gripper)
+    application.add_typer(new, name="new")

@@ -23,7 +23,13 @@ FILE_NAME = "run.csv"
 BUFFERED_STEPS = 50
 """Most rows that are kept in memory, which a killed run loses."""
 
-PAIR_UNITS = {"normal_force": "mN", "friction_force": "mN", "slip_speed": "mm/s"}
+PAIR_UNITS = {
+    "normal_force": "mN",
+    "friction_force": "mN",
+    "slip_speed": "mm/s",
+    "contact_area": "mm^2",
+    "peak_pressure": "kPa",
+}
 """Columns of every pair of bodies; a report has them under the plural."""
 
 

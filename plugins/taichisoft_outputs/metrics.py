@@ -54,6 +54,7 @@ class MetricsOutput(Output):
         ]
         self._training = TrainingRange(model.soft_bodies, model.frames)
         goal = self._scene.goal
+        self._goal_pressure = goal.max_pressure if goal is not None else None
         self._object = list(self._scene.rigid_bodies).index(goal.object) if goal is not None else None
         self.restart(state)
 
@@ -64,6 +65,7 @@ class MetricsOutput(Output):
         self._beyond_training = {name: 0.0 for name in self._training.names}
         self._beyond_validation = {name: (0.0, 0.0) for name in self._training.validated}
         self._largest: dict[str, dict[str, float]] = {figure.observed: {} for figure in self._watched}
+        self._peak_pressures: dict[str, float] = {}
         self._last_state = state
         self._slipping = Slipping(len(self._scene.soft_bodies), state)
         self._lift: LiftFigures | None = None
@@ -87,6 +89,8 @@ class MetricsOutput(Output):
                 largest[name] = max(largest.get(name, value), value, key=abs)
         if self._figures.steps % STRETCH_EVERY == 0:
             self._look_at_stretches()
+        if self._figures.steps % STRETCH_EVERY == 0 or self._goal_pressure is not None:
+            self._look_at_pressures(report)
 
     def end(self, outcome: str) -> None:
         """Write metrics.json.
@@ -227,6 +231,8 @@ class MetricsOutput(Output):
             },
             "final_normal_forces_mN": {"|".join(pair): force for pair, force in seen.normal_forces.items()},
             "final_friction_forces_mN": {"|".join(pair): force for pair, force in seen.friction_forces.items()},
+            "final_contact_areas_mm2": {"|".join(pair): area for pair, area in seen.contact_areas.items()},
+            "peak_contact_pressures_kPa": dict(self._peak_pressures),
         }
 
     def _newton_metrics(self) -> dict[str, Any]:
@@ -251,6 +257,12 @@ class MetricsOutput(Output):
         if self._beyond_validation and self._figures.last is not None:
             for name, doubt in self._training.beyond_validation(self._figures.last.imbalance).items():
                 self._beyond_validation[name] = max(self._beyond_validation[name], doubt)
+
+    def _look_at_pressures(self, report: "StepReport") -> None:
+        """Keep the highest contact pressures: of every step where the goal asks for it, else of some."""
+        for pair, pressure in report.observation.peak_pressures.items():
+            name = "|".join(pair)
+            self._peak_pressures[name] = max(self._peak_pressures.get(name, 0.0), pressure)
 
     def _training_metrics(self) -> dict[str, Any]:
         """How far each reduced body went beyond training and validation; nothing where there is none."""
@@ -296,7 +308,13 @@ class MetricsOutput(Output):
         """What keeps the goal from being reached."""
         assert self._scene.goal is not None and self._figures.last is not None
         floor_force = self._normal_force(self._figures.last, self._scene.obstacles)
-        return shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)
+        missed = shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)
+        highest = max(
+            (p for name, p in self._peak_pressures.items() if self._scene.goal.object in name.split("|")), default=0.0
+        )
+        if self._goal_pressure is not None and highest > self._goal_pressure:
+            missed.append(f"pressed with up to {highest:.3g} kPa (max_pressure {self._goal_pressure:g} kPa)")
+        return missed
 
 
 def _key(figure: ActuatorFigure) -> str:

@@ -16,16 +16,17 @@ from taichisoft.building.plausibility import (
     warn_of_thin_walls,
 )
 from taichisoft.control.control import Control
-from taichisoft.errors import MeshError, PluginError, SceneError
+from taichisoft.errors import MeshError, PluginError, SceneError, nearest
 from taichisoft.linearisation import Linearisation, linearise
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import find, provided
-from taichisoft.plugin_system.renderer import Renderer
+from taichisoft.plugin_system.renderer import CameraFrame, CameraView, Renderer
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.soft_body import BodyMesh
+from taichisoft.state import State
 from taichisoft.time_stepper import TimeStepper
 
 HIGHEST_RATIO = 0.45
@@ -54,6 +55,9 @@ class Simulation(TimeStepper):
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
         self._kept: dict[Hashable, Closable] = {}
         weakref.finalize(self, _close_all, self._kept)
+        if self.model.scene.cameras:
+            mine = weakref.ref(self)
+            self._observer.look = lambda state, name: _look(mine(), state, name)
 
     def render(
         self,
@@ -106,6 +110,35 @@ class Simulation(TimeStepper):
         """
         return linearise(self, control, controls)
 
+    def look(self, name: str, state: State | None = None, renderer: str = "open3d") -> CameraFrame:
+        """What a camera of the scene sees: colour, depth, segmentation and its intrinsics.
+
+        Args:
+            name: name of the camera in the scene.
+            state: a state of the model; None: the present one.
+            renderer: name of the renderer.
+
+        Raises:
+            SceneError: the scene has no such camera.
+            PluginError: no renderer has this name, or it has no depth.
+            TaichisoftError: this machine cannot draw.
+        """
+        cameras, state = self.model.scene.cameras, self.state if state is None else state
+        if name not in cameras:
+            raise SceneError(f"cameras: there is no '{name}'; {nearest(name, list(cameras), 'there are')}")
+        camera, up = cameras[name], self.model.scene.up
+        eye, target = np.array(camera.eye), np.array(camera.target)
+        if camera.follows is not None:
+            frames = self.model.frames
+            places, number = frames.places(state.frame_pose), frames.names.index(camera.follows)
+            eye, target = places.moved(np.array([eye, target]), number)
+            up = places.turn[number] @ up
+        drawing: Renderer = self.keep(
+            ("camera", renderer, *camera.size),
+            lambda: find("renderer", renderer)(model=self.model, size=camera.size, camera=(camera.eye, camera.target)),
+        )
+        return drawing.frame(state, CameraView(eye, target, up))
+
     def keep(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """What is kept ready under a key until `close`, such as a renderer; made on the first call."""
         if key not in self._kept:
@@ -115,6 +148,12 @@ class Simulation(TimeStepper):
     def close(self) -> None:
         """Stop the renderers, and the processes of `rollouts`; a later call starts them again."""
         _close_all(self._kept)
+
+
+def _look(simulation: "Simulation | None", state: State, name: str) -> CameraFrame:
+    if simulation is None:
+        raise SceneError(f"camera '{name}': its simulation is gone; look while it is there")
+    return simulation.look(name, state)
 
 
 def _close_all(kept: dict[Hashable, Closable]) -> None:

@@ -1,3 +1,4 @@
+from .contact_patches import ContactPatches as ContactPatches
 from .contact_summary import ContactSummary as ContactSummary
 from .contact_summary import summarise_contacts as summarise_contacts
 from .control import Control as Control
@@ -8,3 +9,4 @@ from .keys import KeyEvent as KeyEvent
 from .observation import Observation as Observation
 from .observation import Pair as Pair
 from .observed_figures import find_figure as find_figure
+from .sensor_chain import SensorChain as SensorChain

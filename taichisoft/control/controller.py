@@ -25,6 +25,7 @@ class Slider:
         highest: largest value that can be set.
         step: distance between two values that can be set.
         unit: unit of the other four, such as "kPa".
+        group: title under which displays show it together with others; "" for the name of the controller.
     """
 
     value: float
@@ -32,6 +33,7 @@ class Slider:
     highest: float
     step: float
     unit: str
+    group: str = ""
 
 
 class Controller(ABC):
@@ -46,12 +48,16 @@ class Controller(ABC):
         bindings: effect of each key that the controller uses, by key, for the help that `?` shows.
         sliders: numbers that a person may set, by name, for displays that can show sliders; one that was moved comes
             to `key` as a `KeyEvent` with that name and its `value`.
+        tunable: settings of the controller that a person may change while the run goes on, by name, for displays that
+            can show sliders; the values are those that settings have by default. One that was moved makes the
+            controller anew, with `save` and `restore`; a controller that does not save has none.
         status: text about the controller for displays, such as which finger is selected.
     """
 
     interactive: bool = False
     bindings: Mapping[str, str] = MappingProxyType({})
     sliders: Mapping[str, Slider] = MappingProxyType({})
+    tunable: Mapping[str, Slider] = MappingProxyType({})
     status: str = ""
 
     def reset(self, model: "Model") -> None:

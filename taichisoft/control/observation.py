@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -62,8 +63,16 @@ class Observation:
         slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
         contact_points: middles of the contacts, the open ones too [mm], shape (count, 3), by pair.
         contact_forces: force on the second body in each of these [mN], shape (count, 3), by pair.
+        contact_areas: area in contact [mm^2], by pair of which one is soft and presses the other.
+        peak_pressures: highest pressure in the contact [kPa], likewise; the mesh limits how narrow a peak it shows.
+        tactile: normal force on each patch of the scene's tactile arrays [mN], of the shape of their `patches`, by
+            "body.array".
         clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
             "base_translation" and "base_rotation", and so on for other frames.
+        cameras: what the scene's cameras see, a `CameraFrame` by name, drawn when it is looked at; empty in an
+            observation of a `TimeStepper` alone.
+        exact: the same without the scene's `[sensors]`, which disturb the fields above; None where there are none, or
+            in an exact observation. `truth` is one of both.
         state: the complete state that all the above was worked out from, read-only, for controllers that need every
             node or every contact; None in an observation that was made up without one.
     """
@@ -106,5 +115,15 @@ class Observation:
     slip_speeds: Mapping[Pair, float] = field(default_factory=dict)
     contact_points: Mapping[Pair, np.ndarray] = field(default_factory=dict)
     contact_forces: Mapping[Pair, np.ndarray] = field(default_factory=dict)
+    contact_areas: Mapping[Pair, float] = field(default_factory=dict)
+    peak_pressures: Mapping[Pair, float] = field(default_factory=dict)
+    tactile: Mapping[str, np.ndarray] = field(default_factory=dict)
     clipped: tuple[str, ...] = ()
+    cameras: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    exact: "Observation | None" = field(default=None, repr=False)
     state: State | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def truth(self) -> "Observation":
+        """The observation without the disturbances of the scene's sensors."""
+        return self if self.exact is None else self.exact

@@ -9,9 +9,9 @@ from taichisoft.control.observation import Observation
 from taichisoft.errors import TaichisoftError, nearest
 from taichisoft.state import State
 
-BY_PAIR = ("contact_counts", "normal_forces", "friction_forces", "slip_speeds")
+BY_PAIR = ("contact_counts", "normal_forces", "friction_forces", "slip_speeds", "contact_areas", "peak_pressures")
 """Bodies that are far apart are not in an observation: nothing presses, nothing slides."""
-OF_ANY_LENGTH = ("contact_points", "contact_forces", "clipped")
+OF_ANY_LENGTH = ("contact_points", "contact_forces", "clipped", "exact")
 KNOWN = tuple(one.name for one in fields(Observation) if one.name not in OF_ANY_LENGTH)
 OF_STATE = tuple(one.name for one in fields(State) if not one.name.startswith("contact_"))
 

@@ -1,7 +1,8 @@
 """What a controller sees, worked out from a state."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from threading import Lock
 from types import MappingProxyType
 from typing import Any
@@ -12,11 +13,14 @@ from taichisoft.actuators.cavities import CAVITIES
 from taichisoft.actuators.kind import ActuatorFigure
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.control.contact_patches import ContactPatches, LazyMapping
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.frame_motion import observed_frames
+from taichisoft.control.lazy_values import LazyValues
 from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
+from taichisoft.control.sensor_chain import Sensors
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -29,6 +33,7 @@ ARRAYS_BY_NAME = (
     "object_angular_velocities",
     "contact_points",
     "contact_forces",
+    "tactile",
     "frame_translations",
     "frame_rotations",
     "frame_forces",
@@ -63,19 +68,39 @@ class Observer:
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._fingertips = Fingertips(model.soft_bodies, model.frames)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
+        self._patches, self._sensors = ContactPatches(model), Sensors(model.scene)
+        self.look: Callable[[State, str], Any] | None = None
         self._working = Lock()
         self._last: tuple[State, Observation] | None = None
 
     def observe(self, state: State) -> Observation:
-        """What a controller sees before the step that follows `state`; worked out once, copied for who asks."""
+        """What a controller sees before the step that follows `state`, through the scene's sensors."""
+        truth = self.truth(state)
+        if not self._model.scene.sensors:
+            return truth
+        shown = self._sensors.readings(self._sensors.begin(state.sensor_memory, truth), truth)
+        return replace(truth, **shown, exact=truth)
+
+    def truth(self, state: State) -> Observation:
+        """The exact observation of a state; worked out once, copied for who asks."""
         with self._working:
             if self._last is None or self._last[0] is not state:
                 self._last = state, self._work_out(state)
             return _copied(self._last[1])
 
+    def with_samples(self, state: State, start: State | None = None) -> State:
+        """The state with what its sensors remember: from the one before the step, or as they begin without one."""
+        if not self._model.scene.sensors:
+            return state
+        truth = self.truth(state)
+        if start is None:
+            return state.changed(sensor_memory=self._sensors.begin(state.sensor_memory, truth))
+        return state.changed(sensor_memory=self._sensors.after(start.sensor_memory, truth))
+
     def _work_out(self, state: State) -> Observation:
         model, tips, contacts = self._model, self._fingertips, summarise_contacts(self._model, state)
         tip_positions, tip_velocities, bending_angles = tips.observe(state)
+        patches = LazyMapping(lambda: self._patches.patches(state))
         return Observation(
             time=state.time,
             step=state.step,
@@ -95,6 +120,10 @@ class Observer:
             slip_speeds=MappingProxyType(contacts.slip_speeds),
             contact_points=contacts.points,
             contact_forces=contacts.forces,
+            contact_areas=LazyMapping(lambda: {pair: patch.area for pair, patch in patches.items()}),
+            peak_pressures=LazyMapping(lambda: {pair: patch.peak for pair, patch in patches.items()}),
+            tactile=LazyMapping(lambda: self._patches.tactile(state)) if model.scene.tactile_arrays else {},
+            cameras={} if self.look is None else LazyValues(model.scene.cameras, partial(self.look, state)),
             clipped=clipped(model, state),
             state=state,
         )
@@ -141,7 +170,9 @@ def _copied(seen: Observation) -> Observation:
     own: dict[str, Any] = {
         name: MappingProxyType({key: values.copy() for key, values in getattr(seen, name).items()})
         for name in ARRAYS_BY_NAME
+        if name != "tactile"
     }
+    own["tactile"] = LazyMapping(lambda: {name: values.copy() for name, values in seen.tactile.items()})
     own |= {name: getattr(seen, name).copy() for name in ARRAYS_OF_BASE}
     return replace(seen, **own)
 

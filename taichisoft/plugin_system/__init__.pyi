@@ -15,6 +15,8 @@ from .plugins import plugin_registry as plugin_registry
 from .plugins import register_plugin as register_plugin
 from .plugins import unregister_plugin as unregister_plugin
 from .registry import hook_names as hook_names
+from .renderer import CameraFrame as CameraFrame
+from .renderer import CameraView as CameraView
 from .renderer import Renderer as Renderer
 from .run_options import GoalOption as GoalOption
 from .run_options import OutputsOption as OutputsOption

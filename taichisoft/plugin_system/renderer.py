@@ -1,12 +1,53 @@
 """The base class of every renderer, behind `Simulation.render`."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft.errors import PluginError
+
 if TYPE_CHECKING:
     from taichisoft.state import State
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Where a camera is.
+
+    Attributes:
+        eye: position [mm], shape (3,).
+        target: point that it looks at [mm], shape (3,).
+        up: direction that is up in the picture [-], shape (3,).
+    """
+
+    eye: np.ndarray
+    target: np.ndarray
+    up: np.ndarray
+
+
+@dataclass(frozen=True)
+class CameraFrame:
+    """What a camera sees.
+
+    Attributes:
+        colour: red, green and blue, shape (height, width, 3), dtype uint8.
+        depth: distance of the nearest surface along the optical axis [mm], infinite where nothing is, shape (height,
+            width), dtype float32.
+        segmentation: number of the body that is seen, by `Model.body_names`, -1 for none, shape (height, width).
+        intrinsics: camera matrix K [pixels], shape (3, 3): a point (x, y, z) in the camera's axes (right, down, ahead)
+            is seen at K (x, y, z) / z, to the right of the left edge and below the upper one.
+        rotation: the camera's axes right, down and ahead in the world, as rows, shape (3, 3).
+        eye: position of the camera [mm], shape (3,).
+    """
+
+    colour: np.ndarray
+    depth: np.ndarray
+    segmentation: np.ndarray
+    intrinsics: np.ndarray
+    rotation: np.ndarray
+    eye: np.ndarray
 
 
 class Renderer(ABC):
@@ -24,6 +65,14 @@ class Renderer(ABC):
             state: state of the model.
             marks: points that get a mark [mm], shape (mark_count, 3).
         """
+
+    def frame(self, state: "State", view: CameraView) -> CameraFrame:
+        """What a camera sees of a state, with depth and segmentation; a renderer may lack it.
+
+        Raises:
+            PluginError: this renderer has no depth.
+        """
+        raise PluginError(f"{type(self).__qualname__} has no frame() for cameras of scenes")
 
     def close(self) -> None:
         """Give back what the renderer holds; called when the simulation is closed or deleted."""

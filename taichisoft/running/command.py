@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from taichisoft.building.reduced_scene import with_reduced_bodies
 from taichisoft.building.run_parts import make_controller, make_output
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
+from taichisoft.control.controller import Controller
 from taichisoft.errors import SceneError, TaichisoftError
 from taichisoft.running.display import print_profile, print_summary, progress_bar, warn_if_slow
 from taichisoft.running.folder_lock import locked_folder
@@ -135,11 +137,28 @@ def run_simulation(
         if speed is not None:
             with console.status(status) as shown, compilations_shown(lambda one: shown.update(f"preparing {one}")):
                 _load_kernels(simulation)
-        session = Session(simulation, controller, outputs, duration, folder, speed, request.replay, request.saved)
+        session = Session(
+            simulation,
+            controller,
+            outputs,
+            duration,
+            folder,
+            speed,
+            request.replay,
+            request.saved,
+            partial(_controller_with, scene),
+        )
         _write_scene(scene, folder)
         outcome = _run(session, console, folder, scene.title or name, request.profile)
     if outcome == INTERRUPTED:
         raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _controller_with(scene: Scene, settings: Mapping[str, Any]) -> Controller:
+    """The scene's controller with some other settings."""
+    assert scene.controller is not None
+    changed = scene.controller.model_copy(update={"settings": {**scene.controller.settings, **settings}})
+    return make_controller(scene.model_copy(update={"controller": changed}))
 
 
 def _responds_to_keys(scene: Scene) -> bool:

@@ -85,7 +85,13 @@ class LiveStatus:
         keys = " ".join(str(event) for event in tuple(self._session.recent_keys))
         rows.add_row("keys", plain(keys or "none yet"))
         hint = "? shows what the keys do, Esc ends the run"
-        rows.add_row("", Text(printable("; ".join(filter(None, [self._session.controller.status, hint]))), style="dim"))
+        rows.add_row(
+            "",
+            Text(
+                printable("; ".join(filter(None, [self._session.controller.status, self._session.notice, hint]))),
+                style="dim",
+            ),
+        )
         return Group(rows, self._help()) if self._session.shows_help else rows
 
     def _clock(self) -> str:

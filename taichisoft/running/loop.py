@@ -9,11 +9,12 @@ from typing import Any, TypeVar
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
+from taichisoft.control.keys import KeyEvent
 from taichisoft.errors import ControlError, GoalMissed, PluginError
 from taichisoft.interruption import deferred_signals, stop_if_asked
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
-from taichisoft.running.controller_memory import saved_as_json
+from taichisoft.running.controller_changes import ControllerChanges, memory_as_json
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
@@ -77,14 +78,15 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
     hooks_called = False
     with deferred_signals():
         try:
-            _begin_controller(session)
+            changes = ControllerChanges(session)
+            changes.begin()
             for output in session.outputs:
                 begun.append(output)
-                output.save_controller = partial(saved_as_json, session.controller)
+                output.save_controller = partial(memory_as_json, session)
                 _call(output, output.begin, session.simulation.model, session.simulation.state)
             hooks_called = True
             notify("taichisoft_run_begins", session=session)
-            outcome = _advance(session, on_step)
+            outcome = _advance(session, changes, on_step)
         except KeyboardInterrupt:
             outcome = INTERRUPTED
         except BaseException as error:
@@ -100,20 +102,20 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
     return outcome
 
 
-def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> str:
+def _advance(session: Session, changes: ControllerChanges, on_step: Callable[[StepReport], None] | None) -> str:
     """Make the steps; returns the outcome."""
-    controller = session.controller
     strain_watch, training_watch = StrainWatch(session.simulation.model), TrainingWatch(session.simulation.model)
     for complaint in training_watch.complaints_at_start():
         warnings.warn(complaint, stacklevel=4)
     key_handling = KeyHandling(
-        session, lambda event: _call(controller, controller.key, event), lambda: _restart(session, strain_watch)
+        session, partial(_take_key, session, changes), lambda: _restart(session, changes, strain_watch)
     )
     warned: set[Callable[..., None]] = set()
     session.pace.restart()
     try:
         while True:
             stop_if_asked()
+            changes.look()
             key_handling.handle_keys()
             if session.stops or session.finished:
                 strain_watch.judge(session.simulation.state, session.simulation.report)
@@ -174,18 +176,16 @@ def _next_control(session: Session) -> Control:
     return asked
 
 
-def _begin_controller(session: Session) -> None:
-    """Reset the controller, and have it go on from what it remembered if the session says so."""
-    controller = session.controller
-    _call(controller, controller.reset, session.simulation.model)
-    if session.saved is not None:
-        _call(controller, controller.restore, session.saved)
+def _take_key(session: Session, changes: ControllerChanges, event: KeyEvent) -> None:
+    """Hand a key or a moved slider to the controller, or tune it."""
+    if event.value is None or not changes.tune(event.key, event.value):
+        _call(session.controller, session.controller.key, event)
 
 
-def _restart(session: Session, strain_watch: StrainWatch) -> None:
+def _restart(session: Session, changes: ControllerChanges, strain_watch: StrainWatch) -> None:
     strain_watch.restart()
     session.simulation.restore(session.first_state)
-    _begin_controller(session)
+    changes.begin_again()
     for output in session.outputs:
         _call(output, output.restart, session.first_state)
     session.pace.restart()

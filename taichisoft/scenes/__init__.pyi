@@ -16,6 +16,7 @@ from .overrides import apply_override as apply_override
 from .rigid_body import RigidBodySettings as RigidBodySettings
 from .scene import Goal as Goal
 from .scene import Scene as Scene
+from .sensor_settings import SensorSettings as SensorSettings
 from .shipped import data_folder as data_folder
 from .shipped import find_file as find_file
 from .table import KeySets as KeySets

@@ -13,6 +13,8 @@ from taichisoft.meshes.files import VOLUME_SUFFIXES
 from taichisoft.meshes.point_files import POINT_SUFFIXES
 from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
 from taichisoft.scenes.overrides import change_scene
+from taichisoft.scenes.pattern import KEY as PATTERN
+from taichisoft.scenes.pattern import PLACES, with_patterns
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
 from taichisoft.scenes.validation_errors import first_problem
@@ -48,6 +50,9 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     tables = {**document}
     if isinstance(tables.get("soft_bodies"), dict):
         tables["soft_bodies"] = _inherit(tables["soft_bodies"], source)
+    for key in PLACES:
+        if isinstance(tables.get(key), dict):
+            tables[key] = with_patterns(tables[key], key, source)
     found = {key: _with_files(value, folder or Path(), f"{source}: {key}", key) for key, value in tables.items()}
     return _validated(found, source)
 
@@ -95,7 +100,8 @@ def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
                 other = f"soft_bodies.{table['like']}"
                 raise SceneError(f"{source}: soft_bodies.{name}.like = '{table['like']}': {other} must be a table")
             own = {key: value for key, value in table.items() if key != "like"}
-            table = {**_without_material(resolved[str(table["like"])], own), **own}
+            inherited = {key: value for key, value in resolved[str(table["like"])].items() if key != PATTERN}
+            table = {**_without_material(inherited, own), **own}
         resolved[name] = table
     return resolved
 

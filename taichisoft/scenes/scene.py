@@ -10,6 +10,13 @@ from taichisoft.scenes.actuators import ActuatorLimits
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.frame_settings import BASE, FrameSettings
 from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, ObstacleSettings, RigidBodySettings
+from taichisoft.scenes.sensor_settings import (
+    CameraSettings,
+    SensedQuantity,
+    SensorSettings,
+    TactileArray,
+    check_sensors,
+)
 from taichisoft.scenes.soft_body import SoftBodySettings
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector
 
@@ -176,6 +183,8 @@ class Goal(Table):
     """Time at the end of the run in which the object must stand still [s]."""
     creep: Positive = 0.1
     """Largest motion of the object during `hold` [mm]."""
+    max_pressure: Positive | None = None
+    """Highest pressure of a soft body on the object that the object survives [kPa], such as an egg."""
 
     @model_validator(mode="after")
     def _check_kind(self) -> Self:
@@ -237,6 +246,8 @@ class Scene(Table):
     limits: Limits = Limits()
     external_forces: list[ExternalForce] = []
     goal: Goal | None = None
+    sensors: dict[SensedQuantity, SensorSettings] = {}
+    cameras: dict[Name, CameraSettings] = {}
     appearance: Appearance = Appearance()
     soft_bodies: dict[Name, SoftBodySettings] = {}
     rigid_bodies: dict[Name, RigidBodySettings] = {}
@@ -284,6 +295,12 @@ class Scene(Table):
         return [name for name, body in self.rigid_bodies.items() if body.follows is None]
 
     @property
+    def tactile_arrays(self) -> dict[str, TactileArray]:
+        """Tables of all tactile arrays, by their names "body.array"."""
+        bodies = self.soft_bodies.items()
+        return {f"{name}.{one}": table for name, body in bodies for one, table in body.tactile.items()}
+
+    @property
     def main_object(self) -> str | None:
         """Name of the rigid body that a run is about: the goal's, else the first that no frame carries; or None."""
         return self.goal.object if self.goal is not None else next(iter(self.objects), None)
@@ -300,6 +317,11 @@ class Scene(Table):
                     f"controller.period = {period:g} s must be a whole multiple of time.step = {step:g} s, such as "
                     f"{near} s"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _check_sensors(self) -> Self:
+        check_sensors(self)
         return self
 
     @model_validator(mode="after")

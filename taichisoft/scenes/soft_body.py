@@ -9,9 +9,11 @@ from taichisoft.scenes.actuators import ActuatorTables
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.elastic_law import Law, check_coefficients, initial_shear_modulus
 from taichisoft.scenes.material import ELASTICITY, Material, with_material
+from taichisoft.scenes.sensor_settings import TactileArray
 from taichisoft.scenes.table import (
     Groups,
     KeySets,
+    Name,
     NodeNumber,
     NotNegative,
     Number,
@@ -219,6 +221,7 @@ class SoftBodySettings(ActuatorTables):
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     follows: str = "base"
     """Frame that the anchored nodes move with: "base", or one of `frames`."""
+    tactile: dict[Name, TactileArray] = {}
     regions: list[Region] = []
     anchors: list[Anchor] = []
     forces: list[NodalForce] = []

@@ -2,11 +2,12 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from taichisoft.control.controller import Controller
+from taichisoft.control.controller import Controller, Slider
 from taichisoft.control.keys import KeyEvent, KeyStream
 from taichisoft.errors import PluginError, TaichisoftError
 from taichisoft.session.key_log import KeyReplay
@@ -49,6 +50,9 @@ class Session:
         replay: keys of an earlier session, which replace the events in `keys`, or None.
         first_state: state at the start and after a restart.
         saved: what the controller remembers then, as `Controller.save` gave it; None: it begins with `reset` alone.
+        make_controller: makes the controller anew with changed settings; None: it cannot be made anew.
+        tuned: settings of the controller that were changed since, by name.
+        notice: text for displays about the session itself, such as why a plug-in was not loaded anew.
         stops: whether the run ends before the next step.
     """
 
@@ -62,6 +66,7 @@ class Session:
         speed: float | None = None,
         replay: KeyReplay | None = None,
         saved: Mapping[str, Any] | None = None,
+        make_controller: Callable[[Mapping[str, Any]], Controller] | None = None,
     ):
         """Assemble a run.
 
@@ -74,6 +79,8 @@ class Session:
             speed: simulated over wall-clock time [-]; None: as fast as possible.
             replay: keys of an earlier session.
             saved: what the controller goes on from, as its `save` gave it; None: it begins with `reset` alone.
+            make_controller: makes the controller anew with changed settings, for sliders of its tunable settings and
+                for files of plug-ins that were saved; None: it cannot be made anew.
 
         Raises:
             PluginError: the controller is not a `Controller`, or an output is not an `Output`.
@@ -95,6 +102,9 @@ class Session:
         self.replay = replay
         self.first_state = simulation.state
         self.saved = saved
+        self.make_controller = make_controller
+        self.tuned: dict[str, float] = {}
+        self.notice = ""
         self.stops = False
 
     @property
@@ -113,6 +123,18 @@ class Session:
         if self.replay is not None:
             return self.steps_made >= self.replay.step_count
         return self.simulation.state.step - self.first_state.step >= self.step_count
+
+    @property
+    def sliders(self) -> dict[str, Slider]:
+        """All sliders of the session with their present values: the controller's own, and its tunable settings."""
+        controller, scene = self.controller, self.simulation.model.scene
+        name = scene.controller.name if scene.controller is not None else "controller"
+        found = {key: replace(one, group=one.group or name) for key, one in controller.sliders.items()}
+        given = scene.controller.settings if scene.controller is not None else {}
+        for key, one in controller.tunable.items() if self.make_controller is not None else ():
+            value = self.tuned.get(key, given.get(key, one.value))
+            found[key] = replace(one, value=float(value), group=one.group or f"settings of {name}")
+        return found
 
     def stop(self) -> None:
         """End the run before the next step, with complete outputs; may be called from any thread."""

@@ -17,7 +17,8 @@ import taichisoft_gym.randomisation
 from taichisoft.bodies.modes import Modes
 from taichisoft.errors import ForkedProcess, SceneError, StateError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_gym import EPISODES
+from taichisoft_gym import EPISODES, SoftRobotEnvironment, Travel
+from taichisoft_gym.baselines import score
 
 SMALL = {"scene": str(TINY_GRIPPER), "pressure": (0.0, 15.0)}
 """The tiny gripper: two pads, which touch the cube at 7 kPa and can lift it with 9."""
@@ -122,9 +123,9 @@ def test_no_drawn_place_lies_within_a_finger() -> None:
 
 
 def test_an_object_without_a_free_place_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("taichisoft_gym.environment.MOST_PLACES", 1)
+    monkeypatch.setattr("taichisoft_gym.episode_start.MOST_PLACES", 1)
     env = make("Grasp", randomisation={"place": 12.0})
-    with pytest.raises(SceneError, match=r"place'\] = 12: none of 1 places was free; bodies '.*' and 'cube' overlap"):
+    with pytest.raises(SceneError, match=r"place'\]: none of 1 places was free; bodies '.*' and 'cube' overlap"):
         for seed in range(12):
             env.reset(seed=seed)
 
@@ -200,9 +201,9 @@ def test_an_episode_begins_at_the_state_that_is_given() -> None:
 def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> None:
     env = make("Reach")
     env.reset(seed=0)
-    from taichisoft_gym.reach import LARGEST, tip_places
+    from taichisoft_gym.reach import LARGEST
 
-    places = tip_places(env.unwrapped._scene_text, "finger", 0.0, 60.0)
+    places = env.unwrapped.tip_places()
     target = places[round(share * (len(places) - 1))]
     env.reset(options={"target": target})
     action = 2.0 * LARGEST * round(share * (len(places) - 1)) / (len(places) - 1) - 1.0
@@ -409,3 +410,89 @@ def test_an_environment_can_be_described_as_text() -> None:
     text = env.spec.to_json()
     assert json.loads(text)["kwargs"]["randomisation"] == {"friction": [0.4, 0.8]}
     assert taichisoft_gym.EPISODES["Grasp"] == env.spec.max_episode_steps
+
+
+def test_a_goal_is_in_the_observation_and_its_reward_can_be_worked_out_for_another() -> None:
+    """Hindsight: the reward of a step is that of its goals, and that of a goal which is where the tip is, is 0."""
+    env = make("Reach", goals=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        warnings.filterwarnings("ignore", ".*walls of one element")
+        check_env(env.unwrapped, skip_render_check=True)
+    first, _ = env.reset(seed=0, options={"target": (-110.0, 20.0, 0.0)})
+    assert "way to the target up" not in [channel.name for channel in env.unwrapped.channels]
+    seen, reward, *_, told = env.step(np.array([1.0]))
+    achieved, desired = seen["achieved_goal"], seen["desired_goal"]
+    assert np.array_equal(desired, first["desired_goal"]) and not np.array_equal(achieved, first["achieved_goal"])
+    assert reward == env.unwrapped.compute_reward(achieved, desired, told) == -1.0
+    many = env.unwrapped.compute_reward(np.array([achieved, achieved]), np.array([desired, achieved]), [{}, {}])
+    assert many.tolist() == [-1.0, 0.0]
+    with pytest.raises(SceneError, match="Grasp has no goal"):
+        make("Grasp", goals=True)
+
+
+def test_every_reset_draws_one_of_the_objects() -> None:
+    objects = {"cube": {}, "ball": {"sphere": {"radius": 5.0}, "mass": 0.002}}
+    env = make("Grasp", objects=objects, randomisation={"mass": (0.5, 0.5)})
+    masses = {}
+    for seed in range(6):
+        _, told = env.reset(seed=seed)
+        masses[told["randomised"]["object"]] = env.get_wrapper_attr("simulation").model.rigid_mass.tolist()
+    assert masses == {"cube": [0.0005], "ball": [0.001]}
+    with pytest.raises(SceneError, match="objects: must be changed keys"):
+        make("Grasp", objects={})
+
+
+def test_a_difficulty_is_the_share_of_all_ranges() -> None:
+    env = make("Grasp", randomisation=EVERYTHING, difficulty=0.0)
+    easy = env.reset(seed=0)[1]["randomised"]
+    assert easy == {"friction": 0.6, "mass": 1.0, "modulus": 1.0, "place right": 0.0, "place front": 0.0}
+    half = env.reset(seed=0, options={"difficulty": 0.5})[1]["randomised"]
+    whole = env.reset(seed=0, options={"difficulty": 1.0})[1]["randomised"]
+    for name, value in whole.items():
+        assert half[name] - easy[name] == pytest.approx(0.5 * (value - easy[name]))
+    with pytest.raises(SceneError, match=r"options\['difficulty'\] = 2: must be a number from 0 to 1"):
+        env.reset(options={"difficulty": 2})
+
+
+class Pull(SoftRobotEnvironment):
+    """A task without anything of its own: the base turns, tensions of cables would be asked for."""
+
+    actions = ("pressure",)
+    travel = Travel((0.0, 0.0, 0.0), (0.0, 0.0, 5.0), turn=0.1, turning_speed=0.5)
+    observations = ("actuators", "wrist force", "contact pressure", "tactile")
+
+
+def test_a_base_that_turns_stops_at_its_end_and_mistakes_of_a_task_are_named() -> None:
+    env = Pull(scene=str(TINY_GRIPPER), pressure=(0.0, 15.0))
+    env.reset(seed=0)
+    with pytest.raises(NotImplementedError, match="Pull needs a method reward"):
+        env.step(np.array([-1.0, -1.0, 0.0, 1.0]))
+    env.reward = lambda seen: 0.0  # type: ignore[method-assign]
+    for _ in range(8):
+        env.step(np.array([-1.0, -1.0, 0.0, 1.0]))
+    assert env.simulation.state.base_rotation @ env.axes[2] == pytest.approx(0.1)
+    for wrong, problem in (
+        ({"actions": ("presure",)}, "there is no 'presure'; did you mean 'pressure'"),
+        ({"actions": ("cable_pull",)}, "needs a soft body with a cavity or a cable"),
+        ({"actions": ("pressure", "valve")}, "no actuator of the scene is driven by 'valve'"),
+        ({"observations": ("tips",)}, "there is no 'tips'; did you mean 'tip'"),
+    ):
+        with pytest.raises(SceneError, match=problem):
+            type("Wrong", (Pull,), wrong)(scene=str(TINY_GRIPPER))
+
+
+def test_sensors_of_the_scene_disturb_readings_but_not_rewards_and_differ_between_episodes() -> None:
+    scene = taichisoft.load_scene(str(TINY_GRIPPER), ["sensors.object_position={noise=5.0}"])
+    env, exact = make("Grasp", scene=scene), make("Grasp")
+    first, told = env.reset(seed=1)
+    second, _ = env.reset()
+    truth, expected = exact.reset(seed=1)
+    assert told["lift"] == expected["lift"]
+    places = [one[5:8].tobytes() for one in (first, second, truth)]
+    assert len(set(places)) == 3
+    assert env.reset(seed=1)[0].tobytes() == first.tobytes()
+
+
+def test_the_scripted_baseline_reaches() -> None:
+    assert score("Reach", 1, **FINGER).successes == 1

@@ -51,6 +51,7 @@ WRAPPERS: dict[str, tuple[type[disturbances.Disturbance], dict[str, Any]]] = {
     "quantised": (disturbances.Quantised, {"resolution": 0.7}),
     "sampled": (disturbances.Sampled, {"every": 3}),
     "delayed": (disturbances.Delayed, {"steps": 2}),
+    "dropout": (disturbances.Dropout, {"probability": 0.5}),
 }
 
 

@@ -50,6 +50,7 @@ def session(**changes: Any) -> Any:
         "first_state": SimpleNamespace(rigid_position=np.array([[0.0, 0.0, 0.0], [-100.0, 70.0, 0.0]])),
         "controller": SimpleNamespace(status="finger2 selected"),
         "pace": pace,
+        "notice": "",
         "paused": False,
         "shows_help": False,
         "recent_keys": deque([KeyEvent("+"), KeyEvent("up", ctrl=True)]),

@@ -26,6 +26,7 @@ def beam(block: Callable[..., str], **changes: object) -> dict:
         "poisson_ratio": 0.3,
         "anchors": [{"box": [[-50, -5, -5], [-50, 5, 5]]}],
         "cavities": {"air": {"group": "cavity"}},
+        "tactile": {"pad": {"box": [[0, -6, -6], [60, 6, 6]], "patches": [2, 1, 1]}},
         **changes,
     }
 

@@ -30,6 +30,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
     box = {"box": [10, 10, 10], "mass": 0.01, "position": [0, 0, 27]}
     floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
     scene = {"soft_bodies": {"block": body}, "rigid_bodies": {"box": box}, "obstacles": {"floor": floor}}
+    scene["sensors"] = {"pressure": {"delay": 0.01}}
     simulation = Simulation(scene_from_dict(scene))
     for _ in range(2):
         turn = np.array([0.1, 0.2, 0.3])

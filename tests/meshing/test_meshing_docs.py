@@ -33,9 +33,10 @@ def commands() -> list[list[str]]:
 
 def test_every_command_and_option_exists() -> None:
     whole = with_plugin_commands(application)
-    below = whole.commands["mesh"].commands
-    known = whole.commands | {f"mesh {name}": command for name, command in below.items()}
-    shown = [[" ".join(words[:2]), *words[2:]] if words[1:2] and words[1] in below else words for words in commands()]
+    groups = ("mesh", "new")
+    below = {f"{group} {name}": one for group in groups for name, one in whole.commands[group].commands.items()}
+    known = whole.commands | below
+    shown = [[" ".join(words[:2]), *words[2:]] if " ".join(words[:2]) in below else words for words in commands()]
     assert {"mesh", "mesh info", "mesh cache", "mesh mould", "mesh sweep", "run"} <= {words[0] for words in shown}
     for words in shown:
         assert words[0] in known, words

@@ -93,6 +93,7 @@ def record_gripper(folder: Path) -> Path:
         state, report = gripper_state(model, step), fake_run.fake_report(step)
         seen = report.observation
         seen.normal_forces = seen.friction_forces = seen.slip_speeds = {}
+        seen.contact_areas = seen.peak_pressures = {}
         report.contact_count = len(state.contact_body_pair)
         report.contact_points = state.contact_point
         report.contact_forces = state.contact_impulse / model.scene.time.step

@@ -56,6 +56,8 @@ def report(step: int, **changes: Any) -> Any:
         "normal_forces": {("left", "cube"): 10.0 * step, ("cube", "floor"): 9.81, ("left", "right"): 99.0},
         "friction_forces": {("left", "cube"): 1.0 * step},
         "slip_speeds": {("cube", "ball"): 0.5},
+        "contact_areas": {("left", "cube"): 12.0},
+        "peak_pressures": {("left", "cube"): 6.5},
         "base_force": np.array([1.0, 2.0, 3.0]) * step,
         "base_torque": np.array([4.0, 5.0, 6.0]) * step,
         "base_force_in_base": np.array([2.0, -1.0, 3.0]) * step,

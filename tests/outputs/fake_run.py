@@ -142,6 +142,7 @@ def fake_state(step: int) -> FakeState:
         valve_opening=np.array([0.01 * step]),
         supply_pressure=np.array([20.0 + step]),
         delayed_requests=np.array([[0.03 * step, 0.04 * step]]),
+        sensor_memory=np.zeros(0),
         pull_point=np.zeros((0, 3)),
         contact_body_pair=np.tile(np.array([0, 1], dtype=np.int32), (contacts, 1)),
         contact_point=np.full((contacts, 3), float(step)),
@@ -166,6 +167,8 @@ def fake_report(step: int) -> SimpleNamespace:
             normal_forces={("cube", "finger"): 3.0 * step},
             friction_forces={("finger", "cube"): 1.0 * step},
             slip_speeds={("finger", "cube"): 0.5 * step},
+            contact_areas={("cube", "finger"): 2.0 * step},
+            peak_pressures={("finger", "cube"): 4.0 * step},
             **dict.fromkeys(
                 ("base_force", "base_torque", "base_force_in_base", "base_torque_in_base"), np.full(3, 0.7 * step)
             ),

@@ -58,6 +58,9 @@ def test_every_number_of_a_step_is_in_its_column(tmp_path: Path) -> None:
         "normal_force cube|floor [mN]": 9.81,
         "friction_force left|cube [mN]": 3.0,
         "slip_speed cube|ball [mm/s]": 0.5,
+        "contact_area left|cube [mm^2]": 12.0,
+        "peak_pressure left|cube [kPa]": 6.5,
+        "peak_pressure right|cube [kPa]": 0.0,
         "signal set_point": 60.0,
         "signal error": -3.0,
     }

@@ -33,6 +33,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     added = [
         f'soft_bodies.block={{mesh = "{folder}/a.msh", {body}, cables = {{{cables}}}}}',
         "frames={" + ", ".join(f"frame{n} = {{}}" for n in range(12)) + "}",
+        "sensors.pressure={delay = 0.04}",
         f'obstacles.table={{surface = "{folder}/box.stl", translation = [90.0, 0.0, 0.0]}}',
     ]
     tiny_run(folder, added)
@@ -94,6 +95,7 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
         "cables": len(file["steps"].attrs["cables"]),
         "rubbing_points": 5,
         "delayed_steps": 0,
+        "sensor_numbers": 2 + 5 * 2,
         "pairs": len(file["steps"].attrs["pairs"]),
         "carriers": len(file["frames"].attrs["names"]),
     }

@@ -54,7 +54,7 @@ def test_a_picture_that_is_interrupted_is_not_taken_for_the_next_one(taichisoft_
     class Interrupted:
         drawn = 0
 
-        def draw(self, state: object, marks: object) -> None:
+        def draw(self, state: object, marks: object, camera: object) -> None:
             raise KeyboardInterrupt
 
         def end(self) -> None:

@@ -16,7 +16,7 @@ from taichisoft_outputs.drawing.shading import split_creases
 from taichisoft_outputs.recording.reader import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
-from taichisoft_outputs.web.curves import MOST_POINTS, History, plotted_row
+from taichisoft_outputs.web.curves import MOST_POINTS, WINDOW, History, plotted_row
 from taichisoft_outputs.web.frame import PageFrame
 from taichisoft_outputs.web.page_link import page_setup, snapshot
 from taichisoft_outputs.web.page_process import frame_of as live_frame
@@ -59,30 +59,36 @@ def frame(time: float, height: float = 0.0) -> PageFrame:
     """A frame of a run with one cavity and one cable, in which the second rigid body is gripped."""
     forces = {("left", "cube"): 3.0, ("cube", "right"): 2.0, ("cube", "floor"): 9.0, ("left", "ball"): 7.0}
     places, nothing = np.array([[99.0, 0.0, 0.0], [height, 0.0, 0.0]]), np.zeros((0, 3))
-    plotted = plotted_row(SCENE, [10.0 * time, 400.0 * time], forces, places)
-    return PageFrame(time, (), {}, nothing, nothing, plotted)
+    wrench, peaks = np.arange(6.0).reshape(2, 3), {("left", "cube"): 0.25}
+    plotted = plotted_row(SCENE, [10.0 * time, 400.0 * time], forces, peaks, wrench, places)
+    signals = {"force": 5.0} if time else {}
+    return PageFrame(time, (), {}, nothing, nothing, plotted, signals=signals)
 
 
 def test_curves_have_pressures_tensions_forces_of_the_fingers_and_the_height_from_the_first_frame() -> None:
     history = History(frame(0.0, height=5.0))
     history.add(frame(0.5, height=7.5))
     assert history.times == [0.5]
-    assert history.rows[0].tolist() == [5.0, 200.0, 3.0, 2.0, 2.5]
+    assert history.rows[0].tolist() == [5.0, 200.0, 3.0, 2.0, 0.25, 0.0, *range(6), 2.5]
 
 
 def test_a_scene_without_rigid_bodies_has_pressures_only() -> None:
     alone = SCENE.model_copy(update={"rigid_bodies": {}, "goal": None})
-    assert plotted_row(alone, [4.0], {("left", "right"): 3.0}, np.zeros((0, 3))).tolist() == [4.0, 0.0, 0.0, 0.0]
+    row = plotted_row(alone, [4.0], {("left", "right"): 3.0}, {}, np.ones((2, 3)), np.zeros((0, 3)))
+    assert row.tolist() == [4.0, *[0.0] * 4, *[1.0] * 6, 0.0]
 
 
-def test_curves_of_a_long_run_stay_small_and_reach_back_to_its_start() -> None:
-    history = History(frame(0.0))
-    for step in range(20 * MOST_POINTS):
+def test_curves_of_a_long_run_show_its_last_seconds_and_the_newest_point() -> None:
+    history, count = History(frame(0.0)), 4000
+    history.add(frame(0.0))
+    for step in range(1, count):
         history.add(frame(0.01 * step))
         history.add(frame(0.01 * step))
-    assert history.times[0] == 0.0 and history.times[-1] > 0.99 * 0.01 * 20 * MOST_POINTS
-    assert MOST_POINTS / 2 <= len(history.times) <= MOST_POINTS
-    assert np.ptp(np.diff(history.times)) < 1e-9, "evenly spaced"
+    newest = 0.01 * (count - 1)
+    assert history.times[-1] == newest and newest - WINDOW <= history.times[0] < newest - 0.99 * WINDOW
+    assert 0.9 * 20.0 / 0.07 < len(history.times) <= MOST_POINTS + 1
+    assert np.ptp(np.diff(history.times)[:-1]) < 1e-9, "evenly spaced"
+    assert [len(history.rows), len(history.signals["force"])] == [len(history.times)] * 2
     history.add(frame(0.02))
     assert history.times == [0.02], "a new start begins new curves"
 

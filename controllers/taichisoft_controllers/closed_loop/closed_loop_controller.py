@@ -11,6 +11,7 @@ from taichisoft_controllers.closed_loop.grasp_sensing import GraspSensing
 from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 from taichisoft_controllers.drives import PRESSURE
+from taichisoft_controllers.settings import tunable_settings
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -20,7 +21,12 @@ class ClosedLoopController(Controller):
     """Closes all fingers together until they touch, regulates the sum of their normal forces, and lifts.
 
     It depends on what it has observed alone. docs/controllers.md has the law, the tuning, and what it can hold.
+
+    Attributes:
+        tunable: all of its settings that are not numbers of grasps.
     """
+
+    tunable = tunable_settings(GraspSettings)
 
     def __init__(self, **settings: Any):
         """Take the settings that `GraspSettings` describes.

@@ -41,6 +41,11 @@ class PictureCamera:
         return _picture_axes(backward / np.linalg.norm(backward), self.up)
 
 
+def focal_length(height: int) -> float:
+    """Focal length of a picture so many pixels high [pixels]."""
+    return float(height / 2 / np.tan(np.radians(VERTICAL_ANGLE / 2)))
+
+
 def scene_axes(up: np.ndarray) -> np.ndarray:
     """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, shape (3, 3)."""
     right = right_of(up)
@@ -141,7 +146,7 @@ def pixel_matrix(
         the left edge and below the upper edge, and the distance w in front of the camera [mm].
     """
     vectors = np.concatenate([directions, [origin - camera.eye]]) @ camera.axes.T
-    scale = size[1] / 2 / np.tan(np.radians(VERTICAL_ANGLE / 2))
+    scale = focal_length(size[1])
     depth = -vectors[:, 2]
     return np.array([size[0] / 2 * depth + scale * vectors[:, 0], size[1] / 2 * depth - scale * vectors[:, 1], depth])
 

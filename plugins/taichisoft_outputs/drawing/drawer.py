@@ -8,7 +8,7 @@ from taichisoft.bodies import Plane
 from taichisoft.meshes import SectionPlane
 from taichisoft_outputs.drawing.antialiasing import antialias
 from taichisoft_outputs.drawing.cable_tubes import line_tubes
-from taichisoft_outputs.drawing.camera import radius_around_mean
+from taichisoft_outputs.drawing.camera import PictureCamera, focal_length, radius_around_mean
 from taichisoft_outputs.drawing.camera_path import camera_path, followed_part, outermost_points
 from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, body_colours
 from taichisoft_outputs.drawing.floor import Floor
@@ -46,6 +46,7 @@ class Drawer:
         style = style.for_scene(recording.scene)
         width, height = style.size
         up = recording.scene.up
+        self._scene, self._planes = recording.scene, recording.planes
         self._surfaces = [*with_visual_surfaces(recording, style.surface), *line_tubes(recording, frames[0])]
         points = outermost_points(self._surfaces, frames)
         self._colouring = Colouring(recording, style, frames, self._surfaces)
@@ -80,9 +81,35 @@ class Drawer:
         self._recording, self._section = recording, SectionPlane.parse(style.section) if style.section else None
         self._hide_what_is_under(floors[-1:], points)
 
-    def image(self, frame: int, marks: np.ndarray = NO_POINTS) -> np.ndarray:
-        """The picture of one of the frames, with marks at points [mm]; shape (height, width, 3), dtype uint8."""
-        camera = self._camera(frame)
+    def measure(self, frame: int, camera: PictureCamera) -> tuple[np.ndarray, np.ndarray]:
+        """Depth [mm] and number of the body that each pixel of a camera sees, see `SurfacePainter.measure`.
+
+        Bodies are numbered as in the model: soft ones, rigid ones, obstacles; a plane is seen from its upper side.
+        """
+        scene, planes = self._scene, self._planes
+        names = [*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles]
+        solid = {s.name: s for s in self._surfaces if s.kind in SHADOW_OPACITY and s.name in names}
+        vertices = {name: surface.vertices(frame) for name, surface in solid.items()}
+        depth, number = self._painter.measure(camera, vertices, {name: names.index(name) for name in solid})
+        right, up, backward = camera.axes
+        height, width = depth.shape
+        x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
+        ahead = (x[..., None] * right - y[..., None] * up) / focal_length(height) - backward
+        for plane in planes:
+            towards = ahead @ plane.normal
+            with np.errstate(divide="ignore"):
+                distance = np.where(towards < 0.0, (plane.point - camera.eye) @ plane.normal / towards, np.inf)
+            is_seen = (distance > 0.0) & (distance < depth)
+            depth = np.where(is_seen, distance, depth).astype(np.float32)
+            number = np.where(is_seen, names.index(plane.name), number)
+        return depth, number
+
+    def image(self, frame: int, marks: np.ndarray = NO_POINTS, camera: PictureCamera | None = None) -> np.ndarray:
+        """The picture of one of the frames, with marks at points [mm]; shape (height, width, 3), dtype uint8.
+
+        `camera` replaces that of the style.
+        """
+        camera = self._camera(frame) if camera is None else camera
         vertices = {surface.name: surface.vertices(frame) for surface in self._surfaces}
         picture = self._background
         if self._floor is not None:

@@ -69,14 +69,22 @@ class Stage:
         self._scene.add_geometry(name, mesh, self._material)
         self._names.add(name)
 
+    def depth(self, camera: PictureCamera, visible: Collection[str]) -> np.ndarray:
+        """Distances along the optical axis [mm], infinite where nothing is, shape (height, width), dtype float32."""
+        self._show(camera, visible)
+        return np.array(self._renderer.render_to_depth_image(z_in_view_space=True))
+
     def image(self, camera: PictureCamera, visible: Collection[str]) -> np.ndarray:
         """The picture of the visible names, EMPTY where nothing is, shape (height, width, 3), dtype uint8."""
+        self._show(camera, visible)
+        return np.array(self._renderer.render_to_image())
+
+    def _show(self, camera: PictureCamera, visible: Collection[str]) -> None:
         for name in self._names:
             self._scene.show_geometry(name, name in visible)
         # The near and far planes are taken from what stands on the stage now.
         eye, target, up = (np.asarray(v, np.float32) for v in (camera.eye, camera.target, camera.up))
         self._renderer.setup_camera(VERTICAL_ANGLE, target, eye, up)
-        return np.array(self._renderer.render_to_image())
 
 
 def _texture_coordinates(triangle_count: int) -> np.ndarray:

@@ -14,6 +14,9 @@ from taichisoft_outputs.drawing.stage import EMPTY, Stage
 HOLDOUT = " as a holdout"
 """Ends the name of what is drawn in the colour EMPTY, so that it hides parts of a layer without being seen in it."""
 
+NUMBERED = " by its number"
+"""Ends the name of what is drawn in a colour that stands for its number."""
+
 
 NORMALS = " by its normals"
 """Ends the name of what is drawn in colours that say where its normals point, so that its edges can be found."""
@@ -165,6 +168,26 @@ class SurfacePainter:
         self._stage.put(name, corners, triangles, shown)
         if name in self._opaque:
             self._put_holdout(name + HOLDOUT, corners, triangles)
+
+    def measure(
+        self, camera: PictureCamera, vertices: dict[str, np.ndarray], numbers: dict[str, int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Depth [mm], infinite where nothing is, and the number of what is seen, -1 for nothing, (height, width) both.
+
+        Args:
+            camera: the camera that sees them.
+            vertices: vertices [mm] of the surfaces, by name.
+            numbers: number of each surface that counts, from 0 to 253, by name.
+        """
+        for name, number in numbers.items():
+            colour = np.array([(number + 1) / 255, 0.0, 0.0])
+            self._stage.put(
+                name + NUMBERED, vertices[name], self._triangles[name], np.tile(colour, (len(vertices[name]), 1))
+            )
+        visible = [name + NUMBERED for name in numbers]
+        picture = self._stage.image(camera, visible)
+        found = np.where(picture[..., 2] == 0, picture[..., 0].astype(np.int32) - 1, -1)
+        return self._stage.depth(camera, visible), found
 
     def _put_holdout(self, name: str, vertices: np.ndarray, triangles: np.ndarray) -> None:
         self._stage.put(name, vertices, triangles, np.tile(np.array(EMPTY) / 255, (len(vertices), 1)))

@@ -215,6 +215,8 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "tips-above": _tips_above,
     "normal-force": partial(_forces, "normal_force", "normal force [mN]"),
     "friction-force": partial(_forces, "friction_force", "friction force [mN]"),
+    "contact-area": partial(_forces, "contact_area", "area in contact [mm²]"),
+    "contact-pressure": partial(_forces, "peak_pressure", "highest contact pressure [kPa]"),
     "slip": slip,
     "base-force": partial(_wrench, 0, "force on the base [mN]"),
     "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from taichisoft.state import State
 
 FILE_NAME = "recording.h5"
-LAYOUT = 11
+LAYOUT = 12
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 SIGNAL_COUNT = 32
 """Signals that there is room for: which ones come is not known when a file begins."""
@@ -108,9 +108,12 @@ QUANTITIES = {
     "steps/supply_pressure": RecordedQuantity("kPa", "supply_pressure"),
     "steps/delayed_requests": RecordedQuantity("1 or kPa", "delayed_requests"),
     "steps/pull_point": RecordedQuantity("mm", "pull_point"),
+    "steps/sensor_memory": RecordedQuantity("of the quantities", "sensor_memory"),
     "steps/normal_force": RecordedQuantity("mN"),
     "steps/friction_force": RecordedQuantity("mN"),
     "steps/slip_speed": RecordedQuantity("mm/s"),
+    "steps/contact_area": RecordedQuantity("mm^2"),
+    "steps/peak_pressure": RecordedQuantity("kPa"),
     "steps/slide": RecordedQuantity("mm"),
     "steps/signals": RecordedQuantity("of the controller"),
     **dict.fromkeys(COUNTS.values(), RecordedQuantity("1")),

@@ -47,7 +47,7 @@ class Recording:
         actuators: names of the actuators; `actuators.names_of(kind)` are the names of the columns of one kind.
         cavities: names of the columns of `column("pressure")` and `column("volume")`.
         cables: names of the columns of `column("tension")`, `column("pull")` and `column("cable_length")`.
-        pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
+        pairs: names of the columns of `column("normal_force")`, `column("peak_pressure")` and the like.
         materials: names of the columns of `column("young_modulus")`.
         body_names: names of all bodies in the order of the scene, by which contacts number them.
         frames: what carried bodies, the base first, by which `column("frame_pose")` and `column("frame_wrench")` are

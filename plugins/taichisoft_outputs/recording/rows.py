@@ -77,7 +77,7 @@ class RowMaker:
     """Makes the rows of frames.
 
     Attributes:
-        pairs: bodies of the columns of `normal_force`, `friction_force` and `slip_speed`: all that could touch.
+        pairs: bodies of the columns of `normal_force`, `peak_pressure` and the like: all that could touch.
         signals: names of the columns of `signals`, of those that the controller has had by now.
     """
 
@@ -99,6 +99,7 @@ class RowMaker:
         """
         contacts, solver, state, actuators = self._contacts(frame), frame.solver, frame.state, self._model.actuators
         coordinates = actuators.own_coordinates(state)
+        areas, peaks = self._patches(frame)
         rows = {path: self._of_state(path, frame, has_state) for path in QUANTITIES if QUANTITIES[path].state_field}
         memory = np.frombuffer(frame.controller.encode(), np.uint8)
         figures = {
@@ -115,6 +116,8 @@ class RowMaker:
             "steps/normal_force": self._by_pair(contacts.normal_forces),
             "steps/friction_force": self._by_pair(contacts.friction_forces),
             "steps/slip_speed": self._by_pair(contacts.slip_speeds),
+            "steps/contact_area": self._by_pair(areas),
+            "steps/peak_pressure": self._by_pair(peaks),
             "steps/slide": frame.slide,
             "steps/signals": self._signals(frame.report),
             "steps/max_penetration": float(solver.max_penetration),
@@ -143,6 +146,15 @@ class RowMaker:
 
         # A run that goes on from a recorded state begins with contacts and without a report.
         return summarise_contacts(self._model, frame.state)
+
+    def _patches(self, frame: Frame) -> "tuple[Mapping[Pair, float], Mapping[Pair, float]]":
+        """Contact areas and highest pressures by pair."""
+        if frame.report is not None:
+            return frame.report.observation.contact_areas, frame.report.observation.peak_pressures
+        from taichisoft.control import ContactPatches
+
+        patches = ContactPatches(self._model).patches(frame.state)
+        return {pair: one.area for pair, one in patches.items()}, {pair: one.peak for pair, one in patches.items()}
 
     def _signals(self, report: "StepReport | None") -> np.ndarray:
         """The controller's signals in their columns; NaN where it has none."""

@@ -35,7 +35,8 @@ def draw_states(link: Link) -> None:
     """Draw one state after the other.
 
     The first message is the path of a recording of one frame, a `Style`, and the values of that frame (`live_values`);
-    each further one is the values of a state and the points that get a mark, answered by an image as above.
+    each further one is the values of a state, the points that get a mark, and None, answered by an image as above; or
+    in the place of None a camera, answered by image, depth and numbers of bodies, see `Drawer.measure`.
 
     Raises: what `draw_frames` raises.
     """
@@ -44,9 +45,10 @@ def draw_states(link: Link) -> None:
         recording.show(first)
         drawer = Drawer(recording, style, [0], ROOM)
         while True:
-            values, marks = link.receive()
+            values, marks, camera = link.receive()
             recording.show(values)
-            link.send(_checked(drawer.image(0, marks), style))
+            image = _checked(drawer.image(0, marks, camera), style)
+            link.send(image if camera is None else (image, *drawer.measure(0, camera)))
 
 
 def _checked(image: np.ndarray, style: Style) -> np.ndarray:

@@ -3,13 +3,14 @@
 import warnings
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.plugin_system import Renderer
+from taichisoft.plugin_system import CameraFrame, CameraView, Renderer
 from taichisoft.worker import Worker, WorkerLost
+from taichisoft_outputs.drawing.camera import PictureCamera, focal_length, picture_up
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.reader import live_values
 from taichisoft_outputs.recording.recording_output import RecordingOutput
@@ -59,6 +60,25 @@ class LiveRenderer(Renderer):
         Raises:
             RenderError: drawing failed twice, or cannot succeed; the message says what to install if that could help.
         """
+        drawn: np.ndarray = self._drawn(state, marks, None)
+        return drawn
+
+    def frame(self, state: "State", view: CameraView) -> CameraFrame:
+        """What a camera sees of a state; what it sees is not antialiased in depth and segmentation.
+
+        Raises:
+            RenderError: as for `picture`.
+        """
+        backward = (view.eye - view.target) / np.linalg.norm(view.eye - view.target)
+        camera = PictureCamera(view.eye, view.target, picture_up(backward, view.up))
+        colour, depth, segmentation = self._drawn(state, np.zeros((0, 3)), camera)
+        width, height = self._style.size
+        focal = focal_length(height)
+        intrinsics = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+        return CameraFrame(colour, depth, segmentation, intrinsics, camera.axes * [[1.0], [-1.0], [-1.0]], view.eye)
+
+    def _drawn(self, state: "State", marks: np.ndarray, camera: PictureCamera | None) -> Any:
+        """What the process answers, see `draw_states`."""
         problem = ""
         if self._process is not None and self._process.drawn == FRAMES_PER_PROCESS:
             self.close()
@@ -66,7 +86,7 @@ class LiveRenderer(Renderer):
             if self._process is None:
                 self._process = _Process(self._model, self._style)
             try:
-                return self._process.draw(state, marks)
+                return self._process.draw(state, marks, camera)
             except WorkerLost as lost:
                 problem = str(lost)
                 self.close()
@@ -110,9 +130,9 @@ class _Process:
         self.worker = Worker(WORKER)
         self.worker.send((str(recording.path), style, live_values(first, self._actuators)))
 
-    def draw(self, state: "State", marks: np.ndarray) -> np.ndarray:
-        """The picture of a state with its marks; raises what `Worker.receive` raises."""
-        drawn: np.ndarray = self.worker.ask((live_values(state, self._actuators), marks), self._limit)
+    def draw(self, state: "State", marks: np.ndarray, camera: PictureCamera | None) -> Any:
+        """What the process answers to a state with marks and a camera; raises what `Worker.receive` raises."""
+        drawn = self.worker.ask((live_values(state, self._actuators), marks, camera), self._limit)
         self._limit = self._next_limit
         self.drawn += 1
         return drawn

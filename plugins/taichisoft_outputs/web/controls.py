@@ -7,10 +7,13 @@ from typing import Any
 
 from taichisoft.control import KeyEvent, Slider
 from taichisoft_outputs.web.page import SPEEDS, clamped
-from taichisoft_outputs.web.page_messages import PageSetup, Snapshot, SpeedWanted
+from taichisoft_outputs.web.page_messages import SHOWN_ONLY, PageSetup, Snapshot, SpeedWanted
 
 MOVED_BY_VIEWER = 0.5
 """For so long [s] a slider that a viewer has moved is not set back to what the run has not heard of yet."""
+
+MOST_ABOVE = 12
+"""A folder with more sliders stands below the plots."""
 
 LABELS = {"up": "↑ up", "down": "↓ down", "left": "← left", "right": "→ right"}
 
@@ -61,9 +64,11 @@ class Controls:
 
     def _add_all(self, first: Snapshot) -> None:
         setup = self._setup
-        if first.sliders:
-            with self._gui.add_folder("pressures", order=1.0):
-                for name, slider in first.sliders.items():
+        for number, group in enumerate(dict.fromkeys(one.group for one in first.sliders.values())):
+            some = {name: one for name, one in first.sliders.items() if one.group == group}
+            order = (1.0 if len(some) <= MOST_ABOVE else 200.0) + 0.01 * number
+            with self._gui.add_folder(group, order=order):
+                for name, slider in some.items():
                     self._add_slider(name, slider)
         if setup.controller_bindings:
             with self._gui.add_folder("gripper", order=2.0):
@@ -82,18 +87,18 @@ class Controls:
                     self._add_hotkeys(effect, [key])
 
     def _add_slider(self, name: str, slider: Slider) -> None:
-        label = f"{name.removesuffix('.cavity')} [{slider.unit}]"
+        label = f"{name.removesuffix('.cavity').replace('_', ' ')} [{slider.unit}]"
         handle = self._gui.add_slider(
             label,
             min=float(slider.lowest),
             max=float(slider.highest),
             step=float(slider.step),
             initial_value=_within(slider),
-            disabled=not self._setup.sliders_move,
+            disabled=slider.group == SHOWN_ONLY,
         )
         moved = [-math.inf]
         self._sliders[name] = handle, moved
-        if not self._setup.sliders_move:
+        if slider.group == SHOWN_ONLY:
             return
 
         @handle.on_update

@@ -1,6 +1,5 @@
 """The plots of a page: efforts of actuators, forces on the main object, and its height over time."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,8 +10,13 @@ from taichisoft.control import Pair
 from taichisoft.scenes import Scene
 from taichisoft_outputs.web.frame import PageFrame, PageScene
 
+WINDOW = 20.0
+"""The plots of a run show its last seconds [s]."""
 MOST_POINTS = 300
-"""Most points that are drawn at once; beyond that every second one goes, so that a plot reaches back to the start."""
+"""Most points that are drawn at once."""
+
+LABEL_WIDTH = 64
+"""Width of the numbers beside a plot [pixels]: room for "-100,000"."""
 
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
@@ -21,6 +25,8 @@ def plotted_row(
     scene: Scene,
     efforts: Sequence[float],
     normal_forces: "Mapping[Pair, float]",
+    peak_pressures: "Mapping[Pair, float]",
+    base_wrench: np.ndarray,
     rigid_position: np.ndarray,
 ) -> np.ndarray:
     """The figures that are plotted at one time, in a row.
@@ -29,51 +35,66 @@ def plotted_row(
         scene: the scene of the run.
         efforts: of all actuators: pressures [kPa], tensions at pulled ends [mN].
         normal_forces: normal force of each pair of bodies [mN].
+        peak_pressures: highest pressure in the contact of each pair [kPa].
+        base_wrench: force [mN] and torque [mN mm] on the base, shape (2, 3).
         rigid_position: centres of mass [mm], shape (rigid_count, 3).
 
     Returns:
-        Efforts [kPa] or [mN], force of each soft body on the main object [mN], and the height of that [mm].
+        Efforts [kPa] or [mN], force [mN] and highest pressure [kPa] of each soft body on the main object, force and
+        torque on the base, and the height of the object [mm].
     """
-    if scene.main_object is None:
-        return np.array([*efforts, *(0.0 for _ in scene.soft_bodies), 0.0])
-    pressed = {frozenset(pair): force for pair, force in normal_forces.items()}
-    forces = (pressed.get(frozenset((name, scene.main_object)), 0.0) for name in scene.soft_bodies)
-    height = rigid_position[list(scene.rigid_bodies).index(scene.main_object)] @ scene.up
-    return np.array([*efforts, *forces, height])
+    shown, bodies = scene.main_object, scene.soft_bodies
+    contacts = []
+    for values in (normal_forces, peak_pressures):
+        of_pair = {frozenset(pair): value for pair, value in values.items()}
+        contacts += [0.0 if shown is None else of_pair.get(frozenset((name, shown)), 0.0) for name in bodies]
+    height = 0.0 if shown is None else rigid_position[list(scene.rigid_bodies).index(shown)] @ scene.up
+    return np.array([*efforts, *contacts, *np.ravel(base_wrench), height])
 
 
 class History:
-    """What the plots show of the frames since the last start.
+    """What the plots show of the last frames since the last start.
 
     Attributes:
         times: times of the frames that are kept [s].
         rows: their rows of `plotted_row`, with heights over that of the first frame of all.
+        signals: values of each signal of the controller in these frames, NaN where it had none.
     """
 
     def __init__(self, first: PageFrame):
         """Begin without any frame; heights are counted from that in `first`."""
         self._start = first.plotted[-1]
+        self._clear()
+
+    def _clear(self) -> None:
         self.times: list[float] = []
         self.rows: list[np.ndarray] = []
-        self._last = -math.inf
-        self._count, self._stride = 0, 1
+        self.signals: dict[str, list[float]] = {}
 
     def add(self, frame: PageFrame) -> None:
         """Add a frame; an earlier time than the last clears the plots, and the same time is ignored."""
-        if frame.time < self._last:
-            self.times, self.rows, self._last, self._count, self._stride = [], [], -math.inf, 0, 1
-        if frame.time == self._last:
+        if self.times and frame.time < self.times[-1]:
+            self._clear()
+        if self.times and frame.time == self.times[-1]:
             return
-        self._last = frame.time
-        if self._count % self._stride == 0:
-            row = frame.plotted.copy()
-            row[-1] -= self._start
-            self.times.append(frame.time)
-            self.rows.append(row)
-        self._count += 1
-        if len(self.times) > MOST_POINTS:
-            self.times, self.rows = self.times[::2], self.rows[::2]
-            self._stride *= 2
+        row = frame.plotted.copy()
+        row[-1] -= self._start
+        # The newest point always shows; it gives way to the next if it is too near to the one before.
+        if len(self.times) > 1 and self.times[-1] - self.times[-2] < WINDOW / MOST_POINTS:
+            self._remove(-1)
+        self.times.append(frame.time)
+        self.rows.append(row)
+        for name in dict.fromkeys((*self.signals, *frame.signals)):
+            values = self.signals.setdefault(name, [np.nan] * (len(self.times) - 1))
+            values.append(frame.signals.get(name, np.nan))
+        while self.times[-1] - self.times[0] > WINDOW:
+            self._remove(0)
+
+    def _remove(self, index: int) -> None:
+        """Remove a frame."""
+        del self.times[index], self.rows[index]
+        for values in self.signals.values():
+            del values[index]
 
 
 class Curves:
@@ -82,10 +103,17 @@ class Curves:
     def __init__(self, gui: Any, content: PageScene):
         """Add empty plots to a panel of viser."""
         shown, soft = content.scene.main_object, tuple(content.scene.soft_bodies)
+        self._gui, self._folder = gui, None  # type: Any, Any
+        self._signals: dict[str, Any] = {}
         start, self._plots = 0, []
+        pressing = soft if shown is not None else ()
+        is_carried = any(body.anchors for body in content.scene.soft_bodies.values())
         groups: Iterable[tuple[str, Sequence[str], int]] = (
             *(_group(content, kind) for kind in ACTUATOR_KINDS),
-            (f"pressed on {shown} [mN]", soft if shown is not None else (), len(soft)),
+            (f"pressed on {shown} [mN]", pressing, len(soft)),
+            (f"highest pressure on {shown} [kPa]", pressing, len(soft)),
+            ("force on the base [mN]", tuple("xyz") if is_carried else (), 3),
+            ("torque on the base [mN mm]", tuple("xyz") if is_carried else (), 3),
             (f"{shown} lifted by [mm]", (shown,) if shown is not None else (), 1),
         )
         for title, names, width in groups:
@@ -94,11 +122,22 @@ class Curves:
                 self._plots.append((columns, _add_plot(gui, title, names)))
             start += width
 
-    def show(self, times: np.ndarray, rows: np.ndarray) -> None:
-        """Draw rows of `plotted_row`, shape (count, columns), over times [s], shape (count,)."""
-        if len(times) > 1:
-            for columns, plot in self._plots:
-                plot.data = (times, *rows.T[columns])
+    def show(self, times: np.ndarray, rows: np.ndarray, signals: Mapping[str, Any] | None = None) -> None:
+        """Draw rows of `plotted_row`, shape (count, columns), and signals over times [s], shape (count,)."""
+        if len(times) < 2:
+            return
+        for columns, plot in self._plots:
+            plot.data = (times, *rows.T[columns])
+        for name, values in (signals or {}).items():
+            if name not in self._signals:
+                if self._folder is None:
+                    self._folder = self._gui.add_folder("signals", order=101.0)
+                with self._folder:
+                    self._signals[name] = _add_plot(self._gui, name, (name,))
+            signal = np.array(values, float)
+            is_there = np.isfinite(signal)  # a plot with NaN in it has no scale
+            if is_there.sum() > 1:
+                self._signals[name].data = (times[is_there], signal[is_there])
 
 
 def _group(content: PageScene, kind: ActuatorKind) -> tuple[str, Sequence[str], int]:
@@ -119,6 +158,7 @@ def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
         data=(np.array([0.0, 1.0]), *(nothing for _ in names)),
         series=(uplot.Series(label="time [s]"), *lines),
         scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+        axes=(uplot.Axis(), uplot.Axis(size=LABEL_WIDTH)),
         title=title,
         legend=uplot.Legend(show=False),
         aspect=2.2,

@@ -54,6 +54,7 @@ class PageFrame:
         contact_forces: forces on the second body of each contact [mN], shape (contact_count, 3).
         plotted: a row of `curves.plotted_row`, which begins with the efforts of all actuators.
         axes: origin [mm] and unit vectors along x, y and z of the bodies' axes, shape (axes_count, 4, 3).
+        signals: numbers of the controller by name.
     """
 
     time: float
@@ -63,6 +64,7 @@ class PageFrame:
     contact_forces: np.ndarray
     plotted: np.ndarray
     axes: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    signals: Mapping[str, float] = field(default_factory=dict)
 
 
 def lines_shown(points: Sequence[np.ndarray], efforts: Sequence[np.ndarray]) -> LinesShown:

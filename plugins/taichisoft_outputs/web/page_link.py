@@ -4,20 +4,21 @@ import math
 import threading
 import time
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, ActuatorNames, segment_efforts
 from taichisoft.bodies import axes_of_bodies, body_surfaces, planes_of
-from taichisoft.control import KeyEvent, Slider, summarise_contacts
+from taichisoft.control import ContactPatches, KeyEvent, Slider, summarise_contacts
 from taichisoft.errors import TaichisoftError
 from taichisoft.session import BINDINGS
 from taichisoft.worker import Worker, WorkerLost
 from taichisoft_outputs.web.address import Address, WebError
 from taichisoft_outputs.web.curves import plotted_row
 from taichisoft_outputs.web.frame import LinesShown, PageScene, lines_shown
-from taichisoft_outputs.web.page_messages import PageSetup, RunEnded, Snapshot, SpeedWanted
+from taichisoft_outputs.web.page_messages import SHOWN_ONLY, PageSetup, RunEnded, Snapshot, SpeedWanted
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -49,6 +50,7 @@ class PageLink:
         """
         self._session = session
         self.newest: State = session.simulation.state
+        self._patches = ContactPatches(session.simulation.model)
         self._ended = threading.Event()
         self._worker = Worker("taichisoft_outputs.web.page_process:serve")
         try:
@@ -86,8 +88,8 @@ class PageLink:
             if newest is sent and time.monotonic() - last < SECONDS_BETWEEN_UNCHANGED:
                 continue
             sent, last = newest, time.monotonic()
-            self._worker.send(snapshot(self._session, newest))
-        self._worker.send(snapshot(self._session, self.newest))
+            self._worker.send(snapshot(self._session, newest, self._patches))
+        self._worker.send(snapshot(self._session, self.newest, self._patches))
 
     def _take_wishes(self) -> None:
         """Hand on what viewers want, until the page is gone."""
@@ -122,14 +124,14 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
         first=first,
         run_bindings=BINDINGS,
         controller_bindings={} if session.replaying else dict(controller.bindings),
-        sliders_move=bool(controller.sliders) and not session.replaying,
     )
 
 
-def snapshot(session: "Session", state: "State") -> Snapshot:
-    """A run as it is now, in one of its states."""
+def snapshot(session: "Session", state: "State", patches: ContactPatches | None = None) -> Snapshot:
+    """A run as it is now, in one of its states; `patches` of its model, if they are at hand."""
     model, efforts = session.simulation.model, state.actuator_effort.tolist()
-    forces = summarise_contacts(model, state).normal_forces
+    forces, report = summarise_contacts(model, state).normal_forces, session.simulation.report
+    peaks = {pair: one.peak for pair, one in (patches or ContactPatches(model)).patches(state).items()}
     lines = {kind.name: _lines(model, kind, state) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
     return Snapshot(
         time=state.time,
@@ -139,12 +141,13 @@ def snapshot(session: "Session", state: "State") -> Snapshot:
         lines=lines,
         contact_points=state.contact_point,
         contact_forces=state.contact_impulse / model.scene.time.step,
-        plotted=plotted_row(model.scene, efforts, forces, state.rigid_position),
+        plotted=plotted_row(model.scene, efforts, forces, peaks, state.frame_wrench[0], state.rigid_position),
+        signals=dict(report.signals) if report is not None else {},
         sliders=_sliders(session, state),
         paused=session.paused,
         speed=session.pace.speed,
         real_time_factor=session.pace.real_time_factor,
-        status=session.controller.status,
+        status=" · ".join(filter(None, (session.controller.status, session.notice))),
     )
 
 
@@ -155,10 +158,12 @@ def _lines(model: "Model", kind: ActuatorKind, state: "State") -> LinesShown:
 
 
 def _sliders(session: "Session", state: "State") -> dict[str, Slider]:
-    """The sliders of the controller; where it has none, sliders that show efforts, such as the pressures."""
+    """The sliders of the session; of a controller without its own, such that show efforts, such as the pressures."""
+    model, sliders = session.simulation.model, dict(session.sliders)
+    if session.replaying:
+        sliders = {name: replace(one, group=SHOWN_ONLY) for name, one in sliders.items()}
     if session.controller.sliders:
-        return dict(session.controller.sliders)
-    model, sliders = session.simulation.model, {}
+        return sliders
     for kind in ACTUATOR_KINDS:
         if kind.always_driven:
             effort, limits = kind.effort, model.scene.limits
@@ -166,5 +171,5 @@ def _sliders(session: "Session", state: "State") -> dict[str, Slider]:
             low, high = 0.0 if lowest is None else lowest, effort.furthest if highest is None else highest
             values = model.actuators.of(kind, state.actuator_effort).tolist()
             for name, value in zip(model.actuators.names_of(kind), values, strict=True):
-                sliders[name] = Slider(value, low, high, 0.1, effort.unit)
+                sliders[name] = Slider(value, low, high, 0.1, effort.unit, SHOWN_ONLY)
     return sliders

@@ -9,6 +9,9 @@ from taichisoft.bodies import BodySurface
 from taichisoft.control import Slider
 from taichisoft_outputs.web.frame import LinesShown, PageScene
 
+SHOWN_ONLY = "actuators"
+"""Group of sliders that show something and cannot be moved."""
+
 
 @dataclass(frozen=True)
 class Snapshot:
@@ -23,6 +26,7 @@ class Snapshot:
         contact_points: points of contact [mm], shape (contact_count, 3).
         contact_forces: forces on the second bodies [mN], shape (contact_count, 3).
         plotted: a row of `curves.plotted_row`.
+        signals: numbers of the controller by name.
         sliders: sliders of the page by name.
         paused: whether the run waits.
         speed: simulated over wall-clock time that is wanted; None for as fast as it goes.
@@ -38,6 +42,7 @@ class Snapshot:
     contact_points: np.ndarray
     contact_forces: np.ndarray
     plotted: np.ndarray
+    signals: Mapping[str, float]
     sliders: Mapping[str, Slider]
     paused: bool
     speed: float | None
@@ -57,7 +62,6 @@ class PageSetup:
         first: the state before the first step.
         run_bindings: what keys of the run itself do.
         controller_bindings: what keys of the controller do; empty where it has none.
-        sliders_move: whether viewers may move the sliders.
     """
 
     host: str
@@ -68,7 +72,6 @@ class PageSetup:
     first: Snapshot
     run_bindings: Mapping[str, str]
     controller_bindings: Mapping[str, str]
-    sliders_move: bool
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,8 @@ class LivePage:
 
     def _show_curves(self) -> None:
         self._last_curves = time.monotonic()
-        self.page.curves.show(np.array(self._history.times), np.array(self._history.rows))
+        history = self._history
+        self.page.curves.show(np.array(history.times), np.array(history.rows), history.signals)
 
     async def _arrived(self, client: Any) -> None:
         self._controls[client.client_id] = Controls(client.gui, self._setup, self._snapshot, self._tell)
@@ -114,6 +115,7 @@ def frame_of(setup: PageSetup, snapshot: Snapshot) -> PageFrame:
         snapshot.contact_forces,
         snapshot.plotted,
         np.array([axes.place(snapshot) for axes in setup.content.axes.values()]).reshape(-1, 4, 3),
+        snapshot.signals,
     )
 
 

@@ -19,7 +19,13 @@ from taichisoft_outputs.web.page import SPEEDS, Page, clamped
 FRAMES_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
 """The file of a run that goes on is looked at again after so many seconds."""
-PLOTTED = ("normal_force", "rigid_position", *(kind.effort.name for kind in ACTUATOR_KINDS))
+PLOTTED = (
+    "normal_force",
+    "peak_pressure",
+    "frame_wrench",
+    "rigid_position",
+    *(kind.effort.name for kind in ACTUATOR_KINDS),
+)
 """The quantities of a recording that `plotted_row` needs."""
 
 
@@ -123,7 +129,8 @@ class RecordingPage:
         self.page.set_status(f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}")
         self._slider.value = self.playback.position
         past = self._plotted <= frame
-        self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past])
+        signals = {name: values[past] for name, values in self._signals.items()}
+        self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past], signals)
 
     def _look_for_more(self) -> None:
         self._last_look = time.monotonic()
@@ -152,6 +159,8 @@ class RecordingPage:
         columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
         self._rows = np.array([_plotted_row(self._recording, *values) for values in zip(*columns, strict=True)])
         self._rows[:, -1] -= self._rows[0, -1]
+        signals = self._recording.column("signals")[self._plotted]
+        self._signals = {name: signals[:, number] for number, name in enumerate(self._recording.signals)}
 
     def _add_controls(self, gui: Any) -> None:
         playback = self.playback
@@ -193,6 +202,15 @@ def frame_of(recording: Recording, index: int) -> PageFrame:
     )
 
 
-def _plotted_row(recording: Recording, forces: np.ndarray, places: np.ndarray, *efforts: np.ndarray) -> np.ndarray:
-    by_pair = dict(zip(recording.pairs, forces.tolist(), strict=True))
-    return plotted_row(recording.scene, np.concatenate(efforts).tolist(), by_pair, places)
+def _plotted_row(
+    recording: Recording,
+    forces: np.ndarray,
+    peaks: np.ndarray,
+    wrench: np.ndarray,
+    places: np.ndarray,
+    *efforts: np.ndarray,
+) -> np.ndarray:
+    forces_by_pair, peaks_by_pair = (dict(zip(recording.pairs, one.tolist(), strict=True)) for one in (forces, peaks))
+    return plotted_row(
+        recording.scene, np.concatenate(efforts).tolist(), forces_by_pair, peaks_by_pair, wrench[0], places
+    )

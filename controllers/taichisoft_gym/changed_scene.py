@@ -1,26 +1,10 @@
-"""Judgement of a task, and the scene with the changes by an environment's arguments."""
+"""The scene of an environment, with the changes by its arguments."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from taichisoft.errors import SceneError
 from taichisoft.scenes import RigidBodySettings, Scene, scene_from_dict
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """Status of a task.
-
-    Attributes:
-        reward: reward of a control period.
-        failed: whether the task has failed irrecoverably.
-        info: entries of `info`, including "is_success".
-    """
-
-    reward: float
-    failed: bool
-    info: Mapping[str, Any] = field(default_factory=dict)
 
 
 def changed_scene(
