@@ -42,7 +42,7 @@ PICTURES = (
     ("section", "Cut through a finger and the cube", "gripper", "--time 6 --colour-by stress --section z=0"),
     ("top", "From above", "gripper", "--time 6 --view top"),
     ("close-up", "A close-up that follows the cube", "gripper", "--time 6 --follow cube"),
-    ("dark", "For a dark hall", "gripper", "--time 6 --colour-by stress --background #101418 --font-size 26"),
+    ("dark", "For a dark hall", "gripper", "--time 6 --colour-by stress --background #101418 --font-size 18"),
     ("by-feel", "20 g, grasped by the force that the fingers feel", "closed", "--time 5"),
     ("cables", "Fingers that cables close", "cables", "--time 4"),
     ("tension", "The tension of the cables, fingers as glass", "cables", "--time 4 --opacity 0.3"),
