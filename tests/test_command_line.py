@@ -307,7 +307,18 @@ def test_the_commands_are_on_one_screen_and_the_daily_ones_are_first(command: Co
     lines = shown[next(number for number, line in enumerate(shown) if "Commands" in line) :]
     names = [name for line in lines if (name := line.strip("│ ").split(" ")[0]).isalpha() and line[2] != " "]
     assert names == [*("run", "render", "view", "resume"), *names[4:]]
-    assert names[4:] == ["mesh", "study", "reduce", "recording", "materials", "plugins", "sofa", "doctor"]
+    assert names[4:] == [
+        "new",
+        "mesh",
+        "characterise",
+        "study",
+        "reduce",
+        "recording",
+        "materials",
+        "plugins",
+        "sofa",
+        "doctor",
+    ]
     assert len(lines) <= 24
 
 

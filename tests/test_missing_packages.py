@@ -19,6 +19,7 @@ LEFT_OUT = {
     "": {"gmsh", "imageio_ffmpeg", "matplotlib", "mpl_toolkits", "open3d", "PIL"},
     "arm": {"yourdfpy"},
     "gym": {"gymnasium"},
+    "site": {"furo", "myst_parser", "sphinx", "sphinx_copybutton"},
     "sofa": {"fissix"},
     "studies": {"bokeh", "cmaes", "cryptography", "dask_jobqueue", "distributed", "optuna", "pandas", "pyarrow"},
     "web": {"viser"},

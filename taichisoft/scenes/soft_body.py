@@ -162,7 +162,7 @@ class SoftBodySettings(ActuatorTables):
     """Placement: shift after the rotation [mm]."""
     velocity: Vector = (0.0, 0.0, 0.0)
     """Velocity of all nodes at the start [mm/s]."""
-    element: Literal["linear", "smoothed", "quadratic", "hexahedral"] = "smoothed"
+    element: Literal["linear", "smoothed", "hexahedral", "quadratic"] = "smoothed"
     """What the tetrahedra of the mesh become: linear elements, which are cheap, but bend too little and lock where
     Poisson's ratio comes near 0.5; linear ones whose strains are smoothed around edges and nodes, which do neither;
     quadratic ones, the most accurate. In a mesh of hexahedra each is six tetrahedra, which may become one hexahedral

@@ -4,11 +4,12 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from blocks import make_block
+from blocks import block_hexahedra, make_block
 
 from taichisoft.bodies.element_kinds import ELEMENT_KINDS
+from taichisoft.meshes.hexahedra import SIX_TETRAHEDRA
 from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.volume_mesh import element_volumes
+from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft.scenes.soft_body import SoftBodySettings
 
 
@@ -16,11 +17,19 @@ def test_scenes_name_all_kinds() -> None:
     assert get_args(SoftBodySettings.model_fields["element"].annotation) == tuple(ELEMENT_KINDS)
 
 
+def block_for(name: str, cells: tuple[int, int, int]) -> VolumeMesh:
+    """A block of 30 x 20 x 10 mm with elements of four nodes, those of hexahedra six by six."""
+    mesh = make_block(cells, (30.0, 20.0, 10.0))
+    if name == "hexahedral":
+        mesh.elements[:] = block_hexahedra(cells)[:, SIX_TETRAHEDRA].reshape(-1, 4)
+    return mesh
+
+
 @pytest.mark.parametrize("name", ELEMENT_KINDS)
 def test_constant_strain_passes_the_patch_test(name: str) -> None:
     """Every domain of a block with moved inner nodes has the F of an affine motion, and a constant stress is at rest
     inside: sum of w P g is 0 at inner nodes; both weights add up to the volume. To round-off."""
-    mesh, kind = make_block((3, 3, 3), (30.0, 20.0, 10.0)), ELEMENT_KINDS[name]
+    mesh, kind = block_for(name, (3, 3, 3)), ELEMENT_KINDS[name]
     inner = ((mesh.nodes > mesh.nodes.min(axis=0) + 1e-6) & (mesh.nodes < mesh.nodes.max(axis=0) - 1e-6)).all(axis=1)
     mesh.nodes[inner] += np.random.default_rng(1).uniform(-1.0, 1.0, (inner.sum(), 3))
     if len(kind.mass_shares) == 10:
@@ -42,7 +51,7 @@ def test_constant_strain_passes_the_patch_test(name: str) -> None:
 @pytest.mark.parametrize("name", ELEMENT_KINDS)
 def test_the_stress_of_an_element_is_that_of_domains_with_nodes_of_its_own(name: str) -> None:
     """Each domain that counts for an element, of shape or of volume, contains a node of the element, and has weight."""
-    mesh, kind = make_block((2, 2, 2), (30.0, 20.0, 10.0)), ELEMENT_KINDS[name]
+    mesh, kind = block_for(name, (2, 2, 2)), ELEMENT_KINDS[name]
     mesh = with_middle_nodes(mesh) if len(kind.mass_shares) == 10 else mesh
     material = np.zeros(len(mesh.elements), dtype=np.int32)
     domains = kind.domains(mesh.nodes, mesh.elements, material)
