@@ -57,7 +57,7 @@ class ContactPatches:
         corners = self._triangles.ravel()
         order, count = np.argsort(corners, kind="stable"), np.bincount(corners, minlength=len(self._rest))
         column = np.arange(len(corners)) - np.repeat(np.cumsum(count) - count, count)
-        self._fans = np.full((len(self._rest), max(count.max(initial=0), 1)), -1)
+        self._fans = np.full((len(self._rest), int(count.max(initial=1))), -1)
         self._fans[corners[order], column] = order // 3
 
     def patches(self, state: State) -> dict[Pair, ContactPatch]:
