@@ -199,7 +199,9 @@ class KeyboardController(Controller):
     def _bindings(self) -> dict[str, str]:
         """What each key does; without a model as if there were cavities alone."""
         steps, drives = self._steps, set(self._drives.values()) or set(self._chosen[:1])
-        driven = [(drive, f"{self._step(drive):g} {drive.unit}") for drive in DRIVES if drive in drives]
+        driven = [
+            (drive, f"{self._step(drive):g} {drive.unit}".removesuffix(" 1")) for drive in DRIVES if drive in drives
+        ]
         quantity = " and ".join(drive.name for drive, _ in driven)
         move, turn = f"by {steps.translation_step:g} mm", f"by {steps.turn_step:g} degrees"
         return {

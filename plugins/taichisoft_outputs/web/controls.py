@@ -87,7 +87,8 @@ class Controls:
                     self._add_hotkeys(effect, [key])
 
     def _add_slider(self, name: str, slider: Slider) -> None:
-        label = f"{name.removesuffix('.cavity').replace('_', ' ')} [{slider.unit}]"
+        unit = "" if slider.unit == "1" else f" [{slider.unit}]"  # an opening, a share
+        label = f"{name.removesuffix('.cavity').replace('_', ' ')}{unit}"
         handle = self._gui.add_slider(
             label,
             min=float(slider.lowest),
