@@ -21,18 +21,19 @@ from taichisoft.child_process import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_benchmarks.faults.interrupted_sweep import PLUGIN
 
-PATIENCE = 120.0
+PATIENCE = 600.0
 """Longest time until the workers of a command are there, and until it ends [s]."""
 WAIT = 5.0
 """Longest time for an answer of a port [s]."""
 ALERT = b"\x15"
 """First byte of the answer of TLS to a client that it refuses."""
 PAUSE = "controller.settings.pause"
+"""Of every step: runs last until they are ended, however late the last worker comes on a busy machine."""
 
 STUDY = f"""
 scene = {str(TINY_GRIPPER)!r}
 controller = "squeeze"
-set = ["{PAUSE}=1.0"]
+set = ["{PAUSE}=10.0"]
 """
 OPTIMISATION = """
 [variables]
@@ -51,12 +52,12 @@ over_column = "time"
 column = "pressure"
 quantity = "pressures['left']['cavity']"
 """
-SWEEP = [str(TINY_GRIPPER), "--controller", "squeeze", "--set", f"{PAUSE}=1.0", "--vary", f"{PAUSE}=1.0,1.1"]
+SWEEP = [str(TINY_GRIPPER), "--controller", "squeeze", "--set", f"{PAUSE}=10.0", "--vary", f"{PAUSE}=10.0,10.1"]
 COMMANDS = {
     "study sweep": SWEEP,
     "study optimise": ["optimise.toml"],
     "study calibrate": ["calibrate.toml"],
-    "mesh sweep": ["tutorial", "--vary", "body.width=20,21"],
+    "mesh sweep": ["tutorial", "--vary", "body.width=20:24:20"],
 }
 
 
