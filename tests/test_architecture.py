@@ -207,6 +207,7 @@ LAYERS = {
         "calibration_file",
         "winners",
         "trials",
+        "trial_runs",
         "objectives",
         "study_page",
         "analysis",

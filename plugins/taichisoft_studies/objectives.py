@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.optimisation_file import Optimisation, is_function
+from taichisoft_studies.optimisation_file import PARAMETERS, Optimisation, is_function
 from taichisoft_studies.study_expressions import Expression
 
-Figure = Callable[[Mapping[str, Any], Path], float]
-"""From the record of a run and its folder to a number."""
+Figure = Callable[[Mapping[str, Any], Any], float]
+"""From the record of a trial and its run's folder (of several runs: the folders by scene) to a number."""
 
 
 def figures(study: Optimisation) -> dict[str, Figure]:
@@ -41,8 +41,8 @@ def violations(study: Optimisation) -> dict[str, Figure]:
 
 
 def named_values(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The names in an expression about a run: its metrics, and `parameters["KEY"]`."""
-    return {**record["metrics"], "parameters": record["parameters"]}
+    """The names in an expression about a trial: its metrics (of several runs, by scene), and `parameters["KEY"]`."""
+    return {**record["metrics"], PARAMETERS: record["parameters"]}
 
 
 def _figure(text: str, key: str) -> Figure:
@@ -53,7 +53,7 @@ def _figure(text: str, key: str) -> Figure:
 
 
 def _function(text: str, key: str) -> Figure:
-    """A function of a Python file, called with parameters, metrics and the run's folder."""
+    """A function of a Python file, called with parameters, metrics and folder of the run (of several: by scene)."""
     file, _, name = text.rpartition(":")
     spec = importlib.util.spec_from_file_location(Path(file).stem, file)
     if spec is None or spec.loader is None or not Path(file).is_file():
@@ -65,7 +65,7 @@ def _function(text: str, key: str) -> Figure:
     except Exception as error:
         raise StudyError(f"{key} = {text!r}: cannot be loaded: {type(error).__name__}: {error}") from error
 
-    def call(record: Mapping[str, Any], folder: Path) -> float:
+    def call(record: Mapping[str, Any], folder: Any) -> float:
         try:
             value = float(function(record["parameters"], record["metrics"], folder))
         except Exception as error:

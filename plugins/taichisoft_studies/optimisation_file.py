@@ -9,6 +9,9 @@ from taichisoft.errors import nearest
 from taichisoft.scenes import KeySets, NotNegative, Positive, Table
 from taichisoft_studies.study_file import MOST, Count, Range, Study, Values, check_values
 
+PARAMETERS = "parameters"
+"""The name in expressions that stands for the values of a trial."""
+
 
 class Objective(Table):
     """A figure to be made large or small: an expression of metrics, or a function "file.py:name" of a plug-in."""
@@ -43,9 +46,26 @@ class Pruning(Table):
     """Trials that go to their end before any other is pruned."""
 
 
+class TrialScene(Table):
+    """One of several runs of a trial: what it has of its own; all other keys are the study's."""
+
+    scene: str | None = None
+    """Scene file, or the name of a shipped scene."""
+    set: tuple[str, ...] = ()
+    """Changes of the scene, after those of the study ("rigid_bodies.block.position=[0, 0, 60]")."""
+    controller: str | None = None
+    """Name of a controller."""
+    duration: Positive | None = None
+    """Simulated time [s]."""
+
+
 class Optimisation(Study):
     """A search for the values that make a figure largest or smallest."""
 
+    scenes: dict[str, TrialScene] = Field(default={})
+    """Several runs in each trial, such as a free finger and a blocked one, by a name of your own.
+
+    In expressions each name stands for the metrics of its run: `blocked['final_normal_forces_mN']`."""
     variables: dict[str, Values]
     """Values by key: bounds (low, high; log, integer), or a list to choose from."""
     objectives: dict[str, Objective]
@@ -82,11 +102,26 @@ class Optimisation(Study):
         many = len(self.objectives) > 1
         if self.pruning is not None and many:
             raise ValueError("pruning needs a single objective")
+        wrong = next((name for name in self.scenes if not name.isidentifier() or name == PARAMETERS), None)
+        if wrong is not None:
+            raise ValueError(
+                f"scenes.{wrong}: expressions need a name of letters and digits that is not '{PARAMETERS}'"
+            )
+        if self.pruning is not None and self.scenes:
+            raise ValueError("pruning watches a single run; remove it, or the table scenes")
         if self.sampler == "cmaes" and (many or self.constraints):
             raise ValueError("sampler = 'cmaes' knows one objective and no constraints; take tpe, nsga2 or gp")
         if self.pruning is not None and is_function(next(iter(self.objectives.values())).text):
             raise ValueError("pruning needs an expression as objective: a function is called when the run has ended")
         return self
+
+    def by_scene(self) -> dict[str, Self]:
+        """The study of each run of a trial by the name of its scene, which is empty where there is a single one."""
+        own = {name: one.model_dump(exclude_unset=True) for name, one in self.scenes.items()}
+        return {
+            name: self.model_copy(update={**keys, "set": (*self.set, *keys.get("set", ()))})
+            for name, keys in own.items()
+        } or {"": self}
 
 
 def is_function(text: str) -> bool:

@@ -29,7 +29,7 @@ def flat(values: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:
 
 def result_row(record: Mapping[str, Any], folder: str) -> dict[str, Any]:
     """The row of a run: its values, status, metrics ("metrics.NAME") and folder."""
-    metrics = {key: value for key, value in flat(record["metrics"]).items() if key not in WALL_CLOCK}
+    metrics = {key: value for key, value in flat(record["metrics"]).items() if key.split(".")[-1] not in WALL_CLOCK}
     return {
         "run": record["run"],
         **{key: _cell(value) for key, value in record["parameters"].items()},

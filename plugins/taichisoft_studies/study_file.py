@@ -175,8 +175,10 @@ def read_tables(path: Path) -> dict[str, Any]:
     for key in ("vary", "variables", "parameters", "start"):
         if isinstance(tables.get(key), dict):
             tables[key] = dotted(tables[key])
-    if isinstance(tables.get("scene"), str):
-        tables["scene"] = _beside(tables["scene"], path)
+    several = tables.get("scenes")
+    for table in (tables, *(several.values() if isinstance(several, dict) else ())):
+        if isinstance(table, dict) and isinstance(table.get("scene"), str):
+            table["scene"] = _beside(table["scene"], path)
     if isinstance(tables.get("plugins"), list):
         tables["plugins"] = [_beside(name, path) for name in tables["plugins"]]
     return tables

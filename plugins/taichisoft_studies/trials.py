@@ -9,13 +9,13 @@ from taichisoft_studies.objectives import Figure, figures, violations
 from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.optimiser import JOURNAL, STATUS, VIOLATIONS, claim_trial, counted, suggest
 from taichisoft_studies.results_table import result_row
-from taichisoft_studies.run_folder import BEYOND_LAW, COMPLETED, PRUNED
-from taichisoft_studies.run_job import RunJob
-from taichisoft_studies.sweep_runs import RUNS, checked_record, job_for
+from taichisoft_studies.run_folder import BEYOND_LAW, COMPLETED, PRUNED, read_record
+from taichisoft_studies.sweep_runs import RUNS, checked_record
+from taichisoft_studies.trial_runs import RUNS_OF_TRIAL, TrialRuns, joined, trial_runs
 from taichisoft_studies.worker_task import do_run
 from taichisoft_studies.workers import Workers
 
-RUN, MESSAGE = "run", "message"
+MESSAGE = "message"
 
 
 def optimise(
@@ -40,39 +40,42 @@ def optimise(
         StudyError, SceneError: a key is not valid, or an expression cannot be computed of the first run that completes.
     """
     wanted, limits = figures(study), violations(study)
-    running: dict[str, tuple[Any, RunJob]] = {}
+    running: dict[str, tuple[Any, str, TrialRuns]] = {}
     while True:
         while len(running) < workers.count and len(counted(trials)) < study.trials:
             trial = trials.ask()
             claim_trial(trial)
-            job = _job(study, folder, trial)
-            key = f"trial-{trial.number}"
-            running[key] = trial, job
-            trial.set_user_attr(RUN, job.name)
-            workers.submit(key, do_run, job.to_json())
+            runs = trial_runs(study, suggest(trial, study.variables), folder, pruning=_pruning(study, folder, trial))
+            trial.set_user_attr(RUNS_OF_TRIAL, {scene: job.name for scene, job in runs.jobs.items()})
+            for scene, job in runs.jobs.items():
+                key = f"trial-{trial.number} {scene}".rstrip()
+                running[key] = trial, scene, runs
+                workers.submit(key, do_run, job.to_json())
         if not running:
             return
         key, answer = workers.next_done()
-        trial, job = running.pop(key)
-        record = checked_record(job, answer)
-        _tell(study, trials, trial, record, job.place, wanted, limits)
-        done(trial, record)
+        trial, scene, runs = running.pop(key)
+        runs.records[scene] = checked_record(runs.jobs[scene], answer)
+        if len(runs.records) == len(runs.jobs):
+            _tell(study, trials, trial, runs.record, runs.place, wanted, limits)
+            done(trial, runs.record)
 
 
 def trial_rows(study: Optimisation, trials: Any) -> list[dict[str, Any]]:
     """A row of the table for each trial that has ended: values, metrics, objectives, what misses the constraints."""
-    from taichisoft_studies.run_folder import read_record
-
     rows = []
     for trial in counted(trials):
-        record = read_record(Path(trials.user_attrs["folder"]) / RUNS / trial.user_attrs.get(RUN, "-"))
-        if record is None or not trial.state.is_finished():
+        folder, runs = Path(trials.user_attrs["folder"]) / RUNS, trial.user_attrs.get(RUNS_OF_TRIAL, {})
+        found = {scene: read_record(folder / name) for scene, name in runs.items()}
+        records = {scene: one for scene, one in found.items() if one is not None}
+        if not trial.state.is_finished() or not runs or len(records) < len(runs):
             continue
+        record = joined(records)
         values = dict(zip(study.objectives, trial.values or (), strict=False))
         missed = dict(zip(study.constraints, trial.user_attrs.get(VIOLATIONS, ()), strict=False))
         rows.append(
             {
-                **result_row(record, f"{RUNS}/{record['run']}"),
+                **result_row(record, f"{RUNS}/{next(iter(runs.values()))}"),
                 "metrics.trial": trial.number,
                 **{f"metrics.objectives.{name}": value for name, value in values.items()},
                 **{f"metrics.violations.{name}": value for name, value in missed.items()},
@@ -86,17 +89,17 @@ def accepted(study: Optimisation, record: Mapping[str, Any]) -> bool:
     return record["status"] == COMPLETED or (study.beyond_the_law and record["status"] == BEYOND_LAW)
 
 
-def _job(study: Optimisation, folder: Path, trial: Any) -> RunJob:
-    settings = None
-    if study.pruning is not None:
-        (objective,) = study.objectives.values()
-        settings = {
-            **study.pruning.model_dump(),
-            "journal": str((folder / JOURNAL).resolve()),
-            "trial": trial._trial_id,
-            "objective": objective.text,
-        }
-    return job_for(study, suggest(trial, study.variables), folder, study.seed, pruning=settings)
+def _pruning(study: Optimisation, folder: Path, trial: Any) -> dict[str, Any] | None:
+    """The settings of `pruning.PruningOutput`."""
+    if study.pruning is None:
+        return None
+    (objective,) = study.objectives.values()
+    return {
+        **study.pruning.model_dump(),
+        "journal": str((folder / JOURNAL).resolve()),
+        "trial": trial._trial_id,
+        "objective": objective.text,
+    }
 
 
 def _tell(
@@ -104,7 +107,7 @@ def _tell(
     trials: Any,
     trial: Any,
     record: Mapping[str, Any],
-    place: Path,
+    place: Any,
     wanted: Mapping[str, Figure],
     limits: Mapping[str, Figure],
 ) -> None:

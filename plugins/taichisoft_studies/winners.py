@@ -17,7 +17,8 @@ from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.optimiser import VIOLATIONS, best_trials, nearest_trial
 from taichisoft_studies.run_folder import read_record
 from taichisoft_studies.run_job import RunJob
-from taichisoft_studies.sweep_runs import RUNS, job_for, make_missing
+from taichisoft_studies.sweep_runs import RUNS, make_missing
+from taichisoft_studies.trial_runs import RUNS_OF_TRIAL, trial_runs
 from taichisoft_studies.trials import accepted
 from taichisoft_studies.workers import Workers
 
@@ -48,7 +49,7 @@ def make_winners(
         say: called with each line about a winner.
 
     Returns:
-        The runs of the winners, the best first.
+        The run of each winner, of several scenes the first; the best winner first.
 
     Raises:
         StudyError: no trial has completed and satisfies all constraints.
@@ -58,27 +59,30 @@ def make_winners(
         raise StudyError(f"{output}: no trial has completed and satisfies all constraints; {_nearest(study, trials)}")
     outputs = tuple(dict.fromkeys((*study.outputs, "recording")))
     finer = study.model_copy(update={"set": (*study.set, *study.finer), "outputs": outputs})
-    jobs = []
+    winners = []
     for trial in best:
-        record = read_record(output / RUNS / trial.user_attrs["run"])
+        record = read_record(output / RUNS / next(iter(trial.user_attrs[RUNS_OF_TRIAL].values())))
         assert record is not None
-        jobs.append(job_for(finer, record["parameters"], output, study.seed))
-    unique = {job.name: job for job in jobs}
+        winners.append(trial_runs(finer, record["parameters"], output))
+    unique = {job.name: job for runs in winners for job in runs.jobs.values()}
     records = {one["run"]: one for one in make_missing(list(unique.values()), workers, lambda job, record: None)}
     wanted = figures(study)
     rows = [["trial", *study.variables, *wanted, *(f"{name} finer" for name in wanted), "status", "folder"]]
-    for trial, job in zip(best, jobs, strict=True):
-        record = records[job.name]
-        again: list[Any] = [figure(record, job.place) for figure in wanted.values()] if accepted(study, record) else []
+    for trial, runs in zip(best, winners, strict=True):
+        runs.records.update({scene: records[job.name] for scene, job in runs.jobs.items()})
+        record, first = runs.record, next(iter(runs.jobs.values()))
+        again: list[Any] = [figure(record, runs.place) for figure in wanted.values()] if accepted(study, record) else []
         made = value_line(wanted, again) if again else f"{record['status']}: {record['message']}"
         say(f"best: trial {trial.number}: {value_line(wanted, trial.values)}; made again: {made}")
-        for key, value in job.parameters.items():
+        for key, value in first.parameters.items():
             say(f"  {key} = {value}")
-        cells = [*job.parameters.values(), *trial.values, *(again or [""] * len(wanted))]
-        rows.append([trial.number, *cells, record["status"], f"{RUNS}/{job.name}"])
+        cells = [*first.parameters.values(), *trial.values, *(again or [""] * len(wanted))]
+        rows.append(
+            [trial.number, *cells, record["status"], " ".join(f"{RUNS}/{one.name}" for one in runs.jobs.values())]
+        )
     with atomic_file(output / WINNERS, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(rows)
-    return jobs
+    return [next(iter(runs.jobs.values())) for runs in winners]
 
 
 def draw_winner(job: RunJob, folder: Path) -> list[str]:

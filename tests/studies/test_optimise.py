@@ -16,6 +16,7 @@ from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.optimiser import OWNER, best_trials, counted, open_study, take_over_abandoned, take_over_errors
 from taichisoft_studies.study_file import check_study
 from taichisoft_studies.trials import optimise, trial_rows
+from taichisoft_studies.winners import make_winners
 
 PRESSURE = "controller.settings.pressure"
 
@@ -86,6 +87,49 @@ def test_two_objectives_give_their_compromises(tmp_path: Path, taichisoft_plugin
     front = best_trials(searched(search_of(tmp_path, objectives=both), tmp_path), 100)
     assert len(front) > 1
     assert min(trial.params[PRESSURE] for trial in front) > 5.0
+
+
+def test_constraints_hold_across_the_runs_of_a_trial(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """One run goes to the trial's pressure p, the other stops rising at 3 kPa, with a limit of its own.
+
+    |p - 6| is least within "p is at most 1.5 kPa above the other run's" at 4.5 kPa, which no run alone knows.
+    """
+    study = search_of(
+        tmp_path,
+        scenes={"whole": {}, "limited": {"set": ["limits.highest_pressure=3.0"]}},
+        objectives={"miss": {"minimise": "abs(whole['final_pressures_kPa']['left.cavity'] - 6)"}},
+        constraints={
+            "near": "whole['final_pressures_kPa']['left.cavity'] <= limited['final_pressures_kPa']['left.cavity'] + 1.5"
+        },
+    )
+    workers = FewAtATime()
+    trials = searched(study, tmp_path, workers)
+    (best,) = best_trials(trials, 1)
+    assert 3.5 <= best.params[PRESSURE] <= 4.5
+    assert len(workers.made) == 2 * study.trials
+    row = trial_rows(study, trials)[best.number]
+    assert row["metrics.limited.final_pressures_kPa.left.cavity"] == 3.0
+    assert row["metrics.whole.final_pressures_kPa.left.cavity"] == pytest.approx(best.params[PRESSURE], rel=1e-9)
+    assert "metrics.whole.step_time_median_ms" not in row
+    workers = FewAtATime()
+    lines: list[str] = []
+    make_winners(study, trials, tmp_path, workers, lines.append)
+    assert "made again: miss" in lines[0]
+    _, values = (tmp_path / "winners.csv").read_text().splitlines()
+    assert len(values.split(",")[-1].split()) == 2
+
+
+def test_a_run_that_fails_is_told_with_the_name_of_its_scene(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    study = search_of(
+        tmp_path,
+        scenes={"good": {}, "bad": {"set": [f"{PRESSURE}='much'"]}},
+        variables={"limits.highest_pressure": [4.0, 5.0]},
+        objectives={"x": {"minimise": "good['final_pressures_kPa']['left.cavity']"}},
+        trials=1,
+    )
+    (row,) = trial_rows(study, searched(study, tmp_path))
+    assert row["status"] == "scene refused"
+    assert row["message"].startswith("bad: ")
 
 
 def test_failed_runs_are_failed_trials_and_the_rest_go_on(tmp_path: Path, taichisoft_plugins: Any) -> None:
@@ -179,6 +223,9 @@ def test_functions_of_a_file_are_objectives(tmp_path: Path, taichisoft_plugins: 
         ({"objectives": {"a": {}}}, "exactly one of maximise, minimise is needed"),
         ({"sampler": "cmaes", "constraints": {"a": "b <= 1"}}, "knows one objective and no constraints"),
         ({"start": {"controller.settings.presure": 1}}, f"is not a variable; did you mean '{PRESSURE}'?"),
+        ({"scenes": {"a b": {}}}, "scenes.a b: expressions need a name of letters and digits"),
+        ({"scenes": {"a": {}}, "pruning": {"every": 1.0}}, "pruning watches a single run"),
+        ({"scenes": {"a": {"scen": "b"}}}, "scenes.a.scen"),
         ({"sampler": "annealing"}, "sampler = 'annealing'"),
         ({"variables": {PRESSURE: {"low": 0, "high": 1, "count": 3}}}, f"variables.{PRESSURE}.count has no effect"),
     ],
