@@ -3,6 +3,7 @@
 import fake_run
 import pytest
 
+from taichisoft_outputs.recording import bodies
 from taichisoft_outputs.recording.layout import LAYOUT, RecordingError
 from taichisoft_outputs.recording.reader import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
@@ -66,6 +67,19 @@ def test_a_quantity_that_is_not_recorded_is_named_beside_those_that_are(tmp_path
         pytest.raises(RecordingError, match=r"no .presure.; there are: .*time"),
     ):
         recording.column("presure")
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_a_recording_of_another_layout_is_told_from_a_damaged_one(tmp_path, monkeypatch, ended):
+    """Whatever begins like a recording of today: versions before this one took it for damaged."""
+    monkeypatch.setattr(bodies, "LAYOUT", LAYOUT - 1)
+    output = RecordingOutput(tmp_path)
+    output.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    output.record(fake_run.fake_state(1), fake_run.fake_report(1))
+    if ended:
+        output.end("completed")
+    with pytest.raises(RecordingError, match=rf"wrote it in layout {LAYOUT - 1}, this version reads layout {LAYOUT};"):
+        read_recording(tmp_path / "recording.h5")
 
 
 @pytest.mark.parametrize(("layout", "shown"), [(LAYOUT - 1, LAYOUT - 1), (LAYOUT + 1, LAYOUT + 1), (None, "none")])

@@ -40,6 +40,28 @@ def test_a_recording_is_played_to_its_end_and_scrubbed(tmp_path: Path) -> None:
         until(lambda: viewer.value("time [s]") > 10 * time_step)
 
 
+def test_a_section_cuts_bodies_open_until_it_is_taken_away(tmp_path: Path) -> None:
+    """The pads and the cube are symmetric about y = 0: half of each is left, and closed where it is cut."""
+    tiny_run(tmp_path)
+    with served(tmp_path / "recording.h5") as (_, viewer, until):
+        viewer.find("section")
+        whole = {name: viewer.vertices[name].shape for name in ("/cube", "/left", "/left.cavity")}
+
+        def ends(name: str) -> list[float]:
+            return [100.0 * float(viewer.vertices[name][:, 1].min()), 100.0 * float(viewer.vertices[name][:, 1].max())]
+
+        viewer.set("section", "y<0")
+        until(lambda: ends("/cube") == pytest.approx([-5.0, 0.0], abs=1e-3))
+        until(lambda: ends("/left.cavity")[1] == pytest.approx(0.0, abs=1e-3) == ends("/left")[1])
+        corners = 100.0 * viewer.vertices["/cube"].reshape(-1, 3, 3)
+        volume = np.linalg.det(corners - corners.mean(axis=(0, 1))).sum() / 6.0
+        assert volume == pytest.approx(500.0, rel=1e-3)
+        viewer.set("section", "y<")
+        until(lambda: any("must be a plane" in str(element.get("_markdown")) for element in viewer.elements.values()))
+        viewer.set("section", "")
+        until(lambda: {name: viewer.vertices[name].shape for name in whole} == whole)
+
+
 GOING_ON = """
 import sys
 from pathlib import Path
@@ -82,3 +104,5 @@ def test_what_cannot_be_viewed_is_one_line(tmp_path: Path) -> None:
     assert isinstance(result.exception, RecordingError)
     result = command("view", str(tmp_path / "none.h5"), "--address", "8080")
     assert "must look like 127.0.0.1:8080" in str(result.exception)
+    result = command("view", str(tmp_path / "none.h5"), "--section", "y")
+    assert "section 'y' must be a plane in mm" in str(result.exception)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -26,13 +26,8 @@ from taichisoft_outputs.recording.bodies import (
 )
 from taichisoft_outputs.recording.finished_file import FinishedRecording, copy_constants, open_recording
 from taichisoft_outputs.recording.layout import CONTROLS, LAYOUT, QUANTITIES, RecordingError, group_of
+from taichisoft_outputs.recording.refusal import WHAT_DAMAGE_RAISES, one_line, other_layout, why_refused
 from taichisoft_outputs.recording.running_file import RunningRecording
-
-if TYPE_CHECKING:
-    from taichisoft.actuators import Actuators
-
-WHAT_DAMAGE_RAISES = (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, OverflowError)
-"""By h5py, and where its answers are used."""
 
 
 class Recording:
@@ -82,7 +77,7 @@ class Recording:
             with self._errors_of_one_line():
                 opened = open_recording(file)
             if opened is None:
-                raise RecordingError(f"{self.path}: {_why_refused(self.path, self._advice)}")
+                raise RecordingError(f"{self.path}: {why_refused(self.path, self._advice)}")
             if opened.frame_count < 1:
                 raise RecordingError(f"{self.path}: damaged: no frame is left; {self._advice}")
         except BaseException:
@@ -119,10 +114,13 @@ class Recording:
         try:
             yield
         except WHAT_DAMAGE_RAISES as error:
-            raise RecordingError(f"{self.path}: damaged: {_one_line(error)}; {self._advice}") from error
+            raise RecordingError(f"{self.path}: damaged: {one_line(error)}; {self._advice}") from error
 
     def _read_constants(self, file: Any) -> None:
         attributes, columns = file.attrs, file["steps"].attrs
+        layout, version = attributes["layout"], attributes["taichisoft_version"]
+        if layout != LAYOUT:
+            raise RecordingError(f"{self.path}: {other_layout(version, layout)}")
         self.scene_text: str = attributes["scene"]
         self.versions: dict[str, str] = json.loads(attributes["versions"])
         self.step_size = float(attributes["step_size"])
@@ -367,17 +365,6 @@ class Recording:
         return path
 
 
-class LiveRecording(Recording):
-    """The recording of a single frame whose quantities are replaced by one state after the other."""
-
-    def show(self, values: dict[str, np.ndarray]) -> None:
-        """Take over a state: its fields by the paths of `layout.QUANTITIES`, in `steps` as a row of one frame."""
-        self._values = values
-
-    def _rows(self, path: str, first: int, end: int) -> np.ndarray:
-        return self._values[path]
-
-
 def _fields(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Quantities by the fields of `State`; for quantities of actuators, the parts of all kinds in one array."""
     fields: dict[str, np.ndarray] = {}
@@ -385,16 +372,6 @@ def _fields(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         field = QUANTITIES[path].state_field
         fields[field] = np.concatenate([fields[field], part], axis=-1) if field in fields else part
     return fields
-
-
-def live_values(state: State, actuators: "Actuators") -> dict[str, np.ndarray]:
-    """What `LiveRecording.show` takes, of a state of the model with these actuators."""
-    values = {"steps/state_count": np.zeros(1, dtype=int)}
-    for path, quantity in QUANTITIES.items():
-        if quantity.state_field and group_of(path) in ("steps", "contacts"):
-            value = np.asarray(quantity.of(state, actuators))
-            values[path] = value if group_of(path) == "contacts" else value[None]
-    return values
 
 
 class _RecordedPoses:
@@ -405,28 +382,6 @@ class _RecordedPoses:
 
     def __getattr__(self, field: str) -> Any:
         return self._recording.row(field, self._frame)
-
-
-def _why_refused(path: Path, advice: str) -> str:
-    """What is wrong with a file that begins like no recording of this layout."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            layout = file.attrs.get("layout", "none")
-            version = file.attrs["taichisoft_version"]
-            version = version if isinstance(version, str) else bytes(version).decode(errors="replace")
-    except KeyError as error:
-        return f"not a recording of taichisoft: {_one_line(error)}"
-    except WHAT_DAMAGE_RAISES as error:
-        return f"not readable as HDF5: {_one_line(error)}; {advice}"
-    if layout == LAYOUT:
-        return f"damaged: its beginning is not what was written; {advice}"
-    return f"taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; run the scene again"
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()).strip("'\"") or type(error).__name__
 
 
 def read_recording(path: str | Path) -> Recording:

@@ -7,7 +7,8 @@ import numpy as np
 from taichisoft.worker import Link
 from taichisoft_outputs.drawing.drawer import Drawer
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.reader import LiveRecording, read_recording
+from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.rendering.live_recording import LiveRecording
 
 ROOM = 0.4
 """Room around the first state for what moves later, in parts of its extent [-]."""

@@ -12,8 +12,8 @@ from taichisoft.plugin_system import CameraFrame, CameraView, Renderer
 from taichisoft.worker import Worker, WorkerLost
 from taichisoft_outputs.drawing.camera import PictureCamera, focal_length, picture_up
 from taichisoft_outputs.drawing.style import Style, StyleError
-from taichisoft_outputs.recording.reader import live_values
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.rendering.live_recording import live_values
 from taichisoft_outputs.rendering.render import (
     FRAME_LIMIT,
     FRAMES_PER_PROCESS,

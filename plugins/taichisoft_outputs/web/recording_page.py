@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
+from taichisoft.errors import MeshError
+from taichisoft.meshes import SectionPlane
 from taichisoft_outputs.drawing.arrows import SAMPLES
 from taichisoft_outputs.drawing.scales import sample_frames
+from taichisoft_outputs.drawing.section import cut_open
 from taichisoft_outputs.recording.layout import UNFINISHED
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.web.address import Address
@@ -80,13 +83,15 @@ class RecordingPage:
         page: what they see.
     """
 
-    def __init__(self, path: Path, address: Address):
-        """Serve the first frame.
+    def __init__(self, path: Path, address: Address, section: str = ""):
+        """Serve the first frame, cut open by a section (see `SectionPlane.parse`) that viewers can change.
 
         Raises:
+            MeshError: the section is written otherwise.
             RecordingError: the file is not a recording.
             WebError: nothing can listen at the address.
         """
+        self._plane, self._problem = SectionPlane.parse(section) if section else None, ""
         self._recording = recording = read_recording(path)
         self.playback = Playback(recording.times)
         self._shown = -1
@@ -96,7 +101,7 @@ class RecordingPage:
         content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.actuators, axes)
         self.page = Page(address.host, address.port, address.token, content, frame_of(recording, 0))
         self._show_whole_scales()
-        self._add_controls(self.page.server.gui)
+        self._add_controls(self.page.server.gui, section)
 
     def tick(self, seconds: float) -> None:
         """Show what is due; `seconds` of wall-clock time have passed since the last call."""
@@ -125,8 +130,13 @@ class RecordingPage:
 
     def _show(self, frame: int) -> None:
         shown = frame_of(self._recording, frame)
-        self.page.view.show(shown)
-        self.page.set_status(f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}")
+        section = None
+        if self._plane is not None:
+            plane = self._plane.facing(self.page.view.eye)
+            section = cut_open(self._recording, self._recording.surfaces, frame, plane)
+        self.page.view.show(shown, section)
+        status = f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}"
+        self.page.set_status(self._problem or status)
         self._slider.value = self.playback.position
         past = self._plotted <= frame
         signals = {name: values[past] for name, values in self._signals.items()}
@@ -162,13 +172,14 @@ class RecordingPage:
         signals = self._recording.column("signals")[self._plotted]
         self._signals = {name: signals[:, number] for number, name in enumerate(self._recording.signals)}
 
-    def _add_controls(self, gui: Any) -> None:
+    def _add_controls(self, gui: Any, section: str) -> None:
         playback = self.playback
         step = max(self._recording.step_size * self._recording.every, 1e-3)
         with gui.add_folder("playback", order=1.0):
             self._slider = gui.add_slider("time [s]", 0.0, max(playback.length, step), step, 0.0)
             play = gui.add_button("play, and pause")
             speed = gui.add_slider("speed [x real time]", *SPEEDS, 0.05, 1.0)
+            plane = gui.add_text("section", section, hint="a plane that cuts bodies open [mm]: y=0, z<12.5, x+2*y=30")
         gui.add_command("space: play, and pause", hotkey="space").on_trigger(lambda _: playback.play_or_pause())
         play.on_click(lambda _: playback.play_or_pause())
 
@@ -177,6 +188,14 @@ class RecordingPage:
             if event.client is not None:  # otherwise it followed the playback
                 playback.playing = False
                 playback.position = clamped(self._slider.value, (0.0, playback.length))
+
+        @plane.on_update
+        def _(event: Any) -> None:
+            try:
+                self._plane, self._problem = SectionPlane.parse(plane.value) if plane.value.strip() else None, ""
+            except MeshError as error:  # most often of a plane that is still being written
+                self._problem = str(error)
+            self._shown = -1
 
         @speed.on_update
         def _(event: Any) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.bodies import quaternion_from_matrix
+from taichisoft.meshes import split_triangles
 from taichisoft.scenes import Scene, red_green_blue
 from taichisoft_outputs.drawing.arrows import BODY_AXIS, arrow_colour
 from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera, fit_camera, radius_around_mean
@@ -15,6 +16,7 @@ from taichisoft_outputs.drawing.planes import square_of_plane
 from taichisoft_outputs.drawing.scales import LINE
 from taichisoft_outputs.drawing.shading import key_light, split_creases
 from taichisoft_outputs.drawing.style import BACKGROUND
+from taichisoft_outputs.drawing.surface_painter import Section
 from taichisoft_outputs.web.frame import LinesShown, PageFrame, PageScene
 from taichisoft_outputs.web.scales_shown import Scales
 
@@ -54,7 +56,11 @@ LIGHT, GROUND = 2.0, (150, 150, 150)
 
 
 class SceneView:
-    """Draws frames into the scene of a viser server; what did not move is not sent again."""
+    """Draws frames into the scene of a viser server; what did not move is not sent again.
+
+    Attributes:
+        eye: where viewers look from at first [mm], shape (3,).
+    """
 
     def __init__(self, server: Any, content: PageScene, first: PageFrame):
         """Put everything where the first frame has it, and the camera where it sees that."""
@@ -76,10 +82,12 @@ class SceneView:
             *self._own_colours.values(),
         ]
         self._force_colour = _bytes(arrow_colour(behind))
-        self._sources, self._meshes = [], []
+        self._surfaces, self._cut = content.surfaces, frozenset[str]()
+        self._sources, self._triangles, self._meshes = [], [], []
         for surface, vertices in zip(content.surfaces, first.vertices, strict=True):
             source, triangles = split_creases(vertices, surface.triangles)
             self._sources.append(source)
+            self._triangles.append(triangles)
             self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
         self._walls = {}
         for kind in ACTUATOR_KINDS:
@@ -110,16 +118,17 @@ class SceneView:
             visible=False,
         )
 
-    def show(self, frame: PageFrame) -> None:
-        """Move everything to where a frame has it."""
+    def show(self, frame: PageFrame, section: Section | None = None) -> None:
+        """Move everything to where a frame has it, cut open by a section."""
         strength = np.linalg.norm(frame.contact_forces, axis=1)
         walls = [kind for kind in ACTUATOR_KINDS if kind.drawn == "walls"]
         efforts = {kind.name: self._actuators.of(kind, frame.plotted) for kind in walls}
         efforts |= {name: lines.efforts for name, lines in frame.lines.items()}
         self.reach_to(efforts, strength.max(initial=0.0))
         with self._server.atomic():
-            for mesh, source, vertices in zip(self._meshes, self._sources, frame.vertices, strict=True):
-                mesh.vertices = (vertices[source] * LENGTH_UNIT).astype(np.float32)
+            for number, vertices in enumerate(frame.vertices):
+                self._show_surface(number, vertices, section)
+            self._cut = frozenset[str]() if section is None else section.names
             for name, meshes in self._walls.items():
                 self._show_walls(name, meshes, efforts[name])
             for name, handle in self._lines.items():
@@ -137,6 +146,24 @@ class SceneView:
         """Let the scales reach to efforts by kind of actuator, such as pressures [kPa], and to a contact force [mN]."""
         if self._scales.reach_to(efforts, force) and self._scales_shown is not None:
             self._scales_shown.content = self._scales.html(self._force_colour)
+
+    def _show_surface(self, number: int, vertices: np.ndarray, section: Section | None) -> None:
+        """Where it is cut it has other triangles in each frame, and silicone cannot be seen through."""
+        surface, mesh = self._surfaces[number], self._meshes[number]
+        if section is not None and surface.name in section.names:
+            corners = vertices[surface.triangles]
+            kept, _, _ = split_triangles(corners, section.plane.height(corners))
+            shown = np.concatenate([kept, section.caps.get(surface.name, kept[:0])[..., :3]])
+            mesh.visible = len(shown) > 0
+            if mesh.visible:
+                mesh.vertices = (shown.reshape(-1, 3) * LENGTH_UNIT).astype(np.float32)
+                mesh.faces = np.arange(3 * len(shown), dtype=np.uint32).reshape(-1, 3)
+                mesh.opacity = None
+            return
+        mesh.vertices = (vertices[self._sources[number]] * LENGTH_UNIT).astype(np.float32)
+        if surface.name in self._cut:
+            mesh.faces = self._triangles[number].astype(np.uint32)
+            mesh.opacity, mesh.visible = _opacity(surface.kind), True
 
     def _show_walls(self, kind: str, meshes: Sequence[Any], efforts: np.ndarray) -> None:
         if kind in self._scales.efforts:
@@ -166,7 +193,7 @@ class SceneView:
             vertices * LENGTH_UNIT,
             triangles,
             color=COLOURS[kind] if own is None else _bytes(own),
-            opacity=SILICONE_OPACITY if kind == "soft" else None,
+            opacity=_opacity(kind),
             cast_shadow=kind in ("soft", "rigid"),
             receive_shadow=kind in ("floor", "obstacle"),
         )
@@ -226,11 +253,16 @@ class SceneView:
             target_point = camera.target if target is None else np.array(target)
             camera = PictureCamera(np.array(eye), target_point, scene.up)
             away = camera.eye - camera.target
+        self.eye = camera.target + away
         initial = self._server.initial_camera
-        initial.position = (camera.target + away) * LENGTH_UNIT
+        initial.position = self.eye * LENGTH_UNIT
         initial.look_at = camera.target * LENGTH_UNIT
         initial.up = camera.up
         initial.fov = float(np.radians(VERTICAL_ANGLE))
+
+
+def _opacity(kind: str) -> float | None:
+    return SILICONE_OPACITY if kind == "soft" else None
 
 
 def _bytes(colour: Sequence[float] | np.ndarray) -> tuple[int, int, int]:

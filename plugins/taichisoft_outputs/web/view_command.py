@@ -15,6 +15,9 @@ def view(
         str | None,
         typer.Option(metavar="HOST:PORT", help="Where the page listens  \\[default: 127.0.0.1 and a free port]"),
     ] = None,
+    section: Annotated[
+        str, typer.Option(metavar="PLANE", help="Cut bodies open \\[mm]: y=0, z<12.5 (what is kept), x+2*y=30")
+    ] = "",
 ) -> None:
     """Serve a web page on which a recording is played and scrubbed."""
     from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
@@ -24,7 +27,7 @@ def view(
 
     found = find_address(address)
     with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way
-        served = RecordingPage(run, found)
+        served = RecordingPage(run, found, section)
     typer.echo(f"web page: {found.at(served.page.port).url}; Ctrl and c ends it")
     if found.is_open:
         typer.echo(f"warning: {found.host}: other machines reach the page; {NOT_ENCRYPTED}", err=True)
