@@ -9,7 +9,7 @@ import pytest
 from solid_shapes import write_step
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.bodies.step_mesher import read_step
+from taichisoft_meshing.bodies.cad_body import read_step
 
 
 def two_voids(occ: Any) -> None:
@@ -20,8 +20,8 @@ def two_voids(occ: Any) -> None:
 
 def test_a_body_with_two_voids(tmp_path: Path) -> None:
     solid = read_step(write_step(tmp_path / "body.step", two_voids))
-    assert sorted(solid.cavity_volumes) == pytest.approx([64, 4 / 3 * np.pi * 125], rel=1e-9)
-    assert solid.volume == pytest.approx(12000 - sum(solid.cavity_volumes), rel=1e-9)
+    assert sorted(solid.void_volumes) == pytest.approx([64, 4 / 3 * np.pi * 125], rel=1e-9)
+    assert solid.volume == pytest.approx(12000 - sum(solid.void_volumes), rel=1e-9)
     assert solid.extent == pytest.approx([30, 20, 20], abs=1e-5)
     assert not solid.flat
 
@@ -49,13 +49,13 @@ def body_in_a_void(occ: Any) -> None:
     [
         (
             lambda occ: [occ.addBox(0, 0, 0, 10, 20, 20), occ.addBox(40, 0, 0, 10, 10, 10)],
-            r"has 2 bodies, of 4000, 1000 mm\^3, where one is expected",
+            r"has 2 solids, of 4000, 1000 mm\^3, and solid 2 shares no face with those joined to solid 1",
         ),
-        (body_in_a_void, r"has 2 bodies, of 784, 8 mm\^3"),
+        (body_in_a_void, r"has 2 solids, of 784, 8 mm\^3, and solid 2 shares no face"),
         (lambda occ: occ.addRectangle(0, 0, 0, 1, 1), "has no solid body, and 1 faces; export the body as a solid"),
     ],
 )
-def test_one_solid_body_is_needed(tmp_path: Path, draw: Callable[[Any], object], problem: str) -> None:
+def test_one_body_of_solids_is_needed(tmp_path: Path, draw: Callable[[Any], object], problem: str) -> None:
     path = write_step(tmp_path / "body.step", draw)
     with pytest.raises(MeshError, match=f"^{path}: {problem}"):
         read_step(path)

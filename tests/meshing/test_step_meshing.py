@@ -86,7 +86,7 @@ def test_a_body_without_a_void_is_meshed_and_said(folder: Path) -> None:
     assert list(mesh.surface_groups) == ["outer"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert body(folder, "full.step", cavities=0).body.cavity_volumes == ()
+        assert body(folder, "full.step", cavities=0).cavity_volumes == ()
 
 
 @pytest.mark.parametrize(

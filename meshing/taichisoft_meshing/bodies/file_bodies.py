@@ -1,19 +1,23 @@
 """The geometry kinds `step` and `surfaces`: bodies between closed surfaces, which files describe."""
 
+import re
 import warnings
 from abc import abstractmethod
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes import VolumeMesh
-from taichisoft.scenes import Positive, Table
+from taichisoft.scenes import BASE, Positive, Table
+from taichisoft_meshing.bodies.cad_body import CadBody, read_step
 from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
 from taichisoft_meshing.bodies.meshed_body import with_base
-from taichisoft_meshing.bodies.step_mesher import StepSolid, mesh_step, read_step
+from taichisoft_meshing.bodies.openings import Opening
+from taichisoft_meshing.bodies.step_mesher import mesh_step
 from taichisoft_meshing.bodies.surface_mesher import keep_surfaces, remesh_surfaces
 from taichisoft_meshing.bodies.tables import BasePlane, Count, FittedSizes, Sizes, SolidSizes, preset_sizes
 from taichisoft_meshing.bodies.wall_splitting import with_elements_across
@@ -21,6 +25,17 @@ from taichisoft_meshing.curved_sides import CurvedSides, with_curved_sides
 from taichisoft_meshing.geometry_file import CheckedGeometry
 
 FileName = Annotated[str, Field(strict=True, min_length=1)]
+Number = Annotated[int, Field(strict=True, ge=1)]
+Numbers = Annotated[tuple[Number, ...], BeforeValidator(lambda given: (given,) if isinstance(given, int) else given)]
+
+
+def _group_name(name: str) -> str:
+    if not re.fullmatch(r"[\w.-]+", name) or re.fullmatch(r"silicone|outer|cavity(_\d+)?", name):
+        raise ValueError("must be a name of letters, digits, '_', '.', '-' that no other group has")
+    return name
+
+
+GroupName = Annotated[str, AfterValidator(_group_name)]
 
 
 class StepTable(Table):
@@ -29,9 +44,17 @@ class StepTable(Table):
     file: FileName
     """STEP file, beside the TOML; it names its unit itself, and is converted to millimetres."""
     cavities: Count | None = None
-    """Number of voids that the body must have; any number when it is not given."""
-    base: BasePlane | None = None
-    """Triangles of the outside that make the group "base"."""
+    """Number of cavities that the body must have; any number when it is not given."""
+    close_inlets: Annotated[bool, Field(strict=True)] | Numbers | None = None
+    """Whether chambers that are open to the outside get caps and are cavities; or the numbers of their openings, from 1
+    in the order of `taichisoft mesh info`. When it is not given, they stay open, and a warning names them."""
+    solids: Mapping[GroupName, Number] = Field(default_factory=dict)
+    """Names of element groups, and the number of the solid of each; others have their names in the file."""
+    faces: Mapping[GroupName, Numbers] = Field(default_factory=dict)
+    """Names of surface groups, and the numbers of the faces of each, as `taichisoft mesh info` lists them."""
+    base: BasePlane | tuple[BasePlane, ...] | None = None
+    """Plane, or planes, whose triangles of the outside make the group "base"; a flat end that is the only one, or by
+    far the largest, is taken when neither this nor `faces` gives it."""
     mesh: SolidSizes = SolidSizes()
 
 
@@ -66,6 +89,11 @@ class _BodyFromFiles(CheckedGeometry):
         """The body that the files describe, checked; it has a `volume` [mm^3] and an `extent` [mm], shape (3,)."""
 
     @property
+    @abstractmethod
+    def cavity_volumes(self) -> tuple[float, ...]:
+        """Volumes of the cavities [mm^3]."""
+
+    @property
     def presets(self) -> dict[str, float]:
         """Largest element sizes [mm] by name."""
         return preset_sizes(self.body.extent)
@@ -74,7 +102,7 @@ class _BodyFromFiles(CheckedGeometry):
         """Mesh the body with gmsh; `size` [mm] replaces the largest element size and scales the smallest with it."""
         try:
             body = self.body
-            sizes = self.table.mesh.fitted(body.extent, body.volume, size, body.cavity_volumes)
+            sizes = self.table.mesh.fitted(body.extent, body.volume, size, self.cavity_volumes)
         except ValueError as error:
             raise MeshError(f"{self.file}: {error}") from error
         mesh, sides = self._fill(sizes)
@@ -95,20 +123,78 @@ class _BodyFromFiles(CheckedGeometry):
 
 
 class StepBody(_BodyFromFiles):
-    """A body from a STEP file, whose cavities are the voids in it."""
+    """A body from a STEP file, whose cavities are the voids in it, and the chambers whose openings are closed."""
 
     table_type = StepTable
 
     @cached_property
-    def body(self) -> StepSolid:
+    def body(self) -> CadBody:
         """The body that the STEP file describes, checked."""
-        solid = read_step(self.file.parent / self.table.file)
-        hint = "; a cavity is a void without an opening"
-        self._check_cavities(len(solid.cavity_volumes), solid.path, f"{solid.path} has", hint)
-        return solid
+        table, body = self.table, read_step(self.file.parent / self.table.file)
+        for name, solid in table.solids.items():
+            self._refuse_numbers(f"solids.{name}", [solid], "solids", len(body.solids))
+        for name, faces in table.faces.items():
+            self._refuse_numbers(f"faces.{name}", faces, "faces", len(body.faces))
+        if table.base is not None and BASE in table.faces:
+            raise MeshError(f"{self.file}: base and faces.base: only one of them can be given")
+        closed = self._closed(body)
+        left = [f"opening {n}, {one}" for n, one in enumerate(body.openings, 1) if one not in closed]
+        remedy = "".join(f"; {one}" for one in left) + "; close_inlets = true makes cavities of openings" * bool(left)
+        hint = f"; a cavity is a void without an opening{remedy}"
+        self._check_cavities(len(body.voids) + len(closed), body.path, f"{body.path} has", hint)
+        if left and table.close_inlets is None and table.cavities is None and body.voids:
+            warnings.warn(f"{body.path}: a chamber is open{remedy}, and false leaves it as it is", stacklevel=3)
+        return body
+
+    @property
+    def cavity_volumes(self) -> tuple[float, ...]:
+        """Volumes of the voids and of the chambers whose openings are closed [mm^3]."""
+        return (*self.body.void_volumes, *(opening.volume for opening in self._closed(self.body)))
+
+    def _closed(self, body: CadBody) -> tuple[Opening, ...]:
+        """The openings that get caps."""
+        wanted = self.table.close_inlets
+        if wanted is True and not body.openings:
+            raise MeshError(f"{self.file}: close_inlets = true: no chamber of {body.path} is open to the outside")
+        if isinstance(wanted, tuple):
+            self._refuse_numbers("close_inlets", wanted, "openings", len(body.openings))
+            return tuple(body.openings[number - 1] for number in sorted(set(wanted)))
+        return body.openings if wanted else ()
+
+    def _refuse_numbers(self, key: str, numbers: Iterable[int], what: str, count: int) -> None:
+        """Raise MeshError for a number above the count of solids, faces or openings."""
+        wrong = next((number for number in numbers if number > count), None)
+        if wrong is not None:
+            raise MeshError(
+                f"{self.file}: {key} = {wrong}: the body has {count} {what}; `taichisoft mesh info` lists them"
+            )
+
+    def _parts(self) -> dict[str, int]:
+        """Names of element groups, and the number of the solid of each; none for a single solid that got no name."""
+        chosen = self.table.solids
+        others = {solid.name: solid.number for solid in self.body.solids if solid.number not in chosen.values()}
+        twice = sorted(chosen.keys() & others.keys())
+        if twice:
+            raise MeshError(f"{self.file}: solids.{twice[0]}: solid {others[twice[0]]} has this name; choose another")
+        return {**others, **chosen} if len(self.body.solids) > 1 else dict(chosen)
 
     def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
-        return mesh_step(self.body, sizes, str(self.file), curved=self.table.mesh.order == 2)
+        table, body = self.table, self.body
+        faces = dict(table.faces)
+        if table.base is None and BASE not in faces and body.flat_end:
+            faces[BASE] = body.flat_end
+            said = f"the flat end, face {' and '.join(map(str, body.flat_end))}, is the group 'base'"
+            warnings.warn(f"{body.path}: {said}; `faces` or `base` choose another", stacklevel=4)
+        return mesh_step(
+            body,
+            sizes,
+            str(self.file),
+            closed=self._closed(body),
+            parts=self._parts(),
+            faces=faces,
+            wall_ratio=table.mesh.wall_ratio,
+            curved=table.mesh.order == 2,
+        )
 
 
 class SurfacesBody(_BodyFromFiles):
@@ -123,6 +209,11 @@ class SurfacesBody(_BodyFromFiles):
         body = read_hollow_body(folder / table.outer, [folder / name for name in table.cavity], table.scale)
         self._check_cavities(len(body.cavities), folder / table.outer, "the files have")
         return body
+
+    @property
+    def cavity_volumes(self) -> tuple[float, ...]:
+        """Volumes of the cavities [mm^3]."""
+        return self.body.cavity_volumes
 
     def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
         if self.table.keep_surface:

@@ -1,8 +1,9 @@
 """The tetrahedra of a gmsh session as a mesh, with named surfaces, and volumes compared with the drawing."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,21 +11,31 @@ import numpy as np
 from taichisoft.errors import MeshError
 from taichisoft.meshes import VolumeMesh, boundary_triangles, element_volumes, enclosed_volume
 from taichisoft_meshing.bodies.tables import BasePlane
-from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, tetrahedra
+from taichisoft_meshing.gmsh_session import TETRAHEDRON, TRIANGLE, GmshFailure, tetrahedra
 from taichisoft_meshing.quality.mesh_surfaces import cavity_names
 
 SAID, REFUSED = 0.1, 0.25
 """Errors of a curved volume as shares of it [-], at which a warning is given, and at which the mesh is refused: flat
 triangles cut some of it off."""
 
+NO_GROUPS: Mapping[str, Any] = MappingProxyType({})
 
-def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> VolumeMesh:
+
+def meshed_body(
+    gmsh: Any,
+    shells: Sequence[Sequence[int]],
+    source: str,
+    parts: Mapping[str, int] = NO_GROUPS,
+    faces: Mapping[str, Sequence[int]] = NO_GROUPS,
+) -> VolumeMesh:
     """The tetrahedra of a session, with the groups "silicone", "outer" and one for each cavity.
 
     Args:
         gmsh: the module, with a mesh.
         shells: gmsh's numbers of the surfaces of the outside, then of each cavity.
         source: begins every error.
+        parts: further element groups, and gmsh's number of the volume of each.
+        faces: further surface groups, and gmsh's numbers of the surfaces of each; those inside the body face any way.
 
     Raises:
         GmshFailure: there are no tetrahedra, or they do not end at these surfaces.
@@ -35,8 +46,13 @@ def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> Volu
     groups = {"outer": surfaces[0]}
     # A boundary triangle faces out of the silicone; a cavity encloses a positive volume if it faces into it.
     groups |= {name: np.ascontiguousarray(wall[:, ::-1]) for name, wall in zip(names[1:], surfaces[1:], strict=True)}
-    silicone = {"silicone": np.arange(len(elements), dtype=np.int32)}
-    return VolumeMesh(source, nodes, elements, groups, silicone).check()
+    groups |= {name: _outward(elements, _triangles(gmsh.model.mesh, its, used)) for name, its in faces.items()}
+    every = gmsh.model.mesh.getElementsByType(TETRAHEDRON)[0]
+    element_groups = {"silicone": np.arange(len(elements), dtype=np.int32)}
+    for name, volume in parts.items():
+        its = gmsh.model.mesh.getElementsByType(TETRAHEDRON, volume)[0]
+        element_groups[name] = np.flatnonzero(np.isin(every, its)).astype(np.int32)
+    return VolumeMesh(source, nodes, elements, groups, element_groups).check()
 
 
 def shells_of_solid(occ: Any, solid: int) -> list[list[int]]:
@@ -56,23 +72,30 @@ def shells_of_solid(occ: Any, solid: int) -> list[list[int]]:
     return [shells.pop(outside), *shells]
 
 
-def with_base(mesh: VolumeMesh, base: BasePlane | None) -> VolumeMesh:
-    """The mesh with the part of its outside that `base` selects as the group "base"; unchanged when `base` is None.
+def with_base(mesh: VolumeMesh, base: BasePlane | Sequence[BasePlane] | None) -> VolumeMesh:
+    """The mesh with the part of its outside in one or several planes as the group "base"; unchanged without a plane.
 
     Raises:
-        MeshError: nothing is selected.
+        MeshError: no triangle lies in one of the planes.
     """
-    if base is None:
+    planes = [base] if isinstance(base, BasePlane) else list(base or ())
+    if not planes:
         return mesh
     outer = mesh.surface_groups["outer"]
     try:
-        chosen = outer[base.select(mesh.nodes, outer)]
+        chosen = outer[np.any([plane.select(mesh.nodes, outer) for plane in planes], axis=0)]
     except ValueError as error:
         raise MeshError(f"{mesh.source}: {error}") from error
     return replace(mesh, surface_groups={**mesh.surface_groups, "base": chosen})
 
 
-def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float], tolerance: float | None) -> None:
+def compare_volumes(
+    mesh: VolumeMesh,
+    silicone: float,
+    cavities: Sequence[float],
+    tolerance: float | None,
+    parts: Mapping[str, float] = NO_GROUPS,
+) -> None:
     """Compare the volumes of a mesh with its body's [mm^3].
 
     Args:
@@ -80,15 +103,18 @@ def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float]
         silicone: volume of the body's silicone.
         cavities: volumes of the body's cavities, in their order.
         tolerance: share of each that may be missing [-]; None for curved surfaces, which flat triangles cut short.
+        parts: volumes of the body's element groups.
 
     Raises:
         MeshError: a volume differs too much.
     """
-    meshed = [float(element_volumes(mesh.nodes, mesh.elements).sum())]
+    parts = {"silicone": silicone, **parts}
+    volumes = element_volumes(mesh.nodes, mesh.elements)
+    meshed = [float(volumes[mesh.element_groups[name]].sum()) for name in parts]
     meshed += [enclosed_volume(mesh.nodes, mesh.surface_groups[name]) for name in cavity_names(len(cavities))]
-    names = ["silicone", *cavity_names(len(cavities))]
+    names = [*parts, *cavity_names(len(cavities))]
     for refused in (True, False):  # all are looked at before any is only said
-        for name, got, wanted in zip(names, meshed, [silicone, *cavities], strict=True):
+        for name, got, wanted in zip(names, meshed, [*parts.values(), *cavities], strict=True):
             off = abs(got - wanted) / wanted
             amount = f"{got:.6g} mm^3 in the mesh instead of {wanted:.6g}, {100 * off:.2g} % off"
             what = f"{mesh.source}: {name} has {amount}"
@@ -110,15 +136,27 @@ def _triangles(gmsh_mesh: Any, surfaces: Sequence[int], used: np.ndarray) -> np.
 def _surfaces(elements: np.ndarray, shells: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The shells, turned to face out of the silicone; together they must be the boundary of the tetrahedra."""
     boundary = boundary_triangles(elements)
-    every = np.sort(np.vstack([boundary, *shells]), axis=1)
+    together = _places(boundary, np.vstack(shells))
+    if (together < 0).any() or len(together) != len(boundary):
+        raise GmshFailure("the tetrahedra do not end at the surfaces")
+    return np.split(boundary[together], np.cumsum([len(shell) for shell in shells])[:-1])
+
+
+def _outward(elements: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The triangles, those on the boundary turned to face out of the silicone."""
+    boundary = boundary_triangles(elements)
+    place = _places(boundary, triangles)
+    return np.where(place[:, None] >= 0, boundary[place], triangles).astype(np.int32)
+
+
+def _places(boundary: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The row of the boundary that has the corners of each triangle, -1 where none has."""
+    every = np.sort(np.vstack([boundary, triangles]), axis=1)
     number = np.unique(every, axis=0, return_inverse=True)[1].ravel()
     place = np.full(number.max() + 1, -1)
     place[number[: len(boundary)]] = np.arange(len(boundary))
-    found = np.split(place[number[len(boundary) :]], np.cumsum([len(shell) for shell in shells])[:-1])
-    together = np.concatenate(found)
-    if (together < 0).any() or len(together) != len(boundary):
-        raise GmshFailure("the tetrahedra do not end at the surfaces")
-    return [boundary[where] for where in found]
+    found: np.ndarray = place[number[len(boundary) :]]
+    return found
 
 
 def _extent(occ: Any, faces: list[int]) -> float:

@@ -6,11 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.errors import MeshError
+from taichisoft.meshes import boundary_triangles
 from taichisoft_meshing.bodies.closed_shells import Shell
-from taichisoft_meshing.bodies.surface_geometry import angles_between, area_vectors, joined_sides
+from taichisoft_meshing.bodies.surface_geometry import angles_between, area_vectors, joined_sides, undirected_sides
 from taichisoft_meshing.bodies.tables import FittedSizes
-from taichisoft_meshing.gmsh_session import obey_size_fields
-from taichisoft_meshing.size_search import GROWTH
+from taichisoft_meshing.gmsh_session import obey_size_fields, tetrahedra
+from taichisoft_meshing.quality.walls import find_walls
+from taichisoft_meshing.size_search import GROWTH, refuse_too_many
 
 FINEST = 0.25
 """Least size on curves, such as that of a tiny fillet, over the smallest size that was asked for [-]."""
@@ -58,11 +61,41 @@ def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], fea
         curvatures = vertex_curvatures(shell.vertices, shell.triangles, feature_angle)
         with np.errstate(divide="ignore"):
             wanted = np.minimum(2 * math.pi / (sizes.curvature * curvatures), sizes.largest)
-        wanted = _growing(wanted, shell)
-        corners = shell.vertices[shell.triangles]
-        rows.append(np.concatenate([corners.transpose(0, 2, 1).reshape(-1, 9), wanted[shell.triangles]], axis=1))
+        rows.append(_size_rows(wanted, shell.vertices, shell.triangles))
+    _add_sizes(gmsh, np.vstack(rows))
+
+
+def follow_walls(gmsh: Any, sizes: FittedSizes, ratio: float, source: str) -> None:
+    """Clear the mesh of a session, and set sizes in proportion to the thickness of the walls that were found in it.
+
+    Args:
+        gmsh: the module, after `set_sizes`, with a mesh.
+        sizes: sizes of its elements.
+        ratio: longest edge in a wall over the wall's thickness [-].
+        source: begins every error.
+
+    Raises:
+        MeshError: there would be too many elements.
+    """
+    nodes, elements, _ = tetrahedra(gmsh)
+    walls = find_walls(nodes, elements)
+    size = np.minimum(ratio * walls.thickness, sizes.largest)
+    wanted = np.full(len(nodes), sizes.largest)
+    np.minimum.at(wanted, walls.triangles, size[:, None])
+    count = float((8.5 * walls.areas * walls.thickness / 2 / size**3).sum())  # a wall is seen from both sides
+    try:
+        refuse_too_many(count, "mesh.wall_ratio", ratio)
+    except ValueError as error:
+        raise MeshError(f"{source}: {error}") from error
+    gmsh.model.mesh.clear()
+    gmsh.option.setNumber("Mesh.MeshSizeMin", min(FINEST * sizes.smallest, wanted.min()))
+    _add_sizes(gmsh, _size_rows(wanted, nodes, boundary_triangles(elements)))
+
+
+def _add_sizes(gmsh: Any, rows: np.ndarray) -> None:
+    """Add a field of sizes on triangles, from the result of `_size_rows`."""
     view = gmsh.view.add("sizes")
-    gmsh.view.addListData(view, "ST", sum(map(len, rows)), np.vstack(rows).ravel())  # a second call would replace it
+    gmsh.view.addListData(view, "ST", len(rows), rows.ravel())  # a second call would replace it
     field = gmsh.model.mesh.field
     curved = field.add("PostView")
     field.setNumber(curved, "ViewTag", view)
@@ -70,11 +103,17 @@ def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], fea
     obey_size_fields(gmsh)
 
 
-def _growing(sizes: np.ndarray, shell: Shell) -> np.ndarray:
+def _size_rows(sizes: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Corners of triangles and sizes there [mm], which grow slowly from the smallest, as gmsh takes them."""
+    grown = _growing(sizes, vertices, triangles)[triangles]
+    return np.concatenate([vertices[triangles].transpose(0, 2, 1).reshape(-1, 9), grown], axis=1)
+
+
+def _growing(sizes: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The sizes at the vertices [mm], lowered until none is larger than the size and distance of a neighbour allow."""
-    ends, _ = joined_sides(shell.triangles)
+    ends = np.unique(undirected_sides(triangles), axis=0)
     ends = np.vstack([ends, ends[:, ::-1]])
-    reach = GROWTH * np.linalg.norm(np.subtract(*shell.vertices[ends.T]), axis=1)
+    reach = GROWTH * np.linalg.norm(np.subtract(*vertices[ends.T]), axis=1)
     sizes = sizes.copy()
     while True:
         allowed = sizes[ends[:, 0]] + reach

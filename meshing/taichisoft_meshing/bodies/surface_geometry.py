@@ -33,6 +33,15 @@ def joined_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edges, np.argsort(edge.ravel(), kind="stable").reshape(-1, 2)
 
 
+def facing_sides(triangles: np.ndarray) -> np.ndarray:
+    """The pairs of sides, numbered as in `joined_sides`, at edges of exactly two triangles, shape (pair_count, 2)."""
+    _, edge, counts = np.unique(undirected_sides(triangles), axis=0, return_inverse=True, return_counts=True)
+    edge = edge.ravel()
+    two = np.flatnonzero(counts[edge] == 2)
+    pairs: np.ndarray = two[np.argsort(edge[two], kind="stable")].reshape(-1, 2)
+    return pairs
+
+
 def angles_between(normals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Angles [rad] between the normals, shape (triangle_count, 3), of pairs of triangles, shape (pair_count, 2)."""
     one, other = normals[pairs[:, 0]], normals[pairs[:, 1]]

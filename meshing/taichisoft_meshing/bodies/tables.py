@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.scenes import Positive, Table, Vector
+from taichisoft.scenes import NotNegative, Positive, Table, Vector
 from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal
 from taichisoft_meshing.size_search import element_count, refuse_too_many
 
@@ -102,6 +102,10 @@ class Sizes(Table):
 
 class SolidSizes(Sizes):
     """Sizes of the tetrahedra in a solid, whose surfaces are known between the nodes, and how they follow them."""
+
+    wall_ratio: NotNegative = 0.0
+    """Longest edge in a wall over the wall's thickness [-], so that thin walls get finer elements than the rest, with
+    sizes that grow away from them; 0: walls are as coarse as what is around them."""
 
     order: Literal[1, 2] = 1
     """1: tetrahedra of four nodes; 2: of ten, whose sides follow curved surfaces, for `element = "quadratic"`."""

@@ -1,8 +1,9 @@
 """Two elements across every wall, by cuts inside a mesh that leave its surfaces unchanged.
 
 An edge that leads through the silicone from one point of the boundary to another makes a wall one element thick there,
-which bends much too stiffly. gmsh puts no node into a thin wall, however small the size asked for; so such edges are
-cut in the middle, and all tetrahedra around them with them.
+which bends much too stiffly; so does one through a layer, from one of its faces to another. gmsh puts no node into a
+thin wall, however small the size asked for; so such edges are cut in the middle, and all tetrahedra around them with
+them.
 """
 
 from collections import defaultdict
@@ -20,20 +21,28 @@ Edge = tuple[int, int]
 
 
 def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
-    """Cut a mesh so that no edge leads through a wall, if its sizes ask for two elements across walls.
+    """Cut a mesh so that no edge leads through a wall or layer, if its sizes ask for two elements across walls.
 
-    Nodes and triangles of its surfaces keep their numbers and places.
+    Nodes and triangles of its surfaces, and of the faces between element groups, keep their numbers and places.
 
     Raises:
         MeshError: gmsh, which then moves the new nodes to better places, fails.
     """
     if sizes.elements_across_walls == 1:
         return mesh
-    nodes, elements = cut_edges(mesh.nodes, mesh.elements, through_edges(mesh.elements))
-    boundary = boundary_triangles(mesh.elements)
-    nodes = without_inverted(nodes, _relocated(nodes, elements, boundary, mesh.source), elements)
-    silicone = {"silicone": np.arange(len(elements), dtype=np.int32)}
-    return replace(mesh, nodes=nodes, elements=elements, element_groups=silicone).check()
+    part = np.zeros(len(mesh.elements), dtype=int)
+    for number, group in enumerate(mesh.element_groups.values()):  # the first has all
+        part[group] = number
+    alike = [mesh.elements[part == number] for number in np.unique(part)]
+    through = np.unique(np.vstack([through_edges(its) for its in alike]), axis=0)
+    nodes, elements, parents = cut_edges(mesh.nodes, mesh.elements, through)
+    faces = [boundary_triangles(elements[part[parents] == number]) for number in np.unique(part)]
+    _, first = np.unique(np.sort(np.vstack(faces), axis=1), axis=0, return_index=True)
+    fixed = np.vstack(faces)[np.sort(first)]
+    nodes = without_inverted(nodes, _relocated(nodes, elements, fixed, mesh.source), elements)
+    groups = mesh.element_groups.items()
+    inherited = {name: np.flatnonzero(np.isin(parents, group)).astype(np.int32) for name, group in groups}
+    return replace(mesh, nodes=nodes, elements=elements, element_groups=inherited).check()
 
 
 def through_edges(elements: np.ndarray) -> np.ndarray:
@@ -47,7 +56,7 @@ def through_edges(elements: np.ndarray) -> np.ndarray:
     return inside
 
 
-def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Put a node in the middle of each edge, the longest first, and halve the tetrahedra around it.
 
     Args:
@@ -56,9 +65,10 @@ def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tup
         edges: each between two nodes, the lower first, shape (edge_count, 2).
 
     Returns:
-        Nodes, the new ones last, and tetrahedra.
+        Nodes, the new ones last, tetrahedra, and for each of these the one that it is a part of.
     """
     tetrahedra = dict(enumerate(elements.tolist()))
+    parents = list(range(len(elements)))
     around: dict[Edge, set[int]] = defaultdict(set)
     for number, corners in tetrahedra.items():
         for edge in combinations(sorted(corners), 2):
@@ -74,10 +84,12 @@ def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tup
             for left_out in (begin, end):
                 half = [middle if corner == left_out else corner for corner in corners]
                 tetrahedra[following] = half
+                parents.append(parents[number])
                 for edge in combinations(sorted(half), 2):
                     around[edge].add(following)
                 following += 1
-    return np.vstack([nodes, nodes[ordered].mean(axis=1)]), np.array(list(tetrahedra.values()), dtype=np.int32)
+    cut = np.array(list(tetrahedra.values()), dtype=np.int32)
+    return np.vstack([nodes, nodes[ordered].mean(axis=1)]), cut, np.array(parents)[list(tetrahedra)]
 
 
 def without_inverted(nodes: np.ndarray, moved: np.ndarray, elements: np.ndarray) -> np.ndarray:
@@ -101,7 +113,7 @@ def without_inverted(nodes: np.ndarray, moved: np.ndarray, elements: np.ndarray)
 
 
 def _relocated(nodes: np.ndarray, elements: np.ndarray, boundary: np.ndarray, source: str) -> np.ndarray:
-    """The nodes, those inside moved to where the worst tetrahedra around them are better."""
+    """The nodes, those not of the boundary moved to where the worst tetrahedra around them are better."""
     on_boundary = np.unique(boundary)
     inside = np.setdiff1d(np.arange(len(nodes)), on_boundary)
     with gmsh_session(source) as gmsh:

@@ -64,14 +64,16 @@ def measure_surfaces(mesh: VolumeMesh) -> tuple[SurfaceQuality, ...]:
 
 
 def cavities_outside(nodes: np.ndarray, surfaces: tuple[SurfaceQuality, ...]) -> tuple[str, ...]:
-    """Names of cavities that touch the outer skin, or lie outside of it."""
+    """Names of cavities that touch the outer skin, but for caps that are triangles of both, or lie outside of it."""
     skin = np.concatenate(
         [np.empty((0, 3), dtype=np.int32), *(surface.triangles for surface in surfaces if surface.name == OUTER)]
     )
+    of_skin = set(map(tuple, np.sort(skin, axis=1).tolist()))
     outside = []
     for surface in surfaces:
         if surface.of_cavity:
-            vertices = np.unique(surface.triangles)
+            caps = [one for one in np.sort(surface.triangles, axis=1).tolist() if tuple(one) in of_skin]
+            vertices = np.setdiff1d(surface.triangles, np.array(caps, dtype=int))
             sample = vertices[:: max(len(vertices) // SAMPLE, 1)]
             if np.isin(vertices, skin).any() or not (winding_numbers(nodes[sample], nodes[skin]) > 0.5).all():
                 outside.append(surface.name)
