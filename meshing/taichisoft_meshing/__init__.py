@@ -44,8 +44,8 @@ def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
 
 @hookimpl
 def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
-    """The function that meshes geometry files of every kind that a plug-in knows."""
-    return Imported(__name__, {".toml": "scene_meshes:mesh_for_scene"})
+    """The function that meshes geometry files of every kind that a plug-in knows, and STEP files as they are."""
+    return Imported(__name__, dict.fromkeys((".toml", ".step", ".stp"), "scene_meshes:mesh_for_scene"))
 
 
 @hookimpl

@@ -16,6 +16,7 @@ from taichisoft.scenes import first_problem
 from taichisoft_meshing.quality.quality_limits import QUALITY, QualityLimits
 
 DEFAULT_KIND = "pneunet_finger"
+STEP_SUFFIXES = (".step", ".stp")
 # [mm] Sums of decimal fractions may miss by rounding.
 ROUNDING = 1e-9
 
@@ -39,11 +40,13 @@ def read_geometry(path: Path) -> Geometry:
 
 
 def read_tables(path: Path) -> tuple[Any, dict[str, Any]]:
-    """The kind and the tables of a file.
+    """The kind and the tables of a file; a STEP file is its own description.
 
     Raises:
         MeshError: the file is missing or no TOML.
     """
+    if path.suffix.lower() in STEP_SUFFIXES:
+        return "step", {"file": path.name}
     try:
         tables = read_toml(path)
     except FileNotFoundError as error:

@@ -4,10 +4,12 @@ import logging
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from taichisoft.errors import MeshError
 from taichisoft.plugin_system import FILE_OPTION, load_requested, plugin_registry, provided_by_plugin
 from taichisoft.worker import WorkerLost, WorkerSlow, call_apart
+from taichisoft_meshing.bodies.cad_body import CadBody
 from taichisoft_meshing.mesh_job import MadeMesh, MeshJob, make_mesh
 
 LOGGER = logging.getLogger("taichisoft.meshing")
@@ -57,6 +59,19 @@ def make_mesh_apart(
         problem = f"it took more than {time_limit:g} s; take larger elements" if slow else lost
         raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}") from lost
     return made
+
+
+def read_step_apart(path: Path) -> CadBody:
+    """Read a STEP file as `read_step` does, in a process of its own.
+
+    Raises:
+        MeshError: it cannot be read, or the process ended before it was.
+    """
+    try:
+        body: CadBody = call_apart("taichisoft_meshing.bodies.cad_body:read_step", path, time_limit=TIME_LIMIT)
+    except WorkerLost as lost:
+        raise MeshError(f"{path}: the process that reads it ended: {lost}") from lost
+    return body
 
 
 def make_mesh_here(job: MeshJob, files: Sequence[str]) -> MadeMesh:

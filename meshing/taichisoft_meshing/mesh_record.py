@@ -12,6 +12,7 @@ import taichisoft
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.meshes import VolumeMesh
+from taichisoft_meshing.bodies.cad_body import CadBody
 from taichisoft_meshing.gmsh_session import gmsh_version
 from taichisoft_meshing.mesh_job import MadeMesh, MeshJob
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
@@ -74,6 +75,37 @@ def mesh_figures(mesh: VolumeMesh, quality: MeshQuality) -> dict[str, Any]:
             "duplicate_nodes": quality.duplicate_nodes,
             "pieces": quality.components,
         },
+    }
+
+
+def body_figures(body: CadBody) -> dict[str, Any]:
+    """Solids, faces, cavities and openings of a body from CAD as plain values."""
+    return {
+        "extent_mm": [_rounded(length) for length in body.extent],
+        "solids": [
+            {"number": one.number, "name": one.name, "volume_mm3": _rounded(one.volume, 12)} for one in body.solids
+        ],
+        "faces": [
+            {
+                "number": face.number,
+                "solids": list(face.solids),
+                "area_mm2": _rounded(face.area),
+                "centre_mm": face.centre.round(6).tolist(),
+                "normal": None if face.normal is None else face.normal.round(6).tolist(),
+            }
+            for face in body.faces
+        ],
+        "flat_end": list(body.flat_end),
+        "cavities_mm3": [_rounded(volume, 12) for volume in body.void_volumes],
+        "openings": [
+            {
+                "face": one.beside,
+                "centre_mm": one.centre.round(6).tolist(),
+                "area_mm2": _rounded(one.area),
+                "volume_mm3": _rounded(one.volume),
+            }
+            for one in body.openings
+        ],
     }
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from taichisoft.atomic_file import partial_path
 from taichisoft.errors import MeshError
 from taichisoft.interruption import deferred_signals
-from taichisoft.meshes import VOLUME_SUFFIXES, require_suffix, write_stl, write_volume_mesh
+from taichisoft.meshes import VOLUME_SUFFIXES, SectionPlane, require_suffix, write_stl, write_volume_mesh
 from taichisoft_meshing.mesh_job import MadeMesh
 from taichisoft_meshing.mesh_record import mesh_record, write_record
 from taichisoft_meshing.quality.report_picture import draw_report
@@ -60,8 +60,10 @@ def prepare_folder(folder: Path, output: Path | None = None) -> None:
         raise MeshError(f"--output {output}: no permission to write in {folder}")
 
 
-def write_output(made: MadeMesh, output: Path) -> None:
+def write_output(made: MadeMesh, output: Path, section: SectionPlane | None = None) -> None:
     """Write a mesh to a file or folder, as `is_file` says; only a second signal stops it half-way.
+
+    `section` is the plane that cuts the mesh open in the picture.
 
     Raises:
         MeshError: something cannot be written.
@@ -70,11 +72,11 @@ def write_output(made: MadeMesh, output: Path) -> None:
         if is_file(output):
             write_volume_mesh(made.mesh, output)
         else:
-            write_set(made, output)
+            write_set(made, output, section)
         stop_if_asked()
 
 
-def write_set(made: MadeMesh, folder: Path) -> None:
+def write_set(made: MadeMesh, folder: Path, section: SectionPlane | None = None) -> None:
     """Write all files of a mesh, called like the folder, to a folder beside it, and move them when all are whole.
 
     Raises:
@@ -84,7 +86,7 @@ def write_set(made: MadeMesh, folder: Path) -> None:
     partial = partial_path(folder)
     try:
         partial.mkdir()
-        write_files(made, partial, folder.name)
+        write_files(made, partial, folder.name, section)
         move_set(partial, folder)
     except OSError as error:
         raise MeshError(f"{folder}: cannot be written: {error.strerror or error}") from error
@@ -92,7 +94,7 @@ def write_set(made: MadeMesh, folder: Path) -> None:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def write_files(made: MadeMesh, folder: Path, name: str) -> None:
+def write_files(made: MadeMesh, folder: Path, name: str, section: SectionPlane | None) -> None:
     """Write all files of a mesh to an empty folder.
 
     Raises:
@@ -104,7 +106,7 @@ def write_files(made: MadeMesh, folder: Path, name: str) -> None:
     for surface in quality.surfaces:
         if surface.closed_by_name:
             write_stl(mesh.nodes, surface.triangles, folder / f"{name}-{surface.name}.stl")
-    draw_report(mesh, quality, made.limits, name, folder / PICTURE)
+    draw_report(mesh, quality, made.limits, name, folder / PICTURE, section)
     write_record(mesh_record(made, sorted(folder.iterdir())), folder / RECORD)
 
 

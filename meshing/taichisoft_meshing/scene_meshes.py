@@ -23,6 +23,7 @@ def mesh_for_scene(
     size: float | None = None,
     preset: str | None = None,
     nodes: int | None = None,
+    order: int | None = None,
     set: Mapping[str, Any] | None = None,
 ) -> VolumeMesh:
     """The mesh for a scene; the same request gives the same mesh, whether it is made now or was made before.
@@ -32,6 +33,7 @@ def mesh_for_scene(
         size: length of the largest element [mm].
         preset: name of one of the geometry's sizes.
         nodes: approximate number of nodes.
+        order: 1 or 2, instead of the geometry's `mesh.order`.
         set: tables that replace the file's, key by key.
 
     Raises:
@@ -42,7 +44,10 @@ def mesh_for_scene(
     possible = {"size": size, "preset": preset, "nodes": nodes}
     asked: dict[str, Any] = {key: value for key, value in possible.items() if value is not None}
     wish = "".join(f", {key} {value}" for key, value in asked.items())
-    job = MeshJob(kind, merge_tables(tables, set or {}), file, asked)
+    tables = merge_tables(tables, set or {})
+    if order is not None:
+        tables = merge_tables(tables, {"mesh": {"order": order}})
+    job = MeshJob(kind, tables, file, asked)
     path = _cache_path(job)
     mesh = kept_mesh(path)
     if mesh is not None:

@@ -101,13 +101,17 @@ class BodyMesh(Table):
     """The source of a soft body's mesh; `mesh = "FILE"` is short for a table with nothing but `file`."""
 
     file: str
-    """A mesh (.msh, .vtk, .vtu), or a geometry (.toml) that is meshed on first use; or the name of a shipped one."""
+    """A mesh (.msh, .vtk, .vtu), or a geometry (.toml, .step) that is meshed on first use; or the name of a shipped
+    one."""
     size: Positive | None = None
     """Largest element of a geometry's mesh [mm]; the geometry's own when neither it nor preset or nodes is given."""
     preset: str | None = None
     """Name of one of the geometry's sizes, such as "coarse", "medium" or "fine"."""
     nodes: Annotated[int, Field(strict=True, gt=0)] | None = None
     """Number of nodes that the geometry's mesh should have, roughly."""
+    order: Literal[1, 2] | None = None
+    """Order of the elements of a geometry's mesh: 2 for sides that follow curved surfaces, with
+    `element = "quadratic"`."""
     set: dict[str, Any] = {}
     """Values to take instead of the geometry's own: { chambers.height = 12.0 }."""
 
@@ -133,7 +137,7 @@ class BodyMesh(Table):
     @property
     def request(self) -> dict[str, Any]:
         """Keys that are given beside the file."""
-        given = {key: getattr(self, key) for key in ("size", "preset", "nodes", "set")}
+        given = {key: getattr(self, key) for key in ("size", "preset", "nodes", "order", "set")}
         return {key: value for key, value in given.items() if value not in (None, {})}
 
 

@@ -62,4 +62,4 @@ def attempt_step_file(number: int) -> list[str]:
     """Mesh a damaged body; OpenCASCADE, which reads it, may crash."""
     dice = random.Random(f"STEP file {number}")
     Path("tried.step").write_bytes(damaged_text(Path("whole.step").read_bytes(), dice))
-    return ["mesh", "--step", "tried.step", "--size", "5", "--force", "--output", "meshed.msh"]
+    return ["mesh", "tried.step", "--size", "5", "--force", "--output", "meshed.msh"]

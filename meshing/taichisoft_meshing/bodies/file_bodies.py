@@ -138,7 +138,11 @@ class StepBody(_BodyFromFiles):
         if table.base is not None and BASE in table.faces:
             raise MeshError(f"{self.file}: base and faces.base: only one of them can be given")
         closed = self._closed(body)
-        left = [f"opening {n}, {one}" for n, one in enumerate(body.openings, 1) if one not in closed]
+        left = [
+            f"opening {n}, {one} before {one.volume:.4g} mm^3 of air"
+            for n, one in enumerate(body.openings, 1)
+            if one not in closed
+        ]
         remedy = "".join(f"; {one}" for one in left) + "; close_inlets = true makes cavities of openings" * bool(left)
         hint = f"; a cavity is a void without an opening{remedy}"
         self._check_cavities(len(body.voids) + len(closed), body.path, f"{body.path} has", hint)

@@ -39,8 +39,7 @@ class Opening:
 
     def __str__(self) -> str:
         place = ", ".join(f"{value:.4g}" for value in np.round(self.centre, 3) + 0.0)
-        air = f"{self.volume:.4g} mm^3 of air"
-        return f"{self.area:.4g} mm^2 wide around [{place}] mm, in face {self.beside}, before {air}"
+        return f"{self.area:.4g} mm^2 wide in face {self.beside} around [{place}] mm"
 
 
 def find_openings(

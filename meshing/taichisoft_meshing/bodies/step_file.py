@@ -6,8 +6,7 @@ from typing import Any
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes import require_suffix
-
-SUFFIXES = (".step", ".stp")
+from taichisoft_meshing.geometry_file import STEP_SUFFIXES
 
 FIRST, LAST = "ISO-10303-21", "END-ISO-10303-21"
 SECTIONS = ("HEADER", "DATA")
@@ -25,11 +24,11 @@ def refuse_broken_step(path: Path) -> None:
     Raises:
         MeshError: it is missing, empty, of another kind, stops too early, or has a number that is not finite.
     """
-    require_suffix(path, "STEP", SUFFIXES)
+    require_suffix(path, "STEP", STEP_SUFFIXES)
     try:
         text = path.read_text(encoding="latin-1")  # any byte is a letter
     except FileNotFoundError as error:
-        raise MeshError(f"{path}: no such file; a STEP file ({', '.join(SUFFIXES)}) is needed") from error
+        raise MeshError(f"{path}: no such file; a STEP file ({', '.join(STEP_SUFFIXES)}) is needed") from error
     except OSError as error:
         raise MeshError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not text.lstrip("\xef\xbb\xbf \t\r\n").startswith(FIRST):

@@ -23,7 +23,7 @@ Edge = tuple[int, int]
 def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
     """Cut a mesh so that no edge leads through a wall or layer, if its sizes ask for two elements across walls.
 
-    Nodes and triangles of its surfaces, and of the faces between element groups, keep their numbers and places.
+    Nodes and triangles of its surfaces keep their numbers and places; triangles between element groups are cut, too.
 
     Raises:
         MeshError: gmsh, which then moves the new nodes to better places, fails.
@@ -34,7 +34,7 @@ def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
     for number, group in enumerate(mesh.element_groups.values()):  # the first has all
         part[group] = number
     alike = [mesh.elements[part == number] for number in np.unique(part)]
-    through = np.unique(np.vstack([through_edges(its) for its in alike]), axis=0)
+    through = np.unique(np.vstack([through_edges(its) for its in (mesh.elements, *alike)]), axis=0)
     nodes, elements, parents = cut_edges(mesh.nodes, mesh.elements, through)
     faces = [boundary_triangles(elements[part[parents] == number]) for number in np.unique(part)]
     _, first = np.unique(np.sort(np.vstack(faces), axis=1), axis=0, return_index=True)
@@ -42,7 +42,16 @@ def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
     nodes = without_inverted(nodes, _relocated(nodes, elements, fixed, mesh.source), elements)
     groups = mesh.element_groups.items()
     inherited = {name: np.flatnonzero(np.isin(parents, group)).astype(np.int32) for name, group in groups}
-    return replace(mesh, nodes=nodes, elements=elements, element_groups=inherited).check()
+    surfaces = {name: _cut_triangles(mesh.nodes, its, through) for name, its in mesh.surface_groups.items()}
+    return replace(mesh, nodes=nodes, elements=elements, surface_groups=surfaces, element_groups=inherited).check()
+
+
+def _cut_triangles(nodes: np.ndarray, triangles: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Triangles cut as `cut_edges` cuts the tetrahedra at them; those without such edges as they are."""
+    numbers = np.array([len(nodes), 1])
+    cut = np.isin(undirected_sides(triangles).astype(np.int64) @ numbers, edges.astype(np.int64) @ numbers)
+    here = cut.reshape(-1, 3).any(axis=1)
+    return np.concatenate([triangles[~here], cut_edges(nodes, triangles[here], edges)[1]]) if here.any() else triangles
 
 
 def through_edges(elements: np.ndarray) -> np.ndarray:
@@ -57,11 +66,11 @@ def through_edges(elements: np.ndarray) -> np.ndarray:
 
 
 def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Put a node in the middle of each edge, the longest first, and halve the tetrahedra around it.
+    """Put a node in the middle of each edge, the longest first, and halve the tetrahedra, or triangles, around it.
 
     Args:
         nodes: [mm], shape (node_count, 3).
-        elements: tetrahedra, shape (element_count, 4).
+        elements: tetrahedra or triangles, shape (element_count, 4 or 3).
         edges: each between two nodes, the lower first, shape (edge_count, 2).
 
     Returns:
@@ -77,7 +86,7 @@ def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tup
     ordered = edges[np.lexsort((edges[:, 1], edges[:, 0], -lengths))]
     following = len(elements)
     for middle, (begin, end) in enumerate(ordered.tolist(), len(nodes)):
-        for number in sorted(around.pop((begin, end))):
+        for number in sorted(around.pop((begin, end), set())):
             corners = tetrahedra.pop(number)
             for edge in combinations(sorted(corners), 2):
                 around[edge].discard(number)

@@ -28,14 +28,18 @@ def mesh(
             "or one mesh file of those kinds.",
         ),
     ],
-    step: Annotated[bool, typer.Option("--step", help="FILE is a STEP body; its inner voids are cavities.")] = False,
     surfaces: Annotated[
         bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): the outer one, then cavities.")
     ] = False,
     size: mesh_options.Size = None,
     nodes: mesh_options.Nodes = None,
     preset: mesh_options.Preset = None,
+    order: mesh_options.Order = None,
     set_: mesh_options.Set = None,
+    face: mesh_options.Face = None,
+    solid: mesh_options.Solid = None,
+    close_inlets: mesh_options.CloseInlets = False,
+    section: mesh_options.Section = None,
     force: mesh_options.Force = False,
 ) -> None:
     """Mesh a finger, a body from CAD, or what a plug-in knows of another kind, with tetrahedra."""
@@ -48,15 +52,15 @@ def mesh(
     from taichisoft_meshing.quality.quality_tables import mesh_tables
 
     require("taichisoft mesh", "gmsh", "matplotlib")
-    if step and surfaces:
-        raise MeshError("--step and --surfaces: only one of them can be given")
     if len(files) > 1 and not surfaces:
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
     asked = mesh_options.asked_size(size, nodes, preset)
-    if step or surfaces:
-        job = mesh_options.cad_job("step" if step else "surfaces", files, set_, asked)
+    if surfaces:
+        job = mesh_options.surfaces_job(files, set_, asked)
     else:
         job = mesh_options.geometry_job(files[0], set_, asked)
+    job = mesh_options.with_options(job, order, face, solid, close_inlets)
+    plane = mesh_options.section_plane(section)
     prepare(output)
     console = Console()
     with stages_bar(console, job.file.name) as stage:
@@ -64,7 +68,7 @@ def mesh(
         written = force or not made.problems
         if written:
             stage("writing")
-            write_output(made, output)
+            write_output(made, output, plane)
     console.print(mesh_tables(str(output), made.quality, made.limits, made.seconds))
     print_line(console, f"written to {output}" if written else "not written")
     for remark in (*made.remarks, *(made.problems if force else ())):

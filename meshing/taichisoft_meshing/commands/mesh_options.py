@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,9 +12,12 @@ import typer
 from taichisoft.errors import MeshError, SceneError
 
 if TYPE_CHECKING:
+    from taichisoft.meshes import SectionPlane
     from taichisoft_meshing.mesh_job import MeshJob
 
-FILE = typer.Argument(metavar="FILE", help="Geometry file (TOML), or the name of a shipped finger such as tutorial.")
+FILE = typer.Argument(
+    metavar="FILE", help="Geometry file (TOML), STEP file, or the name of a shipped finger such as tutorial."
+)
 Size = Annotated[
     float | None, typer.Option(metavar="MM", help="Largest element size, instead of the file's mesh.largest.")
 ]
@@ -24,14 +28,31 @@ Preset = Annotated[str | None, typer.Option(metavar="NAME", help="A size by name
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the file (repeatable).")
 ]
+Order = Annotated[
+    int | None, typer.Option(metavar="1|2", help="2: tetrahedra of ten nodes, whose sides follow curved surfaces.")
+]
+Face = Annotated[
+    list[str] | None,
+    typer.Option(metavar="N=NAME", help="Face N of a STEP body is in the surface group NAME (repeatable)."),
+]
+Solid = Annotated[
+    list[str] | None,
+    typer.Option(metavar="N=NAME", help="Solid N of a STEP body is the element group NAME."),
+]
+CloseInlets = Annotated[
+    bool, typer.Option("--close-inlets", help="Close the chambers of a STEP body that are open to the outside.")
+]
+Section = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PLANE", help="Plane that cuts the mesh open in pictures \\[mm]: y=0, z<12.5 (what is kept), x+2*y=30."
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of \\[quality], too.")]
-
-# The option that meshes files of each suffix.
-OPTIONS = {".step": "--step", ".stp": "--step", ".stl": "--surfaces", ".obj": "--surfaces", ".ply": "--surfaces"}
 
 
 def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
-    """Prepare to mesh a geometry file or a shipped finger.
+    """Prepare to mesh a geometry file, a STEP file or a shipped finger.
 
     Args:
         name: the path of the file, or the name of the finger.
@@ -41,35 +62,71 @@ def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str,
     Raises:
         MeshError: the file does not exist, or an override is not valid.
     """
+    from taichisoft.meshes import SURFACE_SUFFIXES
     from taichisoft.scenes import find_file
     from taichisoft_meshing.geometry_file import read_tables
     from taichisoft_meshing.mesh_job import MeshJob
 
     file = find_file(name, "fingers", (".toml",), error=MeshError)
-    option = OPTIONS.get(file.suffix.lower())
-    if option is not None:
-        raise MeshError(f"{name}: is not a geometry file (.toml); {option} meshes it as it is")
+    if file.suffix.lower() in SURFACE_SUFFIXES:
+        raise MeshError(f"{name}: is not a geometry file (.toml); --surfaces meshes it as it is")
     kind, tables = read_tables(file)
     return MeshJob(kind, overridden(tables, overrides), file, asked)
 
 
-def cad_job(kind: str, names: Sequence[str], overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
-    """Prepare to mesh files of CAD as a geometry file beside the first one would.
+def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
+    """Prepare to mesh surfaces as a geometry file beside the first one would.
 
     Args:
-        kind: "step" or "surfaces".
-        names: paths of the STEP file; or of the outer surface, then of cavities.
+        names: paths of the outer surface, then of cavities.
         overrides: texts "key=value" for the tables of the geometry file.
         asked: the result of `asked_size`.
     """
     from taichisoft_meshing.mesh_job import MeshJob
 
     first, *others = (Path(name).expanduser() for name in names)
-    tables: dict[str, Any] = {"file": first.name}
-    if kind == "surfaces":
-        cavities = [os.path.relpath(cavity, first.parent) for cavity in others]
-        tables = {"outer": first.name, "cavity": cavities}
-    return MeshJob(kind, overridden(tables, overrides), first, asked)
+    cavities = [os.path.relpath(cavity, first.parent) for cavity in others]
+    tables = {"outer": first.name, "cavity": cavities}
+    return MeshJob("surfaces", overridden(tables, overrides), first, asked)
+
+
+def with_options(
+    job: "MeshJob", order: int | None, faces: Sequence[str] | None, solids: Sequence[str] | None, close_inlets: bool
+) -> "MeshJob":
+    """A job with what the options of the same names say in its tables.
+
+    Raises:
+        MeshError: a face or solid is not of the form NUMBER=NAME.
+    """
+    from taichisoft_meshing.scene_meshes import merge_tables
+
+    changes: dict[str, Any] = {}
+    for key, numbered in (("faces", faces), ("solids", solids)):
+        for text in numbered or ():
+            number, _, name = text.partition("=")
+            if not number.strip().isdecimal() or not name.strip():
+                raise MeshError(f"--{key[:-1]} {text}: must look like 7=base: a number and the name of its group")
+            groups = changes.setdefault(key, {})
+            if key == "faces":
+                groups.setdefault(name.strip(), []).append(int(number))
+            else:
+                groups[name.strip()] = int(number)
+    if order is not None:
+        changes["mesh"] = {"order": order}
+    if close_inlets:
+        changes["close_inlets"] = True
+    return replace(job, tables=merge_tables(job.tables, changes))
+
+
+def section_plane(text: str | None) -> "SectionPlane | None":
+    """The plane of the option `--section`.
+
+    Raises:
+        MeshError: it is not written as a plane.
+    """
+    from taichisoft.meshes import SectionPlane
+
+    return None if text is None else SectionPlane.parse(text)
 
 
 def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
