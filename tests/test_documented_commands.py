@@ -29,6 +29,7 @@ from taichisoft.command_line import EXIT_FAILED, main
 from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
 from taichisoft.plugin_system import plugins
 from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft_meshing.gmsh_session import gmsh_session
 
 RUN_ELSEWHERE = {
     "README.md": "tests/test_docs.py",
@@ -274,7 +275,10 @@ def write_files_of_a_user(folder: Path) -> None:
     box = trimesh.creation.box
     box([30.0, 20.0, 20.0]).export(folder / "outer.stl")
     box([20.0, 10.0, 10.0]).export(folder / "cavity.stl")
-    (folder / "body.step").write_text("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
+    with gmsh_session("body.step") as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 30, 20, 20)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(folder / "body.step"))
     write_volume_mesh(make_block((2, 1, 1), (20.0, 10.0, 10.0)), folder / "block.vtk")
     for name in ("scene.py", "other.pyscn"):
         (folder / name).write_text(SOFA_SCENE)

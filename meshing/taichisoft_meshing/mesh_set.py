@@ -94,7 +94,7 @@ def write_set(made: MadeMesh, folder: Path, section: SectionPlane | None = None)
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def write_files(made: MadeMesh, folder: Path, name: str, section: SectionPlane | None) -> None:
+def write_files(made: MadeMesh, folder: Path, name: str, section: SectionPlane | None = None) -> None:
     """Write all files of a mesh to an empty folder.
 
     Raises:

@@ -1,5 +1,6 @@
 """STEP bodies of several solids, with open chambers and numbered faces: a finger of a designer."""
 
+import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -45,11 +46,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`finger.step`, whose solids have the names "body" and "stiff layer", as CAD writes them."""
     folder = tmp_path_factory.mktemp("solids")
     path = write_step(folder / "finger.step", finger)
-    text = path.read_text()
-    for number, name in ((1, "body"), (2, "stiff layer")):
-        text = text.replace(f"translator 7.8 1.{number}'", f"'#{name}'")
-        text = text.replace(f"'Open CASCADE STEP '#{name}'", f"'{name}'")
-    path.write_text(text)
+    names = {"1": "'body'", "2": "'stiff layer'"}
+    unnamed = r"'Open CASCADE STEP translator [\d.]+ \d+\.(\d)'"
+    path.write_text(re.sub(unnamed, lambda found: names[found[1]], path.read_text()))
     return folder
 
 

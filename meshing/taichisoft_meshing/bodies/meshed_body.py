@@ -108,13 +108,13 @@ def compare_volumes(
     Raises:
         MeshError: a volume differs too much.
     """
-    parts = {"silicone": silicone, **parts}
     volumes = element_volumes(mesh.nodes, mesh.elements)
-    meshed = [float(volumes[mesh.element_groups[name]].sum()) for name in parts]
+    meshed = [float(volumes.sum()), *(float(volumes[mesh.element_groups[name]].sum()) for name in parts)]
     meshed += [enclosed_volume(mesh.nodes, mesh.surface_groups[name]) for name in cavity_names(len(cavities))]
-    names = [*parts, *cavity_names(len(cavities))]
+    names = ["silicone", *parts, *cavity_names(len(cavities))]
+    drawn = [silicone, *parts.values(), *cavities]
     for refused in (True, False):  # all are looked at before any is only said
-        for name, got, wanted in zip(names, meshed, [*parts.values(), *cavities], strict=True):
+        for name, got, wanted in zip(names, meshed, drawn, strict=True):
             off = abs(got - wanted) / wanted
             amount = f"{got:.6g} mm^3 in the mesh instead of {wanted:.6g}, {100 * off:.2g} % off"
             what = f"{mesh.source}: {name} has {amount}"
