@@ -28,6 +28,9 @@ FileName = Annotated[str, Field(strict=True, min_length=1)]
 Number = Annotated[int, Field(strict=True, ge=1)]
 Numbers = Annotated[tuple[Number, ...], BeforeValidator(lambda given: (given,) if isinstance(given, int) else given)]
 
+SAID = 4
+"""Number of openings that a message names."""
+
 
 def _group_name(name: str) -> str:
     if not re.fullmatch(r"[\w.-]+", name) or re.fullmatch(r"silicone|outer|cavity(_\d+)?", name):
@@ -143,6 +146,7 @@ class StepBody(_BodyFromFiles):
             for n, one in enumerate(body.openings, 1)
             if one not in closed
         ]
+        left = [*left[:SAID], f"and {len(left) - SAID} more"] if len(left) > SAID else left
         remedy = "".join(f"; {one}" for one in left) + "; close_inlets = true makes cavities of openings" * bool(left)
         hint = f"; a cavity is a void without an opening{remedy}"
         self._check_cavities(len(body.voids) + len(closed), body.path, f"{body.path} has", hint)

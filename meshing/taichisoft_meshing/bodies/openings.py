@@ -16,7 +16,7 @@ INWARD = 0.05
 """Distance of the points of a cap that must lie in air from its rim, as a share of its triangles' height [-]."""
 AIR = 0.25
 """Largest winding number of the body around a point in air [-]: 0, 1/2 on its surface, 1 in silicone."""
-PLACES = 16  # points of a rim that are tried
+PLACES = 8  # points of a rim that are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +71,15 @@ def find_openings(
                 one = _opening(nodes, triangles, face_of, behind, cap)
                 found.setdefault(one.faces, one)
     outermost = [one for one in found.values() if not any(one.faces < other.faces for other in found.values())]
-    return tuple(sorted(outermost, key=lambda one: -one.volume))
+    return tuple(sorted(outermost, key=lambda one: (-float(f"{one.volume:.2g}"), min(one.faces))))
 
 
 def _parted(triangles: np.ndarray, sides: np.ndarray, loop: list[int]) -> list[np.ndarray]:
     """The triangles on either side of a loop, each as flags, shape (triangle_count,); none where it parts nothing."""
-    ends = triangles.ravel()[np.stack([sides[:, 0], sides[:, 0] - sides[:, 0] % 3 + (sides[:, 0] + 1) % 3], axis=1)]
-    edges = {frozenset(edge) for edge in zip(loop, loop[1:] + loop[:1], strict=True)}
-    cut = np.array([frozenset(edge) in edges for edge in ends.tolist()])
-    pairs = sides[~cut] // 3
+    side, numbers = sides[:, 0], np.array([triangles.max() + 1, 1])
+    ends = triangles.ravel()[np.column_stack([side, side - side % 3 + (side + 1) % 3])]
+    edges = np.sort(np.column_stack([loop, np.roll(loop, -1)]), axis=1)
+    pairs = sides[~np.isin(np.sort(ends, axis=1) @ numbers, edges @ numbers)] // 3
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(triangles),) * 2)
     count, piece = connected_components(graph, directed=False)
     return [piece == number for number in range(2)] if count == 2 else []
