@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import sys
 import threading
@@ -309,6 +310,23 @@ def test_surfaces_and_step_files_are_meshed_as_they_are(command, tmp_path: Path)
     assert from_cad.code == 0, from_cad.error
     assert from_cad.figures["silicone"] == "26000.0"
     assert "cavities = 3" in command("mesh", body, "-o", tmp_path / "x.msh", "--set", "cavities=3").error
+
+
+def test_the_faces_of_a_step_body_are_listed_and_become_groups(command, tmp_path: Path) -> None:
+    """Two boxes, one on the other: solids and faces by their numbers, and pictures of them and of a section."""
+    body = write_step(tmp_path / "two.step", lambda occ: [occ.addBox(0, 0, z, 9, 4, 2) for z in (0, 2)])
+    listed = command("mesh", "info", body, "-o", tmp_path / "faces.json")
+    faces = json.loads((tmp_path / "faces.json").read_text())["faces"]
+    assert len(faces) == 11, "one is shared"
+    (top,) = [one for one in faces if one["centre_mm"] == [4.5, 2.0, 4.0]]
+    assert (top["area_mm2"], top["normal"], top["solids"]) == (36.0, [0.0, 0.0, 1.0], [2])
+    assert re.search(rf"│ +{top['number']} │ 2 +│ +36.0 │ 4.5, 2, 4 +│ 0, 0, 1 ", listed.output), listed.output
+    options = ["--face", f"{top['number']}=pad", "--solid", "1=stiff", "--section", "x=3", "--size", 4]
+    meshed = command("mesh", body, "-o", tmp_path / "two", *options)
+    assert meshed.code == 0, meshed.error
+    mesh = read_volume_mesh(tmp_path / "two" / "two.msh")
+    assert np.all(mesh.nodes[mesh.surface_groups["pad"]][..., 2] == 4.0)
+    assert set(mesh.element_groups) == {"silicone", "stiff", "solid_2"}
 
 
 def test_a_surface_names_the_option_that_it_needs(command, tmp_path: Path) -> None:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from blocks import make_block
 
+from taichisoft.errors import MeshError
+from taichisoft.meshes.plane_section import SectionPlane
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.quality.quality_limits import QualityLimits
@@ -39,6 +41,26 @@ def test_near_faces_are_painted_over_far_ones() -> None:
     assert (np.diff((cut.side == CUT).astype(int)) >= 0).all(), "nothing stands before the section"
     near = mesh.nodes[mesh.elements[cut.element[cut.side != CUT]]].mean(axis=1) @ towards_the_eye
     assert np.corrcoef(np.arange(len(near)), near)[0, 1] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("plane", "area", "axes"),
+    [
+        ("y=5", 100 * 30 - 80 * 10, [[1, 0, 0], [0, 0, 1]]),
+        ("x<30", 50 * 30 - 30 * 10, [[0, 1, 0], [0, 0, 1]]),
+        ("x>30", 50 * 30 - 30 * 10, [[0, -1, 0], [0, 0, 1]]),
+        ("y+z=0", 100 * 30 * 2**0.5 - 80 * 10 * 2**0.5, [[1, 0, 0], [0, 0.5**0.5, -(0.5**0.5)]]),
+    ],
+)
+def test_any_plane_may_cut(plane: str, area: float, axes: list[list[float]]) -> None:
+    """The section has its true area; the eye is on the side of what is left out, or where both axes point onward."""
+    mesh = hollow()
+    cut = cut_open(mesh, measure(mesh).surfaces, SectionPlane.parse(plane))
+    a, b, c = np.moveaxis(cut.corners[cut.side == CUT][..., :2], 1, 0)
+    assert np.linalg.det(np.stack([b - a, c - a], axis=1)).sum() / 2 == pytest.approx(area, rel=1e-9)
+    np.testing.assert_allclose(cut.axes, axes, atol=1e-12)
+    with pytest.raises(MeshError, match=r"section y = 99 mm: does not cut the mesh, which spans \[-50.0, "):
+        cut_open(mesh, measure(mesh).surfaces, SectionPlane.parse("y=99"))
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from taichisoft.meshes import VolumeMesh, boundary_triangles, count_open_edges, 
 from taichisoft.scenes import scene_from_dict
 from taichisoft_meshing.bodies.cad_body import read_step
 from taichisoft_meshing.bodies.caps import cap_triangles, rims
+from taichisoft_meshing.bodies.face_picture import draw_faces
 from taichisoft_meshing.bodies.file_bodies import StepBody
 from taichisoft_meshing.bodies.wall_splitting import through_edges
 from taichisoft_meshing.quality.mesh_quality import measure
@@ -261,3 +262,22 @@ def test_from_step_to_a_gripper(folder: Path) -> None:
     assert report.observation.volumes["finger0.cavity_1"] > OPEN + INLET
     tip = start[:, 0] > LENGTH - 1e-6
     assert (simulation.state.position - start)[tip, 2].max() < -0.1
+
+
+def test_the_picture_has_the_number_of_each_face_that_is_seen(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The eleven faces of the outside, which no other hides, and none of the closed chamber and between the solids."""
+    from matplotlib.axes import Axes
+
+    body, drawn, text = read_step(folder / "finger.step"), [], Axes.text
+
+    def keep(axes: Axes, x: float, y: float, words: str, **style: Any) -> Any:
+        drawn.append(words)
+        return text(axes, x, y, words, **style)
+
+    monkeypatch.setattr(Axes, "text", keep)
+    draw_faces(body, tmp_path / "faces.png")
+    behind = body.openings[0].faces
+    assert {str(number) for number in body.outside - behind} <= set(drawn)
+    assert not {str(face.number) for face in body.faces if face.number not in body.outside} & set(drawn)

@@ -12,7 +12,7 @@ from taichisoft_meshing.bodies.cad_body import CadBody
 
 EYES = ((1.0, -1.4, 0.9), (-1.0, 1.4, -0.9))
 """Directions from the body to the two eyes: every face of a block is seen by one of them."""
-TRIED = 12  # triangles of a face that are tried as the place of its number
+TRIED = 6  # triangles of a face, those near its middle and those near the eye, that are tried as its number's place
 
 
 def draw_faces(body: CadBody, path: Path) -> None:
@@ -73,7 +73,7 @@ def _draw(axes: Any, body: CadBody, eye: np.ndarray) -> None:
 
 
 def _visible_place(corners: np.ndarray, seen: np.ndarray, its: np.ndarray) -> np.ndarray | None:
-    """The centre of a triangle that nothing covers, near the middle of its face; None where there is none.
+    """The centre of a triangle that nothing covers, best near the middle of its face; None where there is none.
 
     Args:
         corners: of all triangles: to the right, up, and towards the eye [mm], shape (triangle_count, 3, 3).
@@ -84,7 +84,8 @@ def _visible_place(corners: np.ndarray, seen: np.ndarray, its: np.ndarray) -> np
     middle = centres[:, :2].mean(axis=0)
     nearest = np.argsort(np.linalg.norm(centres[:, :2] - middle, axis=1), kind="stable")
     a, b, c = np.moveaxis(corners[seen], 1, 0)
-    for number in nearest[:: max(len(nearest) // TRIED, 1)]:
+    highest = np.argsort(-centres[:, 2], kind="stable")
+    for number in (*nearest[:TRIED], *highest[:TRIED]):
         p = centres[number]
         shares = np.column_stack([_doubled(p, b, c), _doubled(a, p, c), _doubled(a, b, p)])
         shares = shares / _doubled(a, b, c)[:, None]
