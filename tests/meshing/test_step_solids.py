@@ -168,7 +168,7 @@ def test_caps_cover_any_star(radii: list[float], turn: float) -> None:
 
 
 def test_rims_that_touch_are_parted() -> None:
-    loops = rims(np.array([[0, 1], [1, 2], [2, 0], [2, 3], [3, 4], [4, 2]]))
+    loops = rims(np.array([[0, 1], [1, 2], [2, 0], [2, 3], [3, 4], [4, 2], [4, 7]]))
     assert sorted(map(sorted, loops)) == [[0, 1, 2], [2, 3, 4]]
 
 

@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from taichisoft.errors import MeshError
+from taichisoft_meshing.bodies.meshed_body import SILICONE
 from taichisoft_meshing.bodies.openings import Opening, find_openings
 from taichisoft_meshing.bodies.step_file import import_solids, refuse_broken_step
 from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal, facing_sides
@@ -24,7 +25,7 @@ that of the next largest end [-]."""
 
 @dataclass(frozen=True)
 class CadSolid:
-    """A solid: its number, from 1 in the file's order; its name, "solid_2" where the file has none; volume [mm^3]."""
+    """A solid: its number, from 1 in the file's order; its name, "solid_2" without one of its own; volume [mm^3]."""
 
     number: int
     name: str
@@ -165,14 +166,15 @@ def _measured(gmsh: Any, path: Path) -> CadBody:
     number_of = {tag: number for number, tag in enumerate(names, 1)}
     solids = []
     for (tag, name), number in zip(names.items(), number_of.values(), strict=True):
-        taken = list(names.values()).count(name) > 1
-        solids.append(CadSolid(number, name if name and not taken else f"solid_{number}", occ.getMass(3, tag)))
+        free = name not in ("", SILICONE) and list(names.values()).count(name) == 1
+        solids.append(CadSolid(number, name if free else f"solid_{number}", occ.getMass(3, tag)))
     wrong = next((solid for solid in solids if not solid.volume > 0), None)
     if wrong is not None:
         raise MeshError(f"{path}: the volume of its body is {wrong.volume:.4g} mm^3; is it inside out?")
-    faces = [_face(model, tag, number_of) for _, tag in model.getEntities(2)]
-    box = np.reshape(model.getBoundingBox(-1, -1), (2, 3))
-    gmsh.option.setNumber("Mesh.MeshSizeMax", float(np.linalg.norm(box[1] - box[0])) / PRESETS["coarse"])
+    faces = [_face(model, tag, number_of) for _, tag in model.getEntities(2) if len(model.getAdjacencies(2, tag)[0])]
+    boxes = np.reshape([model.getBoundingBox(3, tag) for tag in names], (-1, 2, 3))
+    extent = boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", float(np.linalg.norm(extent)) / PRESETS["coarse"])
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 12)
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
@@ -190,7 +192,7 @@ def _measured(gmsh: Any, path: Path) -> CadBody:
         nodes,
         triangles,
         face_of,
-        box[1] - box[0],
+        extent,
     )
 
 

@@ -31,27 +31,22 @@ def with_caps(mesh: VolumeMesh, cavity: str) -> VolumeMesh:
 def rims(edges: np.ndarray) -> list[list[int]]:
     """Closed loops of directed edges, shape (edge_count, 2), each as the nodes that it passes.
 
-    Where loops touch in a node, they are parted there.
+    Loops that touch in a node are parted there, and edges of no loop are left out.
     """
     following: dict[int, list[int]] = {}
     for begin, end in edges.tolist():
         following.setdefault(begin, []).append(end)
     loops = []
-    while following:
-        path = [next(iter(following))]
-        while True:
-            ends = following[path[-1]]
-            node = ends.pop()
-            if not ends:
-                del following[path[-1]]
+    for start in list(following):
+        path = [start]
+        while following.get(path[-1]):
+            node = following[path[-1]].pop()
             if node in path:
                 at = path.index(node)
                 loops.append(path[at:])
-                path = path[: at + 1]
-                if node not in following:
-                    break
-                continue
-            path.append(node)
+                del path[at + 1 :]
+            else:
+                path.append(node)
     return loops
 
 

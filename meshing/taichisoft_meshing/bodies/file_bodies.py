@@ -3,7 +3,7 @@
 import re
 import warnings
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -134,10 +134,11 @@ class StepBody(_BodyFromFiles):
     def body(self) -> CadBody:
         """The body that the STEP file describes, checked."""
         table, body = self.table, read_step(self.file.parent / self.table.file)
+        solids, numbers = [solid.number for solid in body.solids], [face.number for face in body.faces]
         for name, solid in table.solids.items():
-            self._refuse_numbers(f"solids.{name}", [solid], "solids", len(body.solids))
+            self._refuse_numbers(f"solids.{name}", [solid], "solids", solids)
         for name, faces in table.faces.items():
-            self._refuse_numbers(f"faces.{name}", faces, "faces", len(body.faces))
+            self._refuse_numbers(f"faces.{name}", faces, "faces", numbers)
         if table.base is not None and BASE in table.faces:
             raise MeshError(f"{self.file}: base and faces.base: only one of them can be given")
         closed = self._closed(body)
@@ -165,16 +166,16 @@ class StepBody(_BodyFromFiles):
         if wanted is True and not body.openings:
             raise MeshError(f"{self.file}: close_inlets = true: no chamber of {body.path} is open to the outside")
         if isinstance(wanted, tuple):
-            self._refuse_numbers("close_inlets", wanted, "openings", len(body.openings))
+            self._refuse_numbers("close_inlets", wanted, "openings", range(1, len(body.openings) + 1))
             return tuple(body.openings[number - 1] for number in sorted(set(wanted)))
         return body.openings if wanted else ()
 
-    def _refuse_numbers(self, key: str, numbers: Iterable[int], what: str, count: int) -> None:
-        """Raise MeshError for a number above the count of solids, faces or openings."""
-        wrong = next((number for number in numbers if number > count), None)
+    def _refuse_numbers(self, key: str, numbers: Iterable[int], what: str, valid: Sequence[int]) -> None:
+        """Raise MeshError for a number that no solid, face or opening has."""
+        wrong = next((number for number in numbers if number not in valid), None)
         if wrong is not None:
             raise MeshError(
-                f"{self.file}: {key} = {wrong}: the body has {count} {what}; `taichisoft mesh info` lists them"
+                f"{self.file}: {key} = {wrong}: the body has {len(valid)} {what}; `taichisoft mesh info` lists them"
             )
 
     def _parts(self) -> dict[str, int]:

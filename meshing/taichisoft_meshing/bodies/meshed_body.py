@@ -18,6 +18,8 @@ SAID, REFUSED = 0.1, 0.25
 """Errors of a curved volume as shares of it [-], at which a warning is given, and at which the mesh is refused: flat
 triangles cut some of it off."""
 
+SILICONE = "silicone"
+"""Name of the group of all elements."""
 NO_GROUPS: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -48,7 +50,7 @@ def meshed_body(
     groups |= {name: np.ascontiguousarray(wall[:, ::-1]) for name, wall in zip(names[1:], surfaces[1:], strict=True)}
     groups |= {name: _outward(elements, _triangles(gmsh.model.mesh, its, used)) for name, its in faces.items()}
     every = gmsh.model.mesh.getElementsByType(TETRAHEDRON)[0]
-    element_groups = {"silicone": np.arange(len(elements), dtype=np.int32)}
+    element_groups = {SILICONE: np.arange(len(elements), dtype=np.int32)}
     for name, volume in parts.items():
         its = gmsh.model.mesh.getElementsByType(TETRAHEDRON, volume)[0]
         element_groups[name] = np.flatnonzero(np.isin(every, its)).astype(np.int32)
@@ -111,7 +113,7 @@ def compare_volumes(
     volumes = element_volumes(mesh.nodes, mesh.elements)
     meshed = [float(volumes.sum()), *(float(volumes[mesh.element_groups[name]].sum()) for name in parts)]
     meshed += [enclosed_volume(mesh.nodes, mesh.surface_groups[name]) for name in cavity_names(len(cavities))]
-    names = ["silicone", *parts, *cavity_names(len(cavities))]
+    names = [SILICONE, *parts, *cavity_names(len(cavities))]
     drawn = [silicone, *parts.values(), *cavities]
     for refused in (True, False):  # all are looked at before any is only said
         for name, got, wanted in zip(names, meshed, drawn, strict=True):

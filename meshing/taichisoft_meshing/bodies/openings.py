@@ -62,8 +62,7 @@ def find_openings(
         border = np.flatnonzero((region == number).sum(axis=1) == 1)
         side = np.where(region[border, 0] == number, *sides[border].T)
         loops = rims(triangles.ravel()[np.column_stack([side, side - side % 3 + (side + 1) % 3])])
-        loops.remove(max(loops, key=lambda loop: diagonal(nodes[loop])))
-        for loop in loops:
+        for loop in sorted(loops, key=lambda loop: diagonal(nodes[loop]))[:-1]:
             cap = _cap(nodes, triangles, loop)
             parts = [] if cap is None else _parted(triangles, sides, loop)
             if cap is not None and parts:
@@ -105,7 +104,7 @@ def _opening(
 ) -> Opening:
     """The opening under a cap; `behind` says of each triangle whether it is behind the cap."""
     rim = np.unique(cap)
-    before = (np.isin(triangles, rim).sum(axis=1) == 2) & ~behind
+    before = (np.isin(triangles, rim).sum(axis=1) > 1) & ~behind
     sides = triangles[behind][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     if len(set(map(tuple, sides.tolist())) & set(map(tuple, cap[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()))):
         cap = cap[:, ::-1]

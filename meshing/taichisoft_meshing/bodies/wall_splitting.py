@@ -33,10 +33,11 @@ def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
     part = np.zeros(len(mesh.elements), dtype=int)
     for number, group in enumerate(mesh.element_groups.values()):  # the first has all
         part[group] = number
-    alike = [mesh.elements[part == number] for number in np.unique(part)]
-    through = np.unique(np.vstack([through_edges(its) for its in (mesh.elements, *alike)]), axis=0)
+    numbers = np.unique(part)
+    layers = [mesh.elements[part == number] for number in numbers] if len(numbers) > 1 else []
+    through = np.unique(np.vstack([through_edges(its) for its in (mesh.elements, *layers)]), axis=0)
     nodes, elements, parents = cut_edges(mesh.nodes, mesh.elements, through)
-    faces = [boundary_triangles(elements[part[parents] == number]) for number in np.unique(part)]
+    faces = [boundary_triangles(elements[part[parents] == number]) for number in numbers]
     _, first = np.unique(np.sort(np.vstack(faces), axis=1), axis=0, return_index=True)
     fixed = np.vstack(faces)[np.sort(first)]
     nodes = without_inverted(nodes, _relocated(nodes, elements, fixed, mesh.source), elements)
