@@ -39,7 +39,10 @@ def rims(edges: np.ndarray) -> list[list[int]]:
     loops = []
     for start in list(following):
         path = [start]
-        while following.get(path[-1]):
+        while path:
+            if not following.get(path[-1]):
+                path.pop()  # the end of the loops through it, or of an edge of none
+                continue
             node = following[path[-1]].pop()
             if node in path:
                 at = path.index(node)

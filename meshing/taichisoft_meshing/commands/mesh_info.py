@@ -127,10 +127,10 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
 
 def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]:
     """Print the solids, faces and openings of a STEP body, and write or draw them."""
+    from taichisoft_meshing.bodies.body_tables import body_tables
     from taichisoft_meshing.bodies.face_picture import draw_faces
     from taichisoft_meshing.mesh_process import read_step_apart
     from taichisoft_meshing.mesh_record import body_figures, write_record
-    from taichisoft_meshing.quality.quality_tables import body_tables
 
     body = read_step_apart(path)
     console.print(body_tables(body))

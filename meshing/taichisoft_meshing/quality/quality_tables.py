@@ -7,7 +7,6 @@ from rich.console import Group
 from rich.table import Table
 
 from taichisoft.terminal_text import plain
-from taichisoft_meshing.bodies.cad_body import CadBody
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 from taichisoft_meshing.quality.mesh_surfaces import SurfaceQuality
 from taichisoft_meshing.quality.quality_limits import QualityLimits
@@ -50,9 +49,12 @@ def mesh_tables(title: str, quality: MeshQuality, limits: QualityLimits, seconds
         for one in quality.surfaces
     ]
     return Group(
-        _table(title, ("", ">", "", "limit"), figures),
-        *([_table("", ("walls", ">thinnest [mm]", ">elements across", ">one element", "limit"), walls)] * bool(walls)),
-        _table("", ("surfaces", ">triangles", ">area [mm²]", ""), surfaces),
+        aligned_table(title, ("", ">", "", "limit"), figures),
+        *(
+            [aligned_table("", ("walls", ">thinnest [mm]", ">elements across", ">one element", "limit"), walls)]
+            * bool(walls)
+        ),
+        aligned_table("", ("surfaces", ">triangles", ">area [mm²]", ""), surfaces),
     )
 
 
@@ -69,40 +71,10 @@ def surface_table(title: str, surface: SurfaceQuality, pieces: int, extent: np.n
         ("volume inside", "none" if surface.open_edges else f"{abs(surface.volume):.1f}", "mm³"),
         ("faces", facing, ""),
     ]
-    return _table(title, ("", ">", ""), rows)
+    return aligned_table(title, ("", ">", ""), rows)
 
 
-def body_tables(body: CadBody) -> Group:
-    """The solids of a body from CAD, its faces with the numbers that geometry files name, its cavities and openings."""
-
-    def place(point: np.ndarray) -> str:
-        return ", ".join(f"{value:.4g}" for value in np.round(point, 3) + 0.0)
-
-    solids = [(f"{one.number}", one.name, f"{one.volume:.1f}") for one in body.solids]
-    of_void = {face: f"cavity {number}" for number, void in enumerate(body.voids, 1) for face in void}
-    of_void |= {face: f"opening {number}" for number, one in enumerate(body.openings, 1) for face in one.faces}
-    of_void |= dict.fromkeys(body.flat_end, "base, unless another is named")
-    faces = [
-        (
-            f"{face.number}",
-            " | ".join(map(str, face.solids)),
-            f"{face.area:.1f}",
-            place(face.centre),
-            "curved" if face.normal is None else place(face.normal),
-            of_void.get(face.number, ""),
-        )
-        for face in body.faces
-    ]
-    air = [(f"cavity {number}", f"{volume:.1f}", "closed") for number, volume in enumerate(body.void_volumes, 1)]
-    air += [(f"opening {number}", f"{one.volume:.1f}", str(one)) for number, one in enumerate(body.openings, 1)]
-    return Group(
-        _table(body.path.name, (">solid", "name", ">volume [mm³]"), solids),
-        _table("", (">face", "solids", ">area [mm²]", "centre [mm]", "normal", ""), faces),
-        *([_table("", ("air", ">volume [mm³]", ""), air)] * bool(air)),
-    )
-
-
-def _table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+def aligned_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     """A table; the cells below a heading that begins with ">" are figures, aligned to the right."""
     table = Table(title=plain(title) or None, show_header=any(heading.strip(">") for heading in headings))
     for heading in headings:
