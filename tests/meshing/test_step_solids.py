@@ -22,9 +22,12 @@ from taichisoft_meshing.bodies.caps import cap_triangles, rims
 from taichisoft_meshing.bodies.face_picture import draw_faces
 from taichisoft_meshing.bodies.file_bodies import StepBody
 from taichisoft_meshing.bodies.wall_splitting import through_edges
+from taichisoft_meshing.commands.mesh_options import with_options
+from taichisoft_meshing.mesh_job import MeshJob
 from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.quality.quality_limits import faults
 from taichisoft_meshing.quality.walls import find_walls
+from taichisoft_meshing.scene_meshes import mesh_for_scene
 
 LENGTH, WIDTH, HEIGHT, LAYER = 40.0, 12.0, 12.0, 2.0
 CLOSED, OPEN, INLET = 14.0 * 6.0 * 7.0, 12.0 * 6.0 * 7.0, 4.0 * 2.0 * 2.0
@@ -51,6 +54,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     unnamed = r"'Open CASCADE STEP translator [\d.]+ \d+\.(\d)'"
     path.write_text(re.sub(unnamed, lambda found: names[found[1]], path.read_text()))
     return folder
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
 
 
 def step_body(folder: Path, name: str = "finger.step", **tables: Any) -> StepBody:
@@ -258,6 +266,21 @@ def test_solids_that_overlap_are_refused(tmp_path: Path) -> None:
     path = write_step(tmp_path / "body.step", lambda occ: [occ.addBox(0, 0, 0, 2, 2, 2), occ.addBox(1, 0, 0, 2, 2, 2)])
     with pytest.raises(MeshError, match=r"solids 1 and 2 overlap by 4 mm\^3; cut one from the other"):
         read_step(path)
+
+
+def test_options_and_keys_of_scenes_are_keys_of_the_geometry(folder: Path) -> None:
+    job = MeshJob("step", {"file": "finger.step", "mesh": {"largest": 6.0}}, folder / "finger.step", {})
+    changed = with_options(job, 2, ["7=base", "9 = base", "1=pad"], ["2=stiff"], close_inlets=True).tables
+    assert changed == {
+        "file": "finger.step",
+        "mesh": {"largest": 6.0, "order": 2},
+        "faces": {"base": [7, 9], "pad": [1]},
+        "solids": {"stiff": 2},
+        "close_inlets": True,
+    }
+    with pytest.warns(UserWarning, match="is the group 'base'"):
+        mesh = mesh_for_scene(folder / "finger.step", size=6.0, order=2, set={"close_inlets": False})
+    assert mesh.elements.shape[1] == 10
 
 
 def test_from_step_to_a_gripper(folder: Path) -> None:
