@@ -12,6 +12,7 @@ from taichisoft.bodies.kernels.domain_deformation import Movement
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.bodies.kernels.principal_stretches import HOOKE
 from taichisoft.bodies.reduced_elasticity import ReducedElasticity, ReducedSystem, no_modes
+from taichisoft.bodies.reinforcement_elasticity import ReinforcementElasticity, ReinforcementSystem
 from taichisoft.bodies.rotations import edge_frames
 from taichisoft.bodies.shape_functions import linear_tetrahedra
 from taichisoft.bodies.soft_body_arrays import SoftBody
@@ -55,6 +56,7 @@ class Elasticity:
         element_data, block_parts: the arrays that the kernels read of the linear elements.
         domains: integration domains of all others; None without any.
         reduced: bodies that move by modes, whose elements are in none of the above; None without any.
+        reinforcements: membranes and fibres; None without any.
     """
 
     def __init__(self, bodies: Sequence[SoftBody], time: Time):
@@ -107,12 +109,17 @@ class Elasticity:
             is_reduced = np.repeat([body.modes is not None for body in bodies], node_counts)
             self.anchor_lag = np.where(is_reduced, np.maximum(self.anchor_lag, time.step), self.anchor_lag)
             self.diagonal[is_reduced] = 0.0  # they have theirs
+        self.reinforcements: ReinforcementElasticity | None = None
+        if any(body.reinforcements is not None for body in bodies):
+            self.reinforcements = ReinforcementElasticity(bodies, lag, stiffness_factor, time.step)
         self.symbolic = SymbolicFactor(self._pattern())
         self.block_parts = self._block_parts()
         if self.domains is not None:
             self.domains.find_blocks(self.symbolic.block_pairs, self.rest_position)
         if self.reduced is not None:
             self.reduced.find_blocks(self.symbolic.block_pairs)
+        if self.reinforcements is not None:
+            self.reinforcements.find_blocks(self.symbolic.block_pairs)
 
     def _pattern(self) -> sparse.csr_matrix:
         """The pattern of A: nodes that share an element or a domain."""
@@ -122,12 +129,10 @@ class Elasticity:
             np.repeat(elements, nodes_per_element, axis=1).ravel(),
             np.tile(elements, nodes_per_element).ravel(),
         )
-        if self.domains is not None:
-            pairs = self.domains.node_pairs()
-            row, column = np.concatenate([row, pairs[0]]), np.concatenate([column, pairs[1]])
-        if self.reduced is not None:
-            pairs = self.reduced.node_pairs()
-            row, column = np.concatenate([row, pairs[0]]), np.concatenate([column, pairs[1]])
+        for others in (self.domains, self.reduced, self.reinforcements):
+            if others is not None:
+                pairs = others.node_pairs()
+                row, column = np.concatenate([row, pairs[0]]), np.concatenate([column, pairs[1]])
         return sparse.csr_matrix((np.ones(row.size), (row, column)), (node_count, node_count))
 
     def _element_data(self, polar: np.ndarray, lag: np.ndarray, stiffness_factor: np.ndarray) -> kernels.Elements:
@@ -187,10 +192,14 @@ class ElasticSystem:
         if elasticity.domains is not None:
             moving = (self.position, self.velocity, self.force)
             self._domains = DomainSystem(elasticity.domains, *moving, self.solver.blocks)
+        movement = Movement(self.position, self.velocity)
+        self._reinforcements: ReinforcementSystem | None = None
+        if elasticity.reinforcements is not None:
+            sums = (self.force, self.solver.blocks)
+            self._reinforcements = ReinforcementSystem(elasticity.reinforcements, movement, *sums)
         self._has_full_bodies = elasticity.domains is not None or len(elasticity.linear) > 0
         self.reduced: ReducedSystem | None = None
         if elasticity.reduced is not None:
-            movement = Movement(self.position, self.velocity)
             self.reduced = ReducedSystem(elasticity.reduced, movement, self.solver.blocks)
         self.modes = no_modes(node_count) if self.reduced is None else self.reduced.modes
 
@@ -221,6 +230,8 @@ class ElasticSystem:
             kernels.assemble(elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix)
         if self._domains is not None:
             self._domains.add(damped)
+        if self._reinforcements is not None:
+            self._reinforcements.add(damped)
         if self.reduced is not None:
             self.reduced.assemble(damped)
 

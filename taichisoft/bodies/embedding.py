@@ -9,6 +9,8 @@ Embedding = Literal["deepest", "grid"]
 """Which elements are looked at for a point: all, or those near it."""
 
 POINTS_AT_A_TIME = 64
+# The least weight of a node for a point outside all elements: those further out magnify errors of the elements' motion.
+SMALLEST_WEIGHT = -0.2
 # A point on the boundary counts as inside: tolerance for the round-off of its barycentric weights.
 ON_BOUNDARY = 1e-9
 

@@ -9,10 +9,11 @@ import numpy as np
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.elastic_laws import ElasticLaws, elastic_law
 from taichisoft.bodies.element_kinds import ELEMENT_KINDS
-from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.embedding import SMALLEST_WEIGHT, embed
 from taichisoft.bodies.hexahedral_domains import hexahedral_masses, of_hexahedra
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAW_NUMBERS
 from taichisoft.bodies.modes import Modes, check_modes, read_modes
+from taichisoft.bodies.reinforcements import Reinforcements, make_reinforcements
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, nodal_forces, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
@@ -29,8 +30,6 @@ from taichisoft.scenes.actuators import CavitySettings
 # A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
 # mesh cuts the corners of a fine surface.
 EMBEDDING_MARGIN = 0.05
-# Nor may it lie far from every element within that box: extrapolated weights magnify errors of the elements' motion.
-SMALLEST_WEIGHT = -0.2
 
 
 @dataclass(frozen=True)
@@ -85,6 +84,7 @@ class SoftBody:
         collision_surfaces: what touches other bodies, and each other where they have no group in common.
         cavities: the air chambers.
         modes: by whose amplitudes a reduced body moves, else None.
+        reinforcements: its membranes and fibres; None without any.
     """
 
     name: str
@@ -104,6 +104,7 @@ class SoftBody:
     collision_surfaces: tuple[CollisionSurface, ...]
     cavities: tuple[Cavity, ...]
     modes: Modes | None = None
+    reinforcements: Reinforcements | None = None
 
     @cached_property
     def anchored(self) -> np.ndarray:
@@ -186,6 +187,7 @@ def make_soft_body(
             _make_cavity(mesh, body, f"{name}.{cavity_name}", cavity, f"{key}.cavities.{cavity_name}")
             for cavity_name, cavity in body.cavities.items()
         ),
+        reinforcements=make_reinforcements(mesh, body, key),
     )
     return made if body.reduced is None else _with_modes(made, body.reduced, f"{key}.reduced")
 

@@ -9,6 +9,7 @@ from taichisoft.scenes.actuators import ActuatorTables
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.elastic_law import Law, check_coefficients, initial_shear_modulus
 from taichisoft.scenes.material import ELASTICITY, Material, with_material
+from taichisoft.scenes.reinforcement_settings import FibreSettings, MembraneSettings
 from taichisoft.scenes.sensor_settings import TactileArray
 from taichisoft.scenes.table import (
     Groups,
@@ -226,6 +227,8 @@ class SoftBodySettings(ActuatorTables):
     follows: str = "base"
     """Frame that the anchored nodes move with: "base", or one of `frames`."""
     tactile: dict[Name, TactileArray] = {}
+    membranes: dict[Name, MembraneSettings] = {}
+    fibres: dict[Name, FibreSettings] = {}
     regions: list[Region] = []
     anchors: list[Anchor] = []
     forces: list[NodalForce] = []
