@@ -202,6 +202,7 @@ LAYERS = {
         "__init__",
         "commands",
         "datasheet",
+        "refinement",
         "characteristics",
         "least_squares",
         "calibration_file",

@@ -311,6 +311,7 @@ def test_the_commands_are_on_one_screen_and_the_daily_ones_are_first(command: Co
         "new",
         "mesh",
         "characterise",
+        "converge",
         "study",
         "reduce",
         "recording",

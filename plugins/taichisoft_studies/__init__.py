@@ -10,12 +10,13 @@ if TYPE_CHECKING:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft characterise`, `taichisoft study` and what is below it, and `taichisoft mesh sweep`."""
+    """Add `taichisoft characterise`, `converge`, `study` and what is below it, and `mesh sweep`."""
     import typer
 
     from taichisoft_studies.commands.calibrate import calibrate
     from taichisoft_studies.commands.characterise import characterise
     from taichisoft_studies.commands.compare import compare
+    from taichisoft_studies.commands.converge import converge
     from taichisoft_studies.commands.mesh_sweep import mesh_sweep
     from taichisoft_studies.commands.optimise import optimise
     from taichisoft_studies.commands.scene_sweep import sweep
@@ -27,5 +28,6 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     mesh = typer.Typer()
     mesh.command("sweep")(mesh_sweep)
     application.command()(characterise)
+    application.command()(converge)
     application.add_typer(study, name="study")
     application.add_typer(mesh, name="mesh")

@@ -10,14 +10,15 @@ from taichisoft_benchmarks.case_scenes import tutorial_surfaces
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.studies import convergence
 from taichisoft_benchmarks.studies.convergence import ConvergenceStudy, Point
-from taichisoft_benchmarks.studies.extrapolation import ORDER, limit_of
+from taichisoft_benchmarks.studies.extrapolation import limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
+from taichisoft_studies.refinement import MESH_ORDER
 
 
 def test_a_series_with_a_known_limit_is_extrapolated_to_it() -> None:
     """u = limit - factor h^order, with h = nodes^(-1/3)."""
     nodes = [2000, 4000, 9000]
-    found = limit_of(nodes, [59.0 - 700.0 * count ** (-ORDER / 3) for count in nodes])
+    found = limit_of(nodes, [59.0 - 700.0 * count ** (-MESH_ORDER / 3) for count in nodes])
     assert (found.value, found.factor, found.doubt) == pytest.approx((59.0, 700.0, 0.0), abs=1e-9)
 
 
@@ -25,12 +26,12 @@ def test_the_order_is_that_of_a_corner_of_270_degrees() -> None:
     """The smallest root of Williams' equation for the symmetric stresses in a wedge with free sides."""
     angle = 1.5 * np.pi
     exponent = brentq(lambda power: np.sin(power * angle) + power * np.sin(angle), 0.3, 0.6)
-    assert pytest.approx(2 * exponent, abs=1e-4) == ORDER
+    assert pytest.approx(2 * exponent, abs=1e-4) == MESH_ORDER
 
 
 def test_noise_shows_as_doubt() -> None:
     nodes, noises = [2000, 4000, 9000, 20000, 40000], [0.2, -0.2, 0.2, -0.2, 0.2]
-    bends = [59.0 - 700.0 * count ** (-ORDER / 3) + noise for count, noise in zip(nodes, noises, strict=True)]
+    bends = [59.0 - 700.0 * count ** (-MESH_ORDER / 3) + noise for count, noise in zip(nodes, noises, strict=True)]
     found = limit_of(nodes, bends)
     assert 0.0 < abs(found.value - 59.0) < 2 * found.doubt
 
@@ -67,7 +68,7 @@ def test_a_mesh_that_was_measured_is_not_measured_again(tmp_path: Path, monkeypa
 
 
 def point(name: str, nodes: int, across: int | None, quadratic: float | None = None) -> Point:
-    return Point(name, nodes, 5 * nodes, across, 59.0 - 700.0 * nodes ** (-ORDER / 3), 57.0, quadratic)
+    return Point(name, nodes, 5 * nodes, across, 59.0 - 700.0 * nodes ** (-MESH_ORDER / 3), 57.0, quadratic)
 
 
 def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,17 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft_benchmarks.errors import BenchmarkError
-
-ORDER = 2 * 0.5445
-"""Order of convergence of a body with inner corners of 90 degrees under even refinement [-], for linear and for
-quadratic elements: stresses are singular there, displacements go with the distance to the power 0.5445 (Williams,
-Stress singularities in angular corners of plates in extension, J. Appl. Mech. 1952), and energies, and with them the
-displacement under the load, with twice that."""
+from taichisoft_studies.refinement import MESH_ORDER
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The curve value - factor * nodes ** (-ORDER / 3): errors fall with the element size to the power of the order.
+    """The curve value - factor * nodes ** (-MESH_ORDER / 3): errors go with the element size to the power of the order.
 
     Attributes:
         value: displacement on an infinitely fine mesh [mm].
@@ -30,7 +25,7 @@ class Limit:
 
     def at(self, nodes: np.ndarray) -> np.ndarray:
         """Displacements of meshes with these numbers of nodes [mm]."""
-        return self.value - self.factor * nodes ** (-ORDER / 3.0)
+        return self.value - self.factor * nodes ** (-MESH_ORDER / 3.0)
 
 
 def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
@@ -53,6 +48,6 @@ def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
 
 def _fit(nodes: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Value and factor of a limit by least squares [mm]."""
-    columns = np.stack([np.ones(len(nodes)), -(nodes ** (-ORDER / 3.0))], axis=1)
+    columns = np.stack([np.ones(len(nodes)), -(nodes ** (-MESH_ORDER / 3.0))], axis=1)
     value, factor = np.linalg.lstsq(columns, values, rcond=None)[0]
     return float(value), float(factor)

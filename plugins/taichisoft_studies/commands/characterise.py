@@ -1,17 +1,11 @@
 """`taichisoft characterise`: how far a finger bends, and how hard it presses."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from taichisoft.terminal_text import say
-
-if TYPE_CHECKING:
-    from taichisoft.scenes import Scene
-
-FINER = {"coarse": "medium", "medium": "fine"}
-"""The finer preset of a geometry's mesh."""
 
 
 def characterise(
@@ -29,7 +23,7 @@ def characterise(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="What differs on a second mesh, for the error (repeatable)  \\[default: the next finer preset]",
+            help="What differs on a second mesh, for the error (repeatable)  \\[default: a finer one, if known]",
         ),
     ] = None,
 ) -> None:
@@ -46,12 +40,13 @@ def characterise(
     from taichisoft_studies.commands.study_options import progress_bar
     from taichisoft_studies.datasheet import trust_line, write_datasheet
     from taichisoft_studies.errors import StudyError
+    from taichisoft_studies.refinement import finer_meshes
 
     if not (math.isfinite(pressure) and pressure != 0.0):
         raise StudyError(f"--pressure {pressure:g}: must be a number of kPa other than 0")
     pressures = np.linspace(0.0, pressure, steps + 1).tolist()
     loaded = load_scene(scene, set or ())
-    changes = second or _finer(loaded, body)
+    changes = second or finer_meshes(loaded, body or next(iter(loaded.soft_bodies), None))[0]
     console, found = Console(), []
     with warnings_printed_to(console):
         for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
@@ -63,13 +58,3 @@ def characterise(
     say(trust_line(found[0], other, change))
     for path in write_datasheet(folder, loaded, found[0], other, change):
         say(path)
-
-
-def _finer(scene: "Scene", body: str | None) -> list[str]:
-    """What makes the mesh of a finger finer, where its scene names a preset; else nothing."""
-    for name, settings in scene.soft_bodies.items():
-        mesh = settings.model_dump(exclude_none=True)["mesh"]
-        if body in (None, name):
-            finer = FINER.get(mesh.get("preset", "")) if isinstance(mesh, dict) else None
-            return [f"soft_bodies.{name}.mesh.preset='{finer}'"] if finer else []
-    return []
