@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft characterise`, `converge`, `study` and what is below it, and `mesh sweep`."""
+    """Add `taichisoft characterise`, `converge`, `study` and what is below it, `mesh sweep`, `new measured-case`."""
     import typer
 
     from taichisoft_studies.commands.calibrate import calibrate
@@ -18,6 +18,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     from taichisoft_studies.commands.compare import compare
     from taichisoft_studies.commands.converge import converge
     from taichisoft_studies.commands.mesh_sweep import mesh_sweep
+    from taichisoft_studies.commands.new_measured_case import measured_case
     from taichisoft_studies.commands.optimise import optimise
     from taichisoft_studies.commands.scene_sweep import sweep
     from taichisoft_studies.commands.study_report import report
@@ -30,4 +31,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     application.command()(characterise)
     application.command()(converge)
     application.add_typer(study, name="study")
+    new = typer.Typer()
+    new.command("measured-case")(measured_case)
     application.add_typer(mesh, name="mesh")
+    application.add_typer(new, name="new")

@@ -9,7 +9,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.scenes import Number, Positive, Table
+from taichisoft.scenes import NotNegative, Number, Positive, Table
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_expressions import Expression
 from taichisoft_studies.study_file import Count, Study
@@ -62,6 +62,9 @@ class Experiment(Table):
     """Expression of what the curves are drawn over in the run: time [s], or a pressure that only rises."""
     over_column: str = "time"
     """The same in the data: a column, or an expression of columns."""
+    over_error: NotNegative = 0.0
+    """Error of measurement of `over_column`, such as that of a pressure: it adds to the scale of each curve, in
+    quadrature, what it makes of the curve at its mean slope (effective variance, Orear, Am. J. Phys. 50, 1982)."""
     first: Number | None = None
     """Rows below this value of `over_column` are left out."""
     last: Number | None = None
@@ -119,7 +122,11 @@ def read_measurement(experiment: Experiment, file: Path, key: str) -> Measuremen
         if curve.relative:
             values[index] -= values[index, 0]
     spread = values.std(axis=1)
-    scales = [curve.scale or float(one) for curve, one in zip(experiment.curves, spread, strict=True)]
+    slopes = experiment.over_error * spread / over[kept].std()
+    scales = [
+        math.hypot(curve.scale or float(one), float(slope))
+        for curve, one, slope in zip(experiment.curves, spread, slopes, strict=True)
+    ]
     if not all(scales):
         raise StudyError(f"{file}: {key}.curves.{scales.index(0.0)} is constant; give it a scale")
     return Measurement(over[kept], values, np.array(scales))

@@ -116,14 +116,14 @@ def _residuals(
     points: Sequence[Mapping[str, float]],
 ) -> list[np.ndarray | StudyError]:
     """(run - data) / scale of all curves, or what went wrong, for several sets of values at once."""
-    jobs = [[_job(study, index, values, folder) for index in range(len(measurements))] for values in points]
+    jobs = [[experiment_job(study, index, values, folder) for index in range(len(measurements))] for values in points]
     unique = {job.name: job for row in jobs for job in row}
     records = {one["run"]: one for one in make_missing(list(unique.values()), workers, lambda job, record: None)}
     found: list[np.ndarray | StudyError] = []
     for row in jobs:
         try:
             parts = [
-                _differences(job, records[job.name], one, study, index)
+                scaled_differences(job, records[job.name], one, study, index)
                 for index, (job, one) in enumerate(zip(row, measurements, strict=True))
             ]
             found.append(np.concatenate(parts))
@@ -132,7 +132,12 @@ def _residuals(
     return found
 
 
-def _job(study: Calibration, index: int, values: Mapping[str, float], folder: Path) -> RunJob:
+def experiment_job(study: Calibration, index: int, values: Mapping[str, float], folder: Path) -> RunJob:
+    """The run that stands for an experiment, with values of the parameters.
+
+    Raises:
+        SceneError, StudyError: a key or value is not valid; it is named.
+    """
     experiment = study.experiments[index]
     changed = study.model_copy(
         update={"set": (*study.set, *experiment.set), "duration": experiment.duration or study.duration}
@@ -141,10 +146,21 @@ def _job(study: Calibration, index: int, values: Mapping[str, float], folder: Pa
     return job_for(changed, values, folder, study.seed, watch=watch)
 
 
-def _differences(
+def scaled_differences(
     job: RunJob, record: Mapping[str, Any], data: Measurement, study: Calibration, index: int
 ) -> np.ndarray:
-    """(run - data) / scale of the curves of an experiment, one after the other."""
+    """(run - data) / scale of the curves of an experiment, one after the other.
+
+    Args:
+        job: as `experiment_job` makes it.
+        record: what its run left.
+        data: the measurement.
+        study: the file.
+        index: of the experiment.
+
+    Raises:
+        StudyError: the run failed, or its curve does not reach as far as the data.
+    """
     if record["status"] != COMPLETED:
         said = ", ".join(f"{key} = {value:g}" for key, value in job.parameters.items())
         raise StudyError(f"experiments.{index}: the run with {said}: {record['status']}: {record['message']}")

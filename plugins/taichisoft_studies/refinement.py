@@ -127,7 +127,7 @@ def converge(
     scenes = {"run": scene, "half the step": changed(scene, [f"time.step={scene.time.step / 2!r}"])}
     if changes:
         scenes["finer mesh"] = changed(scene, changes)
-    nodes = _node_counts(scene, scenes["finer mesh"]) if changes else None
+    nodes = node_counts(scene, scenes["finer mesh"]) if changes else None
     common = {"parameters": {}, "duration": duration, "plugins": tuple(plugins)}
     jobs = {name: make_job(one, folder, source=name, **common) for name, one in scenes.items()}
     records = {name: _ended(name, job, made) for name, job in jobs.items()}
@@ -141,7 +141,7 @@ def converge(
             figures.append(RefinedFigure(name, *of_step))
             continue
         fine = values["finer mesh"][name]
-        ratio = (nodes[1] / nodes[0]) ** (1.0 / 3.0)
+        ratio = mesh_ratio(*nodes)
         figures.append(RefinedFigure(name, *of_step, fine, refinement_error(value, fine, ratio, MESH_ORDER)))
     statuses = {name: record["status"] for name, record in records.items()}
     return Refinement(figures, scene.time.step, order, statuses, changes, nodes, remark)
@@ -213,7 +213,12 @@ def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     return f"={toml_value({'file': file, **others, 'size': FINER * size})}"
 
 
-def _node_counts(scene: Scene, finer: Scene) -> tuple[int, int]:
+def mesh_ratio(nodes: int, finer: int) -> float:
+    """Element size of a mesh over that of a finer one, from their numbers of nodes [-]."""
+    return float((finer / nodes) ** (1.0 / 3.0))
+
+
+def node_counts(scene: Scene, finer: Scene) -> tuple[int, int]:
     """Numbers of nodes of both scenes.
 
     Raises:

@@ -37,7 +37,7 @@ COOK_MODULUS, COOK_POISSON, COOK_LOAD = 240.565, 0.4999, 100.0
 """kPa, and mN for each mm of thickness (de Souza Neto et al. 1996, Design of simple low order finite elements)."""
 
 
-def _traction(x: float, load: tuple[float, float, float]) -> "Callable[[Model], np.ndarray]":
+def traction(x: float, load: tuple[float, float, float]) -> "Callable[[Model], np.ndarray]":
     """A uniform traction with the sum `load` [mN] on the plane face at `x` [mm]."""
     return lambda model: _shares(model.soft_bodies[0].elements, model.rest_position, x)[:, None] * load
 
@@ -66,7 +66,7 @@ def _bar_at_rest(element: str, load: tuple[float, float, float], weight: float =
     motion, nodes = at_rest(
         bar(CELLS[element], (LENGTH, HEIGHT, HEIGHT), element),
         gravity=(0.0, 0.0, -weight / (DENSITY * HEIGHT**2)),
-        dead_load=_traction(LENGTH, load),
+        dead_load=traction(LENGTH, load),
         element=element,
         law="neo-hookean",
         young_modulus=YOUNG_MODULUS,
@@ -148,7 +148,7 @@ def cook_deflection(element: str, cells: int, poisson_ratio: float = COOK_POISSO
     face = {"box": [[48.0 - 1e-6, -1.0, -1.0], [48.0 + 1e-6, 61.0, thickness + 1.0]], "stiffness": WEAK}
     motion, rest_nodes = at_rest(
         panel,
-        dead_load=_traction(48.0, (0.0, COOK_LOAD * thickness, 0.0)),
+        dead_load=traction(48.0, (0.0, COOK_LOAD * thickness, 0.0)),
         ramp=4,
         element=element,
         law="neo-hookean",

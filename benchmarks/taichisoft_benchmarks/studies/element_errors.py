@@ -77,35 +77,49 @@ def _growth(mesh: VolumeMesh, axes: int, **body: Any) -> float:
     return float((motion[inside] * rest[inside]).sum(axis=1).mean() / INNER / (pressure / YOUNG_MODULUS))
 
 
-def beam_sag(element: str, cells: tuple[int, int, int], load: float, law: str = "neo-hookean") -> float:
-    """Displacement of the beam's tip [mm] under its own weight and a force down at its upper edge [mN]."""
+def beam_sag(element: str, cells: tuple[int, int, int], load: float, **body: Any) -> float:
+    """Displacement of the beam's tip [mm] under its own weight and a force down at its upper edge [mN].
+
+    Args:
+        element: kind of element.
+        cells: of the mesh.
+        load: [mN].
+        body: keys of the soft body instead of those of `BEAM_BODY`.
+    """
+    motion, rest = beam_at_rest(element, cells, load, **body)
+    return float(np.linalg.norm(motion[np.isclose(rest[:, 0], BEAM[0])].mean(axis=0)))
+
+
+def edge_shares(rest: np.ndarray) -> np.ndarray:
+    """Shares of the nodes in a load on the upper edge of the beam's tip, whose ends carry half as much as its others.
+
+    Shape (node_count,), from rest positions [mm], shape (node_count, 3).
+    """
+    length, width, height = BEAM
+    on_edge = np.isclose(rest[:, 0], length) & np.isclose(rest[:, 2], height)
+    share = np.where(on_edge, np.where(np.isclose(np.abs(rest[:, 1] - width / 2), width / 2), 0.5, 1.0), 0.0)
+    return np.asarray(share / share.sum())
+
+
+def beam_at_rest(element: str, cells: tuple[int, int, int], load: float, **body: Any) -> np.ndarray:
+    """Displacements and rest positions of the beam's nodes [mm], shape (2, node_count, 3); arguments of `beam_sag`."""
     length, width, height = BEAM
     upper_edge = [[length, 0.0, height], [length, width, height]]
     edge = {"box": upper_edge, "directions": ["z"], "stiffness": WEAK}
 
     def dead_load(model: "Model") -> np.ndarray:
-        """The ends of the edge carry half as much as its other nodes."""
-        rest = model.rest_position
-        on_edge = np.isclose(rest[:, 0], length) & np.isclose(rest[:, 2], height)
-        share = np.where(on_edge, np.where(np.isclose(np.abs(rest[:, 1] - width / 2), width / 2), 0.5, 1.0), 0.0)
-        return np.column_stack([np.zeros((len(rest), 2)), -load * share / share.sum()])
+        shares = edge_shares(model.rest_position)
+        return np.column_stack([np.zeros((len(shares), 2)), -load * shares])
 
-    motion, rest = at_rest(
-        bar(cells, BEAM),
-        gravity=GRAVITY,
-        dead_load=dead_load,
-        ramp=4,
-        element=element,
-        law=law,
-        anchors=[BEAM_CLAMP, edge],
-        **BEAM_BODY,
-    )
-    return float(np.linalg.norm(motion[np.isclose(rest[:, 0], length)].mean(axis=0)))
+    keys = {"element": element, "anchors": [BEAM_CLAMP, edge], **(body or {"law": "neo-hookean", **BEAM_BODY})}
+    return at_rest(bar(cells, BEAM), gravity=GRAVITY, dead_load=dead_load, ramp=4, **keys)
 
 
 def beam(cells: tuple[int, int, int], time: dict[str, Any], **body: Any) -> "Simulation":
     """The clamped beam in its moulded shape, under its own weight."""
-    simulation: Simulation = simulation_of(bar(cells, BEAM), time, GRAVITY, anchors=[BEAM_CLAMP], **BEAM_BODY, **body)
+    simulation: Simulation = simulation_of(
+        bar(cells, BEAM), time, GRAVITY, **{"anchors": [BEAM_CLAMP], **BEAM_BODY, **body}
+    )
     return simulation
 
 

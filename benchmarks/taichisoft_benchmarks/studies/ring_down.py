@@ -1,21 +1,17 @@
 """Frequency and decay of the measured beam of Dragon Skin 10, which rings down, beside the simulated beam.
 
-    python -m taichisoft_benchmarks.studies.ring_down --measured ../shared/measured/beam --output docs/ring-down.svg
-
-The recorded markers (srl-ethz/diffPD_sim2real, MIT licence) are not part of the project.
+The recorded markers (srl-ethz/diffPD_sim2real, MIT licence) are not part of the project; `measured_truth` compares.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from scipy.optimize import curve_fit
 
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.growth_plots import svg_axes
-from taichisoft_benchmarks.program import run_program
 from taichisoft_benchmarks.studies.element_errors import BEAM, GRAVITY, beam
 from taichisoft_benchmarks.studies.one_body import TO_REST
 
@@ -110,6 +106,7 @@ def simulated_swing(
     duration: float,
     cells: tuple[int, int, int] = CELLS,
     step: float = STEP,
+    **body: Any,
 ) -> Swing:
     """The beam released at rest from where more gravity had brought its tip to `peak` [mm].
 
@@ -119,11 +116,12 @@ def simulated_swing(
         duration: [s].
         cells: of the mesh of smoothed elements.
         step: time step [s], shorter than b.
+        body: keys of the soft body instead of those of `BEAM_BODY`.
     """
     from taichisoft.control import Control
 
     a, b = damping
-    keys: dict[str, Any] = {"element": "smoothed", "law": "neo-hookean", "rayleigh_mass": a}
+    keys: dict[str, Any] = {"element": "smoothed", "law": "neo-hookean", "rayleigh_mass": a, **body}
     still = beam(cells, TO_REST, **keys)
     swinging = beam(cells, {"step": step}, rayleigh_stiffness=b - step, **keys)
     nodes = swinging.model.rest_position
@@ -153,24 +151,3 @@ def draw(measured: list[Swing], simulated: Swing, path: Path) -> None:
         axes.set_ylabel("tip [mm]")
         axes.set_xlim(0.0, simulated.time[-1])
         axes.legend(frameon=False)
-
-
-def main(
-    measured: Annotated[Path, typer.Option("--measured", "-m", metavar="DIR", help="Folder of the takes.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.svg", help="Picture to draw.")],
-) -> None:
-    """Frequency and decay of the beam, measured and simulated."""
-    swings = measured_swings(measured)
-    a, b = rayleigh_damping(swings)
-    print(f"Rayleigh's factors: a = {a:.2f} 1/s, b = {1e3 * b:.2f} ms")
-    takes = swings["gravity"]
-    peak = np.mean([one.displacement[0] / one.rest for one in takes])
-    simulated = simulated_swing(float(peak), (a, b), 2.0)
-    named = {f"measured, take {take}": one for take, one in zip(TAKES, takes, strict=True)}
-    for name, one in {**named, "simulated": simulated}.items():
-        print(f"{name}: rest {one.rest:.2f} mm, {one.frequency:.2f} Hz, decay {one.decay:.2f} 1/s")
-    draw(takes, simulated, output)
-
-
-if __name__ == "__main__":
-    run_program(main, "taichisoft_benchmarks.studies.ring_down")
