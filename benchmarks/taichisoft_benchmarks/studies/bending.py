@@ -1,6 +1,6 @@
 """Bending, buckling and swinging of bars, and Cook's membrane, by each kind of element, against theory.
 
-    python -m taichisoft_benchmarks.studies.bending --output docs/validation.md
+    python -m taichisoft_benchmarks.studies.bending --output docs/elements.md
 
 fills the section "bending" of the page, in some three minutes.
 """

@@ -1,6 +1,6 @@
 """Settling of held objects: creep from second to second, by time step and damping, as a table.
 
-    python -m taichisoft_benchmarks.studies.settling --output docs/validation.md
+    python -m taichisoft_benchmarks.studies.settling --output docs/notes/grasps.md
 
 fills the section "settling" of the page, in some fifteen minutes. Creep by errors of the contacts would go on for ever,
 or change in proportion to the step; what settles because the fingers are viscous falls exponentially, with a time
