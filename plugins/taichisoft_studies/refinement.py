@@ -9,7 +9,9 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from taichisoft.scenes import GEOMETRY_SUFFIX, Scene, scene_from_toml, scene_to_toml
 from taichisoft_studies.errors import StudyError
@@ -18,6 +20,8 @@ from taichisoft_studies.results_table import flat
 from taichisoft_studies.run_folder import COMPLETED
 from taichisoft_studies.run_job import RunJob, make_job
 from taichisoft_studies.scene_keys import toml_value
+
+Value = TypeVar("Value", float, np.ndarray)
 
 MESH_ORDER = 2 * 0.5445
 """Order of convergence of a body with inner corners of 90 degrees under even refinement [-], for linear and for
@@ -84,16 +88,17 @@ class Refinement:
     remark: str
 
 
-def refinement_error(value: float, refined: float, ratio: float, order: float) -> float:
+def refinement_error(value: Value, refined: Value, ratio: float, order: float) -> Value:
     """Error of a value by its step or mesh: value minus limit, by Richardson's extrapolation.
 
     Args:
-        value: with the step or element size h.
+        value: with the step or element size h; a number or an array.
         refined: with h / ratio.
         ratio: above 1 [-].
         order: of convergence [-].
     """
-    return (value - refined) / (1.0 - ratio**-order)
+    error: Value = (value - refined) / (1.0 - ratio**-order)
+    return error
 
 
 def time_order(scene: Scene) -> int:
@@ -128,7 +133,7 @@ def converge(
     if changes:
         scenes["finer mesh"] = changed(scene, changes)
     nodes = node_counts(scene, scenes["finer mesh"]) if changes else None
-    common = {"parameters": {}, "duration": duration, "plugins": tuple(plugins)}
+    common: dict[str, Any] = {"parameters": {}, "duration": duration, "plugins": tuple(plugins)}
     jobs = {name: make_job(one, folder, source=name, **common) for name, one in scenes.items()}
     records = {name: _ended(name, job, made) for name, job in jobs.items()}
     values = {name: physical_figures(record["metrics"]) for name, record in records.items()}
@@ -205,12 +210,13 @@ def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     presets, preset = read_geometry(path).presets, request.get("preset", "")
     if PRESETS.get(preset) in presets:
         return f".preset={toml_value(PRESETS[preset])}"
-    largest = [tables.get("mesh", {}).get("largest") for tables in (request.get("set", {}), read_tables(path)[1])]
-    size = next((one for one in (request.get("size"), presets.get(preset), *largest) if one is not None), None)
-    if size is None:
+    meshes = [tables.get("mesh", {}) for tables in (request.get("set", {}), read_tables(path)[1])]
+    known = (request.get("size"), presets.get(preset), *(mesh.get("largest") for mesh in meshes))
+    sizes = [float(one) for one in known if one is not None]
+    if not sizes:
         return ""
     others = {key: value for key, value in request.items() if key != "preset"}
-    return f"={toml_value({'file': file, **others, 'size': FINER * size})}"
+    return f"={toml_value({'file': file, **others, 'size': FINER * sizes[0]})}"
 
 
 def mesh_ratio(nodes: int, finer: int) -> float:
