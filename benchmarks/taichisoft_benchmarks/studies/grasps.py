@@ -3,9 +3,9 @@
     python -m taichisoft_benchmarks.studies.grasps --element smoothed --output docs/notes/grasps.md
 
 fills the section "grasps smoothed" of the page, in some ten minutes. Without `--element` fingers are of linear
-elements, at higher pressures, for a section "grasps". `--only NAME` tries the grasps whose name has NAME in it. What was
-measured is kept in `--results`, a file of JSON for each grasp, and the table shows all of it: `--only none` draws it
-again.
+elements, at higher pressures, for a section "grasps". `--only NAME` tries the grasps whose name has NAME in it. What
+was measured is kept in `--results`, a file of JSON for each grasp, and the table shows all of it: `--only none` draws
+it again.
 """
 
 import json
