@@ -63,21 +63,18 @@ def converge(
 
 
 def _table(found: "Refinement") -> "Table":
-    """A row for each figure."""
+    """A row for each figure; the values of the finer runs are in the file."""
     from rich.table import Table
 
     from taichisoft.terminal_text import plain
 
-    mesh = "no finer mesh" if found.nodes is None else f"{found.nodes[1]} instead of {found.nodes[0]} nodes"
-    table = Table(title=plain(f"steps of {1e3 * found.step:g} ms, order {found.order}; {mesh}"))
-    titles = ("figure", "value", "half the step", "error by the step", "finer mesh", "error by the mesh")
-    for title in titles[: 4 if found.nodes is None else 6]:
+    mesh = "" if found.nodes is None else f"; {found.nodes[0]} nodes, {found.nodes[1]} on the finer mesh"
+    table = Table(title=plain(f"steps of {1e3 * found.step:g} ms, order {found.order}{mesh}"))
+    for title in ("figure", "value", "error by step", *(() if found.nodes is None else ("error by mesh",))):
         table.add_column(plain(title), justify="left" if title == "figure" else "right", overflow="fold")
     for one in found.figures:
         if max(abs(one.value), one.error) < SMALLEST:
             continue
-        cells = [f"{one.value:.5g}", f"{one.half_step:.5g}", f"{one.step_error:+.2g}"]
-        if one.finer_mesh is not None and one.mesh_error is not None:
-            cells += [f"{one.finer_mesh:.5g}", f"{one.mesh_error:+.2g}"]
-        table.add_row(plain(one.name), *cells)
+        errors = [f"{error:+.2g}" for error in (one.step_error, one.mesh_error) if error is not None]
+        table.add_row(plain(one.name.removeprefix("final_")), f"{one.value:.5g}", *errors)
     return table
