@@ -138,4 +138,6 @@ def _rows(file: Path) -> list[dict[str, object]]:
             rows = [{name.strip(): float(cell) for name, cell in row.items()} for row in csv.DictReader(opened)]
     except (OSError, ValueError, TypeError, AttributeError) as error:
         raise StudyError(f"{file}: not readable as CSV with a header and numbers: {error}") from error
+    if not rows:
+        raise StudyError(f"{file}: has no rows of numbers below its header")
     return [{**row, "columns": row} for row in rows]

@@ -83,7 +83,7 @@ def test_a_case_begins_as_a_scene_and_a_study_that_are_valid(tmp_path: Path) -> 
     (experiment,) = study.experiments
     header = (folder / "positions.csv").read_text().strip().split(",")
     assert {experiment.over_column, *(one.column for one in experiment.curves)} <= set(header)
-    with pytest.raises(StudyError, match="0 rows lie between"):
+    with pytest.raises(StudyError, match="has no rows of numbers"):
         read_measurement(experiment, folder / "positions.csv", "experiments.0")
     geometry = tomllib.loads((folder / "geometry.toml").read_text())
     tip = scene.soft_bodies["finger"].tip
