@@ -174,8 +174,7 @@ def finer_meshes(scene: Scene, body: str | None = None) -> tuple[list[str], str]
     for name, settings in scene.soft_bodies.items():
         if body not in (None, name):
             continue
-        table = settings.model_dump(exclude_none=True)
-        chosen = {key: table.get(key) for key in ("anchors", "forces", "tip", "tactile")}
+        chosen = settings.model_dump(exclude_none=True, exclude={"mesh"})
         if settings.reduced is not None:
             kept.append(f"{name} is reduced to modes of its mesh")
         elif any(key.rpartition(".")[0].endswith("nodes") for key in flat(chosen)):
