@@ -36,14 +36,15 @@ RUN_ELSEWHERE = {
     "docs/cables.md": "tests/test_cable_docs.py",
     "docs/environments.md": "tests/controllers/test_environment_docs.py",
     "docs/plugins.md": "tests/test_plugin_docs.py",
+    "docs/force-control.md": "tests/test_force_control_docs.py",
 }
-"""Pages whose programs a test of their own runs; that of docs/plugins.md also runs its commands, with its plug-ins. The
-commands of docs/gallery.md are run by the program that writes the page."""
+"""Pages whose programs a test of their own runs; those of docs/plugins.md and docs/force-control.md also run commands,
+with the plug-ins of these pages. The commands of docs/gallery.md are run by the program that writes the page."""
 
 PAGES = [
     page
     for page in documents.PAGES
-    if page.name not in ("plugins.md", "gallery.md")
+    if page.name not in ("plugins.md", "force-control.md", "gallery.md")
     and (
         any(one.words[0] == "taichisoft" for one in documents.commands(page))
         or (documents.name_of(page) not in RUN_ELSEWHERE and "```python" in page.read_text(encoding="utf-8"))
@@ -130,7 +131,7 @@ def test_every_program_of_a_page_is_run_here_or_by_a_test_that_names_the_page() 
     for name, page in with_programs.items():
         if name in RUN_ELSEWHERE:
             test = (ROOT / RUN_ELSEWHERE[name]).read_text(encoding="utf-8")
-            assert page.name in test and re.search(r"exec\(|run_path", test), name
+            assert page.name in test and re.search(r"exec\(|run_path|write_text\(program", test), name
         else:
             assert page in PAGES, name
     assert set(RUN_ELSEWHERE) <= set(with_programs)

@@ -184,13 +184,13 @@ class CsvOutput(Output):
 def pairs_with_objects(model: "Model") -> list["Pair"]:
     """All pairs of a rigid body with any other body that it can touch, in the order of the scene.
 
-    What soft bodies do to each other and to obstacles is in the recording.
+    Where there is none: of soft bodies with obstacles, which they then press. The recording has all others.
     """
     rigid = [body for body in model.rigid_bodies if body.collides or body.follows is None]
     pairs: list[Pair] = [(body.name, other.name) for body in model.soft_bodies for other in rigid]
     pairs += [(one.name, two.name) for one, two in combinations(rigid, 2) if None in (one.follows, two.follows)]
     pairs += [(body.name, one.name) for body in rigid if body.follows is None for one in model.obstacles]
-    return pairs
+    return pairs if rigid else [(body.name, one.name) for body in model.soft_bodies for one in model.obstacles]
 
 
 def _in_unit(values: np.ndarray, unit: str) -> np.ndarray:

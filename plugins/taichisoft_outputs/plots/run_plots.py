@@ -42,7 +42,9 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     if format not in FORMATS:
         raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
     known = panels_of(recording)
-    for option, name in [("--only", name) for name in only or ()] + [("--x", over)] * (over is not None):
+    for option, name in [("--only" if over is None else "--y", name) for name in only or ()] + [("--x", over)] * (
+        over is not None
+    ):
         if name not in known:
             raise PlotError(f"{option} {name}: there are: {', '.join(known)}")
     run = RunCurves(recording)
