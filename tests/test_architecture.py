@@ -131,6 +131,7 @@ LAYERS = {
         "prepared",
         "observed_quantities",
         "changed_scene",
+        "arguments",
         "pressures",
         "randomisation",
         "actuation",

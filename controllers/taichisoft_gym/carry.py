@@ -8,6 +8,7 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_gym.actuation import Travel
+from taichisoft_gym.arguments import numbers
 from taichisoft_gym.channels import symmetric
 from taichisoft_gym.grasp import STILL, GripperEnvironment
 
@@ -46,7 +47,7 @@ class Carry(GripperEnvironment):
             longest = shortest + self.difficulty * (longest - shortest)
             distance, angle = self.np_random.uniform(shortest, longest), self.np_random.uniform(0.0, 2.0 * np.pi)
             target = distance * np.array([np.cos(angle), np.sin(angle)])
-        self.desired_goal = self.numbers(target)
+        self.desired_goal = numbers(target)
         if self.desired_goal.shape != (2,) or not np.isfinite(self.desired_goal).all() or not self.desired_goal.any():
             raise SceneError(
                 f"options['target'] = {target!r}: must be a way to the right and to the front [mm], not zero"

@@ -15,9 +15,10 @@ from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes
+from taichisoft_gym.arguments import action_values, share, whole_steps
 from taichisoft_gym.changed_scene import changed_scene
 from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
-from taichisoft_gym.observed_quantities import QUANTITIES
+from taichisoft_gym.observed_quantities import named_quantities
 from taichisoft_gym.randomisation import Drawn, Randomisation
 
 if TYPE_CHECKING:  # these import Taichi, which must not start if only the spaces of an environment are used
@@ -134,23 +135,19 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         self.scenes = {name: changed_scene(read, one, friction, between, rate) for name, one in changes.items()}
         self.scene = next(iter(self.scenes.values()))
         self.axes = scene_axes(self.scene)
-        self._steps = _whole_steps(control_period, self.scene.time.step)
+        self._steps = whole_steps(control_period, self.scene.time.step)
         self.control_period = control_period
-        self.difficulty = _share("difficulty", difficulty)
+        self.difficulty = share("difficulty", difficulty)
         self.randomisation = Randomisation.from_mapping(randomisation)
         self.actuation = Actuation(self.scene, between, self.travel, self.actions)
         self.action_channels = self.actuation.channels
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
         self.desired_goal = np.zeros(len(self.goal_channels))
         self.start_of_object = np.zeros(3)
-        self._quantities = self._named_quantities(goals)
+        self._quantities = named_quantities(self, self.observations, goals)
         self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
-        self._space, self._goal_space, self._goals, self._noise = (
-            box_of(self.channels),
-            box_of(self.goal_channels),
-            goals,
-            noise,
-        )
+        self._space, self._goal_space = box_of(self.channels), box_of(self.goal_channels)
+        self._goals, self._noise = goals, noise
         self.observation_space = self._space if not goals else self._dictionary_space()
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_period))}  # type: ignore[misc]
         self.render_mode, self._camera, self._size = render_mode, camera, size
@@ -225,7 +222,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         super().reset(seed=seed)
         options = dict(options or {})
         given = options.pop("state", None)
-        self.difficulty = _share("options['difficulty']", options.pop("difficulty", self.difficulty))
+        self.difficulty = share("options['difficulty']", options.pop("difficulty", self.difficulty))
         drawn = {} if given is not None else self.randomise()
         self._begin_simulation(given, drawn)
         start = self.simulation.state
@@ -252,7 +249,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             SceneError: the action has another number of entries than `action_space`, or a value that is not finite.
         """
         self._refuse_before_reset()
-        asked = self._valid_action(action)
+        asked = action_values(action, self.action_space)
         control = self.actuation.control(asked, self.simulation.state, self.control_period)
         diverged = {}
         try:
@@ -339,24 +336,6 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         way: np.ndarray = self.axes @ (seen.object_positions[self.object] - self.start_of_object)
         return way
 
-    @staticmethod
-    def numbers(value: Any) -> np.ndarray:
-        """Copy an argument to an array of numbers; a single NaN if it cannot be converted."""
-        try:
-            given = np.asarray(value)
-        except ValueError:  # rows of unequal lengths
-            return np.array(np.nan)
-        return given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(np.nan)
-
-    def _named_quantities(self, goals: bool) -> list[ChannelGroup]:
-        makers = []
-        for what in self.observations:
-            if isinstance(what, str) and what not in QUANTITIES:
-                raise SceneError(f"observations: there is no '{what}'; {nearest(what, list(QUANTITIES), 'there are')}")
-            if not (goals and what == "way to the target"):  # hindsight would change the goal, but not this
-                makers.append(QUANTITIES[what] if isinstance(what, str) else what)
-        return [make(self) for make in makers]
-
     def _dictionary_space(self) -> gymnasium.spaces.Dict:
         goal = self._goal_space
         return gymnasium.spaces.Dict({"observation": self._space, "achieved_goal": goal, "desired_goal": goal})
@@ -364,13 +343,6 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
     def _refuse_before_reset(self) -> None:
         if not self._starts:
             raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
-
-    def _valid_action(self, action: Any) -> np.ndarray:
-        """Copy an action to numbers from -1 to 1, shape (action_count,)."""
-        asked = self.numbers(action)
-        if asked.shape != self.action_space.shape or not np.isfinite(asked).all():
-            raise SceneError(f"action {action!r}: must be {len(self.action_channels)} finite numbers from -1 to 1")
-        return np.clip(asked, -1.0, 1.0)
 
     def _begin_simulation(self, given: State | None, drawn: Drawn) -> None:
         """Set the simulation to the start of an episode."""
@@ -425,16 +397,3 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         if self._page is not None:
             self._page.close()
             self._page = None
-
-
-def _whole_steps(period: float, time_step: float) -> int:
-    steps = round(period / time_step)
-    if steps < 1 or abs(steps * time_step - period) > 1e-9:
-        raise SceneError(f"control_period = {period:g} s: must be a whole multiple of the time step, {time_step:g} s")
-    return steps
-
-
-def _share(name: str, value: Any) -> float:
-    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
-        return float(value)
-    raise SceneError(f"{name} = {value!r}: must be a number from 0 to 1")

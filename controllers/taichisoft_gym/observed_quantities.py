@@ -3,12 +3,13 @@
 Each function takes a `SoftRobotEnvironment`, or an environment around it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from taichisoft.control import Observation
+from taichisoft.errors import SceneError, nearest
 from taichisoft_gym.actuation import AXES
 from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
 
@@ -122,3 +123,22 @@ QUANTITIES: dict[str, Callable[[Any], ChannelGroup]] = {
     "way to the target": _way_to_goal,
 }
 """Quantities by name; docs/environments.md lists them with units and ranges."""
+
+
+def named_quantities(
+    env: Any, observations: Sequence[str | Callable[[Any], ChannelGroup]], goals: bool
+) -> list[ChannelGroup]:
+    """The channels of an environment by names in QUANTITIES, or functions of one's own.
+
+    With `goals` without the way to the target: hindsight would change the goal, but not this.
+
+    Raises:
+        SceneError: a name is unknown.
+    """
+    makers = []
+    for what in observations:
+        if isinstance(what, str) and what not in QUANTITIES:
+            raise SceneError(f"observations: there is no '{what}'; {nearest(what, list(QUANTITIES), 'there are')}")
+        if not (goals and what == "way to the target"):
+            makers.append(QUANTITIES[what] if isinstance(what, str) else what)
+    return [make(env) for make in makers]

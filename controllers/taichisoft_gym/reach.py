@@ -10,6 +10,7 @@ from taichisoft.errors import SceneError
 from taichisoft.scenes import scene_to_toml
 from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, Actuation
+from taichisoft_gym.arguments import numbers
 from taichisoft_gym.channels import symmetric
 from taichisoft_gym.environment import SoftRobotEnvironment
 
@@ -55,7 +56,7 @@ class Reach(SoftRobotEnvironment):
                 target = [np.interp(share, along, places[:, axis]) for axis in range(3)]
             else:
                 target = places[int(share * len(places))]
-        self.target = self.numbers(target)
+        self.target = numbers(target)
         if self.target.shape != (3,) or not np.isfinite(self.target).all():
             raise SceneError(f"options['target'] = {target!r}: must be a point [mm], three finite numbers")
         self.desired_goal = self.axes @ self.target

@@ -60,6 +60,7 @@ def report(step: int, **changes: Any) -> Any:
             ("finger1", "finger2"): 900.0,
             ("finger1", "floor"): 700.0,
         },
+        "peak_pressures": {},
     }
     seen |= {name: changes.pop(name) for name in seen if name in changes}
     return SimpleNamespace(**{**values, **changes}, observation=Observation((step + 1) * STEP, step, **seen))
@@ -225,6 +226,29 @@ def test_goals_of_every_kind(tmp_path: Path, goal: dict[str, Any], heights: list
     written = json.loads((tmp_path / "metrics.json").read_text())
     assert (written["goal"], written["goal_reached"], written["held"]) == (goal["kind"], problem is None, None)
     assert output.summary()[f"cube {goal['kind']}"] == ("yes" if problem is None else "no")
+
+
+@pytest.mark.parametrize(
+    ("pressed", "problem"), [(14.9, None), (15.3, "pressed with up to 15.3 kPa (max_pressure 15 kPa)")]
+)
+def test_an_object_that_was_pressed_too_hard_misses_its_goal(
+    tmp_path: Path, pressed: float, problem: str | None
+) -> None:
+    """In a single step, whatever holds at the end; how hard other pairs press each other does not count."""
+    made = model()
+    goal = {"object": "cube", "kind": "lifted", "height": 27.0, "hold": 1.9, "max_pressure": 15.0}
+    made.scene = Scene.model_validate(made.scene.model_dump(exclude_none=True) | {"goal": goal})
+    output = MetricsOutput(tmp_path)
+    output.begin(made, state(0.0, 0.0))
+    for step, height in enumerate([28.0] + [0.0] * 24):
+        now = {("finger1", "cube"): pressed if step == 7 else 3.0, ("finger1", "floor"): 99.0}
+        output.record(state(0.0, height), report(step, peak_pressures=now))
+    if problem is None:
+        output.end("completed")
+    else:
+        with pytest.raises(GoalMissed, match=re.escape(problem)):
+            output.end("completed")
+    assert output.metrics["peak_contact_pressures_kPa"]["finger1|cube"] == pressed
 
 
 def test_the_table_that_closes_a_run_says_what_is_doubtful(tmp_path: Path) -> None:

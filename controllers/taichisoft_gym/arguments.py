@@ -1,0 +1,52 @@
+"""What users give to environments, checked: numbers, actions, shares, periods."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from taichisoft.errors import SceneError
+
+
+def numbers(value: Any) -> np.ndarray:
+    """Copy an argument to an array of numbers; a single NaN if it cannot be converted."""
+    try:
+        given = np.asarray(value)
+    except ValueError:  # rows of unequal lengths
+        return np.array(np.nan)
+    return given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(np.nan)
+
+
+def action_values(action: Any, space: gymnasium.spaces.Box) -> np.ndarray:
+    """Copy an action to numbers from -1 to 1, shape (action_count,).
+
+    Raises:
+        SceneError: it has another number of entries than the space, or a value that is not finite.
+    """
+    asked = numbers(action)
+    if asked.shape != space.shape or not np.isfinite(asked).all():
+        raise SceneError(f"action {action!r}: must be {space.shape[0]} finite numbers from -1 to 1")
+    return np.clip(asked, -1.0, 1.0)
+
+
+def whole_steps(period: float, time_step: float) -> int:
+    """Time steps in a control period [s].
+
+    Raises:
+        SceneError: they are not a whole number, or none.
+    """
+    steps = round(period / time_step)
+    if steps < 1 or abs(steps * time_step - period) > 1e-9:
+        raise SceneError(f"control_period = {period:g} s: must be a whole multiple of the time step, {time_step:g} s")
+    return steps
+
+
+def share(name: str, value: Any) -> float:
+    """A number from 0 to 1; `name` begins the error.
+
+    Raises:
+        SceneError: it is none.
+    """
+    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
+        return float(value)
+    raise SceneError(f"{name} = {value!r}: must be a number from 0 to 1")
