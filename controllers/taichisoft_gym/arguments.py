@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 from taichisoft.errors import SceneError
@@ -17,15 +16,15 @@ def numbers(value: Any) -> np.ndarray:
     return given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(np.nan)
 
 
-def action_values(action: Any, space: gymnasium.spaces.Box) -> np.ndarray:
-    """Copy an action to numbers from -1 to 1, shape (action_count,).
+def action_values(action: Any, count: int) -> np.ndarray:
+    """Copy an action to numbers from -1 to 1, shape (count,).
 
     Raises:
-        SceneError: it has another number of entries than the space, or a value that is not finite.
+        SceneError: it has another number of entries, or a value that is not finite.
     """
     asked = numbers(action)
-    if asked.shape != space.shape or not np.isfinite(asked).all():
-        raise SceneError(f"action {action!r}: must be {space.shape[0]} finite numbers from -1 to 1")
+    if asked.shape != (count,) or not np.isfinite(asked).all():
+        raise SceneError(f"action {action!r}: must be {count} finite numbers from -1 to 1")
     return np.clip(asked, -1.0, 1.0)
 
 

@@ -249,7 +249,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             SceneError: the action has another number of entries than `action_space`, or a value that is not finite.
         """
         self._refuse_before_reset()
-        asked = action_values(action, self.action_space)
+        asked = action_values(action, len(self.action_channels))
         control = self.actuation.control(asked, self.simulation.state, self.control_period)
         diverged = {}
         try:
