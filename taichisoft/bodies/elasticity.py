@@ -11,7 +11,8 @@ from taichisoft.bodies.kernels import linear_tetrahedra as kernels
 from taichisoft.bodies.kernels.domain_deformation import Movement
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.bodies.kernels.principal_stretches import HOOKE
-from taichisoft.bodies.reduced_elasticity import ReducedElasticity, ReducedSystem, no_modes
+from taichisoft.bodies.reduced_elasticity import ReducedElasticity, no_modes
+from taichisoft.bodies.reduced_system import ReducedSystem
 from taichisoft.bodies.reinforcement_elasticity import ReinforcementElasticity, ReinforcementSystem
 from taichisoft.bodies.rotations import edge_frames
 from taichisoft.bodies.shape_functions import linear_tetrahedra

@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.bodies.domain_elasticity import aligned, domain_data, undamped_data
+from taichisoft.bodies.domain_elasticity import aligned, domain_data
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.kernels import mode_motion, reduced_domains
-from taichisoft.bodies.kernels.domain_deformation import SHAPE, Domains, Movement
-from taichisoft.bodies.kernels.principal_stretches import HOOKE
+from taichisoft.bodies.kernels.domain_deformation import SHAPE, Domains
+from taichisoft.bodies.kernels.principal_stretches import HOOKE, MU
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.runtime.tiles import TILE
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body_arrays import SoftBody
 
-# Rows of S: of a domain under Hooke's law with energy of volume alone, of others under it, and under other laws.
-DILATED_ROWS, HOOKE_ROWS, RUBBER_ROWS = 1, 6, 9
+# Rows of S of a domain under laws of rubber; under Hooke's law for energy of volume, and those that are subtracted.
+RUBBER_ROWS, VOLUME_ROWS, SKEW_ROWS = 9, 1, 3
 
 
 class ReducedElasticity:
@@ -132,20 +132,42 @@ class ReducedElasticity:
         for name in ("start", "node", "law"):
             joined[name] = joined[name].astype(np.int32)
         self.data, self.element = Domains(**joined), np.concatenate(element)
-        row_count = np.where(self.data.law == HOOKE, HOOKE_ROWS, RUBBER_ROWS)
-        row_count[(self.data.law == HOOKE) & (self.data.volume[:, SHAPE] == 0.0)] = DILATED_ROWS
-        counts = [len(part.law) for part in parts]
-        body_start = np.cumsum([0, *counts])
-        row_start = [np.cumsum(row_count[a:b]) - row_count[a:b] for a, b in pairwise(body_start)]
+        is_hooke, (shaped, dilated) = self.data.law == HOOKE, (self.data.volume > 0.0).T
+        rows = np.where(is_hooke, VOLUME_ROWS * dilated, RUBBER_ROWS)
+        skew_rows = SKEW_ROWS * (is_hooke & shaped)
+        body_start = np.cumsum([0, *(len(part.law) for part in parts)])
+        row_start, skew_start, body_rows = [], [], []
+        for a, b in pairwise(body_start):
+            row_start.append(np.cumsum(rows[a:b]) - rows[a:b])
+            skew_start.append(rows[a:b].sum() + np.cumsum(skew_rows[a:b]) - skew_rows[a:b])
+            body_rows += [rows[a:b].sum(), (rows + skew_rows)[a:b].sum()]
         self.domains = reduced_domains.ReducedDomains(
             body=np.concatenate(body_of_domain).astype(np.int32),
             body_start=body_start.astype(np.int32),
             slope_start=np.concatenate(slope_start).astype(np.int32),
             slope=_aligned_copy(np.vstack(slopes)),
             row_start=np.concatenate(row_start).astype(np.int32),
-            row_count=row_count.astype(np.int32),
-            body_rows=np.add.reduceat(row_count, body_start[:-1]).astype(np.int32),
+            skew_start=np.concatenate(skew_start).astype(np.int32),
+            body_rows=np.array(body_rows, dtype=np.int32),
         )
+
+    def slope_products(self, number: int, data: Domains) -> np.ndarray:
+        """The sum of 2 w mu B_k : B_l, times the factor of K in A, over a body's domains under Hooke's law.
+
+        Args:
+            number: of the body.
+            data: the domains with their present moduli.
+
+        Returns:
+            shape (width, width).
+        """
+        some, tiles = slice(*self.domains.body_start[number : number + 2]), int(self.modes.tiles[number])
+        first = int(self.domains.slope_start[some.start])
+        count = some.stop - some.start
+        slope = self.domains.slope[first : first + 9 * tiles * count].reshape(count, tiles, 9, TILE)
+        weight = 2.0 * (data.factor * data.volume[:, SHAPE] * data.modulus[:, MU] * (data.law == HOOKE))[some]
+        rows = (np.sqrt(weight)[:, None, None, None] * slope).transpose(0, 2, 1, 3).reshape(9 * count, TILE * tiles)
+        return np.asarray(rows.T @ rows)
 
     def _anchors_of(self, body: "SoftBody", number: int) -> tuple[np.ndarray, np.ndarray]:
         assert body.modes is not None
@@ -209,12 +231,6 @@ def padded(modes: np.ndarray, width: int) -> np.ndarray:
     return wide
 
 
-def _moment(body: "SoftBody", width: int) -> np.ndarray:
-    """Phi^T M along x, y and z in columns of eight, shape (3 width / 8, 8)."""
-    assert body.modes is not None
-    return np.asarray((body.node_mass[:, None, None] * padded(body.modes.modes, width)).sum(axis=0)).reshape(-1, TILE)
-
-
 def no_modes(node_count: int) -> mode_motion.ModeShapes:
     """For kernels, where all of so many nodes are unknowns themselves."""
     none = np.zeros(0, dtype=np.int32)
@@ -235,171 +251,3 @@ def _aligned_copy(rows: np.ndarray) -> np.ndarray:
     copy = aligned(len(rows), TILE)
     copy[:] = rows
     return copy
-
-
-class ReducedSystem:
-    """The reduced bodies at present positions, with present stiffnesses.
-
-    Attributes:
-        modes: the modes, with the frames of the bodies in the step.
-        is_reduced: whether a node moves by modes, shape (node_count, 1).
-    """
-
-    def __init__(self, elasticity: ReducedElasticity, movement: Movement, blocks: np.ndarray):
-        """Allocate the work space.
-
-        Args:
-            elasticity: the model's reduced bodies.
-            movement: positions and velocities of all nodes, which `begin` changes.
-            blocks: of the system matrix, which `assemble` fills, shape (block_count, 3, 3).
-        """
-        self._elasticity, self._movement = elasticity, movement
-        own = elasticity.modes
-        self.modes = own._replace(axes=own.axes.copy(), origin=own.origin.copy())
-        tiles, widths = own.tiles, elasticity.widths
-        start = np.cumsum([0, *tiles]).astype(np.int32)
-        position, velocity, total = (aligned(int(start[-1]), TILE) for _ in range(3))
-        self._amplitudes = mode_motion.Amplitudes(
-            start,
-            position,
-            velocity,
-            total,
-            moment=aligned(3 * int(start[-1]), TILE),
-            drag=elasticity.drag,
-            gravity=np.empty((1, 3)),
-        )
-        moments = [_moment(body, int(width)) for body, width in zip(elasticity.bodies, widths, strict=True)]
-        self._amplitudes.moment[:] = np.vstack(moments)
-        self._all_nodes = np.arange(elasticity.node_count, dtype=np.int32)
-        self.is_reduced = own.start[:, None] >= 0
-        self._nodes = mode_motion.FrameMotion(
-            rest=elasticity.node_rest, mass=elasticity.node_mass, displacement=np.zeros((elasticity.node_count, 3))
-        )
-        self._data = elasticity.data._replace(modulus=elasticity.data.modulus.copy())
-        self._undamped_data = undamped_data(self._data)
-        places = zip(elasticity.bodies, own.threes.tolist(), strict=True)
-        self._places = [slice(body.nodes.start, body.nodes.start + threes) for body, threes in places]
-        squares = np.cumsum([0, *(tiles * widths)])
-        self._stiffness = reduced_domains.ReducedStiffness(
-            rows=aligned(int((elasticity.domains.body_rows * tiles).max()), TILE),
-            force=aligned(int(start[-1]), TILE),
-            square_start=squares[:-1].astype(np.int32),
-            constant=aligned(int(squares[-1]), TILE),
-            square=aligned(int(squares[-1]), TILE),
-            block=elasticity.block,
-            block_body=elasticity.block_body,
-            block_row=elasticity.block_row,
-            block_column=elasticity.block_column,
-            blocks=blocks,
-        )
-        self._velocity, self._impulse = (np.zeros((elasticity.node_count, 3)) for _ in range(2))
-        self._unknown = np.zeros((elasticity.node_count, 3))
-        self._frames: tuple[bytes, bytes] | None = None
-        self._set_constant()
-
-    def scale_stiffness(self, factor: np.ndarray) -> None:
-        """Multiply the stiffness of each element in the model by `factor`, shape (element_count,)."""
-        model = self._elasticity
-        np.multiply(model.data.modulus, factor[model.element, None], out=self._data.modulus)
-
-    def begin(
-        self, turn: np.ndarray, shift: np.ndarray, gravity: np.ndarray, time_step: float, has_inertia: bool
-    ) -> None:
-        """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
-
-        The frames are where they will be at the end of the step, so that velocities have their motion; in first order
-        dynamics they have nothing else.
-
-        Args:
-            turn: rotation of the frame that each reduced body follows, shape (body_count, 3, 3).
-            shift: its shift [mm], shape (body_count, 3): it has moved what was at x at rest to turn @ x + shift.
-            gravity: acceleration of gravity [mm/s^2], shape (3,).
-            time_step: time step h [s].
-            has_inertia: whether dynamics are of second order.
-        """
-        self._follow(turn, shift)
-        self._amplitudes.gravity[0] = gravity
-        movement = self._movement
-        mode_motion.find_amplitudes(self.modes, self._nodes, movement.position, movement.velocity, self._amplitudes, 1)
-        mode_motion.find_reference(
-            time_step, float(has_inertia), self.modes, self._nodes, self._amplitudes, movement.velocity, 1
-        )
-
-    def _follow(self, turn: np.ndarray, shift: np.ndarray) -> None:
-        """Let the bodies' own axes follow the frames."""
-        pose = turn.tobytes(), shift.tobytes()
-        if pose == self._frames:
-            return
-        turned = self._frames is None or pose[0] != self._frames[0]
-        self._frames, own = pose, self._elasticity.modes
-        self.modes.axes[:] = turn @ own.axes
-        self.modes.origin[:] = np.einsum("bij,bj->bi", turn, own.origin) + shift
-        if turned:
-            self._set_constant()
-
-    def _set_constant(self) -> None:
-        """The matrix beside the domains: masses with their damping, and the anchors' springs."""
-        model = self._elasticity
-        for number, (stiffness, modes) in enumerate(model.anchors):
-            own = model.bodies[number].modes
-            assert own is not None
-            along = np.einsum("ij,njk->nik", self.modes.axes[number], modes)  # axes of space
-            flat = (np.sqrt(stiffness)[:, :, None] * along).reshape(-1, modes.shape[2])
-            is_mode = np.arange(flat.shape[1]) < own.mode_count
-            mass = np.where(is_mode, model.mass_factor[number], 1.0)  # what is padded stays 0, also without masses
-            matrix = model.anchor_factor[number] * (flat.T @ flat) + np.diag(mass)
-            start = int(self._stiffness.square_start[number])
-            self._stiffness.constant[start : start + matrix.size // TILE] = matrix.reshape(-1, TILE)
-
-    def assemble(self, damped: bool = True) -> None:
-        """Fill the blocks of the reduced bodies, and find the elastic forces on the amplitudes."""
-        reduced_domains.assemble_reduced(
-            self.modes,
-            self._elasticity.domains,
-            self._data if damped else self._undamped_data,
-            self._movement,
-            self._amplitudes,
-            self._stiffness,
-            1,
-        )
-
-    @property
-    def elastic(self) -> np.ndarray:
-        """Elastic forces on the unknowns, as `assemble` found them, shape (node_count, 3); 0 for full bodies."""
-        found = np.zeros((self._elasticity.node_count, 3))
-        for place, start in zip(self._places, self._amplitudes.start[:-1].tolist(), strict=True):
-            count = 3 * (place.stop - place.start)
-            found[place] = self._stiffness.force[start : start + -(-count // TILE)].reshape(-1)[:count].reshape(-1, 3)
-        return found
-
-    def right_hand_side(self, node_impulse: np.ndarray, loaded: np.ndarray, time_step: float) -> np.ndarray:
-        """Impulses on the unknowns in a step, shape (node_count, 3): on the nodes of full bodies as they are.
-
-        Args:
-            node_impulse: on the nodes [mN s], without weight and drag of reduced bodies, shape (node_count, 3).
-            loaded: the nodes of reduced bodies among which are all with an impulse, shape (count,).
-            time_step: time step h [s].
-        """
-        self._impulse[:] = self._unknown[:] = node_impulse
-        force = self._stiffness.force
-        mode_motion.project_impulses(
-            time_step, self.modes, loaded, self._impulse, force, self._amplitudes, self._unknown, 1
-        )
-        return self._unknown
-
-    def on_unknowns(self, node_impulse: np.ndarray) -> np.ndarray:
-        """Impulses on the unknowns by these on the nodes alone [mN s], shape (node_count, 3) each."""
-        found = self.right_hand_side(node_impulse, self._all_nodes, 0.0)
-        for body, place in zip(self._elasticity.bodies, self._places, strict=True):
-            found[place.stop : body.nodes.stop] = 0.0  # where no amplitude has its place
-        return found.copy()
-
-    def rates(self, node_velocity: np.ndarray) -> np.ndarray:
-        """Rates of the unknowns that are nearest to velocities of the nodes [mm/s], shape (node_count, 3) each."""
-        return self.on_unknowns(np.where(self.is_reduced, self._nodes.mass[:, None], 1.0) * node_velocity)
-
-    def node_velocity(self, unknown: np.ndarray) -> np.ndarray:
-        """Velocities of the nodes [mm/s] by rates of the unknowns, shape (node_count, 3) each."""
-        self._velocity[:] = self._unknown[:] = unknown
-        mode_motion.expand_velocities(self.modes, self._unknown, self._amplitudes, self._velocity, 1)
-        return self._velocity.copy()

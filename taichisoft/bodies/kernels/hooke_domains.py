@@ -12,7 +12,7 @@ from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries, gat
 from taichisoft.bodies.kernels.polar_rotation import polar_rotation
 from taichisoft.bodies.kernels.principal_stretches import LAMBDA, MU
 from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import CHUNK, THREADS, Integers, ti
+from taichisoft.runtime.taichi_start import CHUNK, THREADS, Integers, mat3, ti
 from taichisoft.runtime.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 # What a thread does in one go.
@@ -21,18 +21,23 @@ BLOCKS_A_TASK = 128
 
 
 @func
-def strain_domain(d: ti.i32, domains: Domains, movement: Movement, entries: HookeEntries):
-    """Forces and turned gradients of a domain."""
-    deformation, rate = deformation_and_rate(d, domains, movement)
-    rotation = polar_rotation(deformation)
-    unit = ti.Matrix.identity(ti.f64, 3)
+def corotated_stress(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains):
+    """Rotation of a domain, and its stress w P, with `lag` times what it changes by at this rate."""
+    rotation, unit = polar_rotation(deformation), ti.Matrix.identity(ti.f64, 3)
     first = domains.volume[d, DILATION] * domains.modulus[d, LAMBDA]
     second = domains.volume[d, SHAPE] * domains.modulus[d, MU]
     strain = rotation.transpose() @ (deformation + domains.lag[d] * rate) - unit
-    stress = rotation @ (first * strain.trace() * unit + second * (strain + strain.transpose()))
-    weight = second
+    return rotation, rotation @ (first * strain.trace() * unit + second * (strain + strain.transpose()))
+
+
+@func
+def strain_domain(d: ti.i32, domains: Domains, movement: Movement, entries: HookeEntries):
+    """Forces and turned gradients of a domain."""
+    deformation, rate = deformation_and_rate(d, domains, movement)
+    rotation, stress = corotated_stress(d, deformation, rate, domains)
+    weight = domains.volume[d, SHAPE] * domains.modulus[d, MU]
     if domains.volume[d, SHAPE] == 0.0:
-        weight = first
+        weight = domains.volume[d, DILATION] * domains.modulus[d, LAMBDA]
     turn = ti.sqrt(domains.factor[d] * weight) * rotation
     for c in range(domains.start[d], domains.start[d + 1]):
         g = domains.gradient[c]

@@ -3,7 +3,9 @@
 from typing import NamedTuple
 
 from taichisoft.bodies.kernels.domain_deformation import Domains, Movement, deformation_and_rate
-from taichisoft.bodies.kernels.reduced_domains import respond
+from taichisoft.bodies.kernels.hooke_domains import corotated_stress
+from taichisoft.bodies.kernels.principal_stretches import HOOKE
+from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.taichi_start import Integers, Vectors, ti, vec3
 
@@ -32,6 +34,10 @@ def sample_forces(node: Integers, around: DomainsOfNodes, domains: Domains, move
             c = around.entry[k]
             d = around.domain[c]
             deformation, rate = deformation_and_rate(d, domains, movement)
-            stress, _left, _right, _hessian, _same, _swapped = respond(d, deformation, rate, domains)
+            stress = ti.Matrix.zero(ti.f64, 3, 3)
+            if domains.law[d] == HOOKE:
+                _rotation, stress = corotated_stress(d, deformation, rate, domains)
+            else:
+                stress, _left, _right, _hessian, _same, _swapped = respond_by_stretches(d, deformation, rate, domains)
             total -= stress @ domains.gradient[c]
         force[n] = total
