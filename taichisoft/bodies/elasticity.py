@@ -25,7 +25,7 @@ from taichisoft.scenes.scene import Time
 class Elasticity:
     """All soft bodies, whose matrix A = (1 + h a) M + h (h + b) K has one block of trees per body; it never changes.
 
-    In first order dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h; in statics A = h^2 K. A
+    In overdamped dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h; in statics A = h^2 K. A
     times a velocity is an impulse as before, so that contacts and actuators need not know the difference.
 
     Linear tetrahedra under Hooke's law have a kernel of their own; all other elements are integration domains.
@@ -40,12 +40,12 @@ class Elasticity:
         volume: of their quadrature points [mm^3], shape (linear_count, point_count).
         node_mass: [kg], shape (node_count,).
         node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
-        node_lag: h + b [s]: forces are taken at positions so far ahead along the velocities; 0 in first order dynamics,
+        node_lag: h + b [s]: forces are taken at positions so far ahead along the velocities; 0 in overdamped dynamics,
             where there are no velocities before the step; shape (node_count,).
         node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: h under laws
             of rubber, else 0; shape (node_count,).
-        undamped: h / (h + b) of each linear element, 1 in first order dynamics, shape (linear_count,).
-        inertia: masses with their drag on the diagonal of the system's matrix [kg], in first order dynamics drag times
+        undamped: h / (h + b) of each linear element, 1 in overdamped dynamics, shape (linear_count,).
+        inertia: masses with their drag on the diagonal of the system's matrix [kg], in overdamped dynamics drag times
             time step, shape (node_count,).
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
         anchor_lag: as node_lag, of the anchors' springs [s]: h, or h + b where a body's anchors are damped; shape
@@ -80,8 +80,8 @@ class Elasticity:
         anchor_lag = np.where(is_damped, lag, time.step)
         mass_factor, stiffness_factor = 1.0 + time.step * rayleigh_mass, time.step * lag
         anchor_factor = time.step * anchor_lag
-        if time.dynamics != "second order":
-            drag = time.step if time.dynamics == "first order" else 0.0
+        if time.dynamics != "inertial":
+            drag = time.step if time.dynamics == "overdamped" else 0.0
             rayleigh_mass, lag, anchor_lag = (np.zeros(len(bodies)) for _ in range(3))
             mass_factor, stiffness_factor = np.full(len(bodies), drag), np.full(len(bodies), time.step**2)
             anchor_factor = stiffness_factor

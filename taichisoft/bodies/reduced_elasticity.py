@@ -54,7 +54,7 @@ class ReducedElasticity:
             lag: h + b [s] of each element of all bodies, shape (element_count,).
             factor: of the stiffness in A, likewise.
             mass_factor, anchor_factor: of each body, shape (body_count,).
-            rayleigh_mass: Rayleigh's factor a of each body, 0 in first order dynamics [1/s], shape (body_count,).
+            rayleigh_mass: Rayleigh's factor a of each body, 0 in overdamped dynamics [1/s], shape (body_count,).
             step: time step h [s].
         """
         numbers = [number for number, body in enumerate(bodies) if body.modes is not None]
@@ -307,7 +307,7 @@ class ReducedSystem:
     ) -> None:
         """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
 
-        The frames are where they will be at the end of the step, so that velocities have their motion; in first order
+        The frames are where they will be at the end of the step, so that velocities have their motion; in overdamped
         dynamics they have nothing else.
 
         Args:
@@ -315,7 +315,7 @@ class ReducedSystem:
             shift: its shift [mm], shape (body_count, 3): it has moved what was at x at rest to turn @ x + shift.
             gravity: acceleration of gravity [mm/s^2], shape (3,).
             time_step: time step h [s].
-            has_inertia: whether dynamics are of second order.
+            has_inertia: whether bodies have inertia.
         """
         self._follow(turn, shift)
         self._amplitudes.gravity[0] = gravity

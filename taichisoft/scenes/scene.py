@@ -113,7 +113,7 @@ class Time(Table):
     """Time step [s]."""
     duration: Positive = 1.0
     """Duration of a run [s]."""
-    dynamics: Literal["second order", "first order", "static"] = "second order"
+    dynamics: Literal["inertial", "overdamped", "static"] = "inertial"
     """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`, or
     none: a static step leads to equilibrium, whatever its length. Soft bodies alone can move without inertia, in
     statics with anchors; Rayleigh damping and their velocities at the start have no effect then."""
@@ -341,11 +341,11 @@ class Scene(Table):
     @model_validator(mode="after")
     def _check_dynamics(self) -> Self:
         dynamics = self.time.dynamics
-        free = [name for name, one in self.rigid_bodies.items() if dynamics != "first order" or one.follows is None]
-        if dynamics != "second order" and free:
+        free = [name for name, one in self.rigid_bodies.items() if dynamics != "overdamped" or one.follows is None]
+        if dynamics != "inertial" and free:
             raise ValueError(
                 f"time.dynamics = '{dynamics}' is for soft bodies alone; remove the rigid body '{free[0]}', or leave "
-                "it 'second order'"
+                "it 'inertial'"
             )
         for name, body in self.soft_bodies.items():
             if dynamics == "static" and not body.anchors:

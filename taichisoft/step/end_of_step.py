@@ -17,7 +17,7 @@ class EndOfStep:
 
         M (v - v0) = h (f(x) - d0 - b D0 (v - v0) - a M v + M g + anchors + p dq/dx(x)) + J^T l,
 
-    in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)) + J^T l, and in statics that without M v. The
+    in overdamped dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)) + J^T l, and in statics that without M v. The
     damping is that of the first linearisation: d0 where the bodies go on with v0, and D0, which has no negative
     eigenvalues.
     `SoftMotion` solves them linearised at the start of the step, or ahead of it; this class evaluates and linearises
@@ -39,9 +39,9 @@ class EndOfStep:
         self._mass = elasticity.node_mass[:, None]
         self._anchored = elasticity.diagonal - elasticity.inertia[:, None]
         self._time_step = model.scene.time.step
-        self._has_inertia = model.scene.time.dynamics == "second order"
-        self._has_drag = model.scene.time.dynamics == "first order"
-        # The lag is h + b in second order dynamics, and 0 in first order ones, where nothing is damped.
+        self._has_inertia = model.scene.time.dynamics == "inertial"
+        self._has_drag = model.scene.time.dynamics == "overdamped"
+        # The lag is h + b in inertial dynamics, and 0 in overdamped ones, where nothing is damped.
         self._is_damped = bool((elasticity.node_lag > self._time_step).any())
         self._anchors = soft.anchors._replace(lag=np.maximum(elasticity.anchor_lag - self._time_step, 0.0))
         no_nodes = {name: getattr(soft.anchors, name)[:0].copy() for name in ("node", "frame")}

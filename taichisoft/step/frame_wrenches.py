@@ -89,8 +89,8 @@ class FrameWrenches:
         assert elasticity is not None
         dynamics, count = model.scene.time.dynamics, model.node_count
         drags = {
-            "second order": elasticity.node_rayleigh_mass,
-            "first order": np.ones(count),
+            "inertial": elasticity.node_rayleigh_mass,
+            "overdamped": np.ones(count),
             "static": np.zeros(count),
         }
         impulse, before, after, place = (np.zeros((count, 3)) for _ in range(4))
@@ -114,7 +114,7 @@ class FrameWrenches:
             return np.zeros((0, 2, 3))
         held.gravity[0], held.impulse[:], held.place[:] = start.gravity, solution.contact_node_impulse, position
         held.before[:], held.after[:] = start.velocity, solution.node_velocity
-        kernels.sum_wrenches(time.step, float(time.dynamics == "second order"), held)
+        kernels.sum_wrenches(time.step, float(time.dynamics == "inertial"), held)
         return held.wrench.reshape(-1, 2, 3)
 
     def _pull(self, line: Line, start: State, tension: float) -> np.ndarray:

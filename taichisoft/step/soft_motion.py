@@ -82,7 +82,7 @@ class SoftMotion:
             SimulationDiverged: the system matrix is not positive definite.
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
-        has_inertia = self._model.scene.time.dynamics == "second order"
+        has_inertia = self._model.scene.time.dynamics == "inertial"
         self.follow_frames(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)

@@ -63,12 +63,12 @@ WRONG = [
     (soft(anchors=[{}]), "soft_bodies.finger.anchors.0: exactly one of box, group, nodes is needed; given: none"),
     ({}, "a scene needs at least one soft body or rigid body"),
     (
-        with_box(time={"dynamics": "first order"}, **soft()),
-        "time.dynamics = 'first order' is for soft bodies alone; remove the rigid body 'cube'",
+        with_box(time={"dynamics": "overdamped"}, **soft()),
+        "time.dynamics = 'overdamped' is for soft bodies alone; remove the rigid body 'cube'",
     ),
     (
         with_box(time={"dynamics": "third order"}),
-        "time.dynamics = 'third order': input should be 'second order', 'first order' or 'static'",
+        "time.dynamics = 'third order': input should be 'inertial', 'overdamped' or 'static'",
     ),
     # without effect
     (rigid(scale=2), "rigid_bodies.cube: scale would have no effect beside box; remove it"),
