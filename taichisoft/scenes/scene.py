@@ -117,11 +117,20 @@ class Time(Table):
     """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`, or
     none: a static step leads to equilibrium, whatever its length. Soft bodies alone can move without inertia, in
     statics with anchors; Rayleigh damping and their velocities at the start have no effect then."""
+    theta: Annotated[float, Field(ge=0.5, le=1.0)] = 1.0
+    """Where in the step forces are taken: 1 is implicit Euler, which damps what swings; 0.5 is of second order in the
+    step with `newton` above 1, and damps nothing. Contacts, and actuators that are solved for, obey their laws at the
+    end of the step whatever it is (Moreau and Jean's scheme)."""
     newton: Annotated[int, Field(strict=True, gt=0)] = 1
     """Most linearisations of the soft bodies' equations in a step. One is linearly implicit Euler; more lead to the
     solution of the equations at the end of the step, contacts and actuators included. Static steps make up to 400."""
     newton_tolerance: Positive = 1e-7
     """No further linearisation is made where one would move no node by more than this [mm], whatever the step."""
+
+    @property
+    def stage(self) -> float:
+        """From the start of a step to where forces are taken [s]: theta h."""
+        return self.theta * self.step
 
     @property
     def most_linearisations(self) -> int:
@@ -350,6 +359,16 @@ class Scene(Table):
         for name, body in self.soft_bodies.items():
             if dynamics == "static" and not body.anchors:
                 raise ValueError(f"time.dynamics = 'static' needs anchors of every soft body; '{name}' has none")
+            if self.time.theta < 1.0 and body.reduced is not None:
+                raise ValueError(
+                    f"time.theta = {self.time.theta:g}: bodies that move by modes take implicit Euler's steps alone; "
+                    f"leave theta 1, or remove soft_bodies.{name}.reduced"
+                )
+        if self.time.theta < 1.0 and dynamics != "inertial":
+            raise ValueError(
+                f"time.theta = {self.time.theta:g} is for bodies with inertia; leave it 1 where time.dynamics = "
+                f"'{dynamics}'"
+            )
         return self
 
     @model_validator(mode="after")

@@ -44,7 +44,7 @@ class ActuatorRequests:
         bounds: bounds of the rows, see `solver/kernels/actuator_bounds.py`, shape (row_count, 6).
         first_impulse: initial guess of the solver [mN s, of a volume kPa s], shape (row_count,).
         start_values: coordinates at the start of the step [mm^3] and [mm], shape (coordinate_count,).
-        lead_rate: rates by the shift to the place of the measurement over the time step, shape (coordinate_count,).
+        lead_rate: rates by the shift to the place of the measurement over `Time.stage`, shape (coordinate_count,).
         compliances: first row and own compliance [mm/s per mN s] of each elastic cable with rows, and of each law.
         laws: laws that rows follow, with the lines that stand for them in `mean_rate` and `compliances`.
     """
@@ -61,12 +61,19 @@ class ActuatorRequests:
     laws: tuple[FollowedLaw, ...] = ()
 
     def linearised(
-        self, geometry: ActuatorGeometry, growth: np.ndarray, rate: np.ndarray, impulse: np.ndarray, time_step: float
+        self,
+        geometry: ActuatorGeometry,
+        growth: np.ndarray,
+        rate: np.ndarray,
+        impulse: np.ndarray,
+        time_step: float,
+        theta: float = 1.0,
     ) -> "ActuatorRequests":
         """The same requests, linearised at another place and with another initial guess.
 
         A row's target rate belongs to the mean rate of its coordinate in the step, (q - q0) / h, which is linear in the
-        velocities around the present ones: (q' - q0) / h + dq/dx (v - v').
+        velocities around the present ones: (q' - q0) / h + dq/dx (v - v'). With theta below 1 it belongs to
+        dq/dx v, the rate after the step; what is missed by that is in the next step's q0.
 
         Args:
             geometry: gradients and lengths at the place of the linearisation.
@@ -74,12 +81,13 @@ class ActuatorRequests:
             rate: dq/dx v' by the velocities v' that lead there, shape (coordinate_count,).
             impulse: initial guess of the rows' impulses, shape (row_count,).
             time_step: time step h [s].
+            theta: where in the step the place of the linearisation is, as `Time.theta`.
         """
         here = self.following([law.moved(impulse[law.row] / time_step) for law in self.laws], time_step)
         rows, bounds = self.coordinates, self.bounds.copy()
         rubs = bounds[:, GRIP] >= 0.0
         bounds[rubs, GRIP] = geometry.grip[rows[rubs]]
-        target_rate = here.mean_rate + (rate - growth / time_step)[rows]
+        target_rate = here.mean_rate + (rate - growth / time_step)[rows] if theta == 1.0 else here.mean_rate
         return replace(here, target_rate=target_rate, bounds=bounds, first_impulse=impulse)
 
     def following(self, laws: Sequence[FollowedLaw], time_step: float) -> "ActuatorRequests":
@@ -129,14 +137,14 @@ def request(model: Model, state: State, geometry: ActuatorGeometry) -> ActuatorR
         requests = ActuatorRequests(load, *NO_ROWS, geometry.values(), np.zeros(count), ())
     if model.elasticity is None or not count or not model.elasticity.node_lead.any():
         return requests
-    time_step, lead = model.scene.time.step, model.elasticity.node_lead[:, None] * state.velocity
+    time, lead = model.scene.time, model.elasticity.node_lead[:, None] * state.velocity
     ahead = PosesAhead(state.position + lead, state.rigid_position, state.rigid_rotation)
     geometry.update(ahead, model.placed_pull_points(state))
-    requests = replace(requests, lead_rate=geometry.rates(lead / time_step, np.zeros((len(state.rigid_position), 6))))
+    requests = replace(requests, lead_rate=geometry.rates(lead / time.stage, np.zeros((len(state.rigid_position), 6))))
     if not len(requests.coordinates):
         return requests
     growth = geometry.values() - requests.start_values
-    return requests.linearised(geometry, growth, requests.lead_rate, requests.first_impulse, time_step)
+    return requests.linearised(geometry, growth, requests.lead_rate, requests.first_impulse, time.step, time.theta)
 
 
 def _rows(

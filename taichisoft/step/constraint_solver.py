@@ -17,7 +17,7 @@ from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.compliance import assemble_compliance
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import Shift, StepProblem, StepSolution
+from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
 
 FIRST_CAPACITY = 16
 # Most tangents to the laws of actuators in a solve; usually three.
@@ -108,15 +108,21 @@ class ConstraintSolver:
         report_contacts(alarm_distance, table.found, table.choice, table.impulse, self._rows.solver.answer, reported)
         return reported
 
-    def find_shift(self, problem: StepProblem) -> Shift | None:
+    def find_shift(self, problem: StepProblem, solution: StepSolution) -> Shift | None:
         """Find velocities that separate overlapping bodies at the end of the step (split impulses), or None.
 
         Solved with the same compliance, without friction and actuators: u_n >= -gap / h with the gap at the end of the
         step (Cline and Pai 2003, Post-stabilization for rigid body simulation with contact and constraints). The free
         motion of the bodies is overwritten.
         """
-        table, rigid = problem.contacts, self._rigid
-        if self._settings.depth != "position" or not table.contact_count or not self._active_set.add_deep():
+        table, rigid, theta = problem.contacts, self._rigid, self._model.scene.time.theta
+        if self._settings.depth != "position" or not table.contact_count:
+            return None
+        moving = None
+        if theta < 1.0:
+            moving = moving_velocity(theta, problem.start.velocity, solution.node_velocity)
+            rigid.state.linear[:], rigid.state.angular[:] = np.hsplit(rigid.moving_velocity(solution.rigid_velocity), 2)
+        if not self._active_set.add_deep(moving):
             return None
         rigid.state.free[:] = 0.0
         if self._soft is not None:

@@ -11,6 +11,7 @@ from taichisoft.bodies.rotations import (
 from taichisoft.model import Model
 from taichisoft.scenes.rigid_body import RigidSpringsSettings
 from taichisoft.state import State
+from taichisoft.step.solution import moving_velocity
 
 
 class RigidMotion:
@@ -24,7 +25,7 @@ class RigidMotion:
     def __init__(self, model: Model):
         """Allocate the work space."""
         count = len(model.rigid_bodies)
-        self._time_step = model.scene.time.step
+        self._time_step, self._theta = model.scene.time.step, model.scene.time.theta
         self.carried = CarriedBodies(model)
         bodies = enumerate(model.rigid_bodies)
         self._springs = [BodySprings(model, i, one.springs) for i, one in bodies if one.springs is not None]
@@ -61,19 +62,20 @@ class RigidMotion:
     def begin(self, state: State) -> None:
         """Begin a step with the poses and velocities of `state`; compute the velocities after it without impulses."""
         rigid = self.state
+        self._before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
         if not len(rigid.position):
             return
         rigid.position[:], rigid.quaternion[:] = state.rigid_position, state.rigid_rotation
         rigid.linear[:], rigid.angular[:] = state.rigid_velocity, state.rigid_angular_velocity
         rigid.impulse[:] = 0.0
         self._bodies.gravity[0] = state.gravity
-        kernels.solve_free_motion(self._time_step, self._bodies, rigid)
+        kernels.solve_free_motion(self._time_step, self._theta, self._bodies, rigid)
         self.carried.begin(state, self._time_step, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:
                 rigid.free[body, :3] += self._time_step * acceleration
         for springs in self._springs:
-            springs.pull(state, self._time_step, rigid)
+            springs.pull(state, self._time_step, self._theta, rigid)
 
     def apply_impulses(self) -> None:
         """Apply the impulses to the velocities of the bodies."""
@@ -84,6 +86,13 @@ class RigidMotion:
     def velocity(self) -> np.ndarray:
         """Linear [mm/s] and angular [rad/s] velocities, shape (rigid_count, 6)."""
         return np.hstack([self.state.linear, self.state.angular])
+
+    def moving_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """The velocities along which the step moves the bodies that have others after it, shape (rigid_count, 6)."""
+        moving = moving_velocity(self._theta, self._before, velocity)
+        if moving is not velocity:
+            moving[self.carried.index] = velocity[self.carried.index]
+        return moving
 
     def end_poses(self, *velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses after moving with each of the velocities in turn, over the whole time step, from the start of the step.
@@ -155,8 +164,11 @@ class BodySprings:
         self._springs, self._start = springs, model.rigid_bodies[body].start_position
         self._start_turn = matrices_from_quaternions(model.rigid_bodies[body].start_rotation[None])[0]
 
-    def pull(self, state: State, time_step: float, rigid: kernels.RigidState) -> None:
-        """Let them act implicitly: (M + h (h + b) K) v = M v_free - h K d, with the displacement d and the lag b."""
+    def pull(self, state: State, time_step: float, theta: float, rigid: kernels.RigidState) -> None:
+        """Let them act implicitly, with the displacement d, the lag b and s = theta h:
+
+        (M + s (s + b) K) v = M v_free - h K (d + (1 - theta) (s + b) v0).
+        """
         body, springs, place, turn = self._body, self._springs, self._start, self._start_turn
         if self._frame >= 0:
             places = self._frames.places(state.frame_pose)
@@ -165,7 +177,12 @@ class BodySprings:
         stiffness = np.repeat([springs.stiffness, springs.angular_stiffness], 3)
         mass = np.linalg.inv(rigid.inverse_mass[body])
         load = mass @ rigid.free[body] - time_step * stiffness * np.append(rigid.position[body] - place, off)
-        mass += np.diag(time_step * (time_step + springs.rayleigh_stiffness) * stiffness)
+        stage = theta * time_step
+        lag = stage + springs.rayleigh_stiffness
+        if theta < 1.0:
+            before = np.append(state.rigid_velocity[body], state.rigid_angular_velocity[body])
+            load -= time_step * (1.0 - theta) * lag * stiffness * before
+        mass += np.diag(stage * lag * stiffness)
         rigid.inverse_mass[body] = np.linalg.inv(mass)
         rigid.free[body] = rigid.inverse_mass[body] @ load
 

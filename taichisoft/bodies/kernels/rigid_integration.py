@@ -51,7 +51,7 @@ def skew(v: vec3) -> mat3:
 
 
 @kernel
-def solve_free_motion(time_step: ti.f64, bodies: RigidBodies, rigid: RigidState):
+def solve_free_motion(time_step: ti.f64, theta: ti.f64, bodies: RigidBodies, rigid: RigidState):
     """Rotation matrices, velocities after a step without contact, and inverse masses in world axes.
 
     The gyroscopic torque is taken implicitly, one Newton step in the body frame, since the explicit one makes
@@ -76,7 +76,7 @@ def solve_free_motion(time_step: ti.f64, bodies: RigidBodies, rigid: RigidState)
         local = to_world.transpose() @ rigid.angular[b]
         inertia = bodies.inertia[b]
         momentum = inertia @ local
-        jacobian = inertia + time_step * (skew(local) @ inertia - skew(momentum))
+        jacobian = inertia + theta * time_step * (skew(local) @ inertia - skew(momentum))
         turning = to_world @ (local - jacobian.inverse() @ (time_step * local.cross(momentum)))
         falling = rigid.linear[b] + time_step * bodies.gravity[0]
         turned_inverse = to_world @ bodies.inverse_inertia[b] @ to_world.transpose()
