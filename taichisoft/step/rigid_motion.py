@@ -69,7 +69,9 @@ class RigidMotion:
         rigid.linear[:], rigid.angular[:] = state.rigid_velocity, state.rigid_angular_velocity
         rigid.impulse[:] = 0.0
         self._bodies.gravity[0] = state.gravity
-        kernels.solve_free_motion(self._time_step, self._theta, self._bodies, rigid)
+        kernels.solve_free_motion(self._time_step, self._bodies, rigid)
+        if self._theta < 1.0:
+            kernels.solve_free_turning(self._time_step, self._theta, self._bodies, rigid)
         self.carried.begin(state, self._time_step, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:
