@@ -229,7 +229,7 @@ class ConstraintSolver:
 
     def _follow_laws(self, problem: StepProblem) -> tuple[StepProblem, int]:
         """Solve again until the laws of actuators hold; what is left counts as residual of the solver."""
-        solver, rows, time_step = self._rows.solver, self._rows, self._time_step
+        solver, rows, time, time_step = self._rows.solver, self._rows, self._model.scene.time, self._time_step
         iterations, first_row, row_count = solver.iterations, self._rows.actuators.start, self._rows.row_count
         compliance = rows.compliance[: row_count**2].reshape(row_count, row_count)
         for _ in range(MOST_TANGENTS):
@@ -238,13 +238,13 @@ class ConstraintSolver:
             laws = [law.solved(float(effort[law.row])) for law in before.laws]
             if all(law.holds for law in laws):
                 return problem, iterations
-            requests = replace(before.following(laws, time_step), first_impulse=effort * time_step)
+            requests = replace(before.following(laws, time), first_impulse=effort * time_step)
             problem = replace(problem, requests=requests)
             rows.rows.free[rows.actuators] -= requests.target_rate - before.target_rate
             for law in before.laws:
-                compliance[first_row + law.row, first_row + law.row] -= law.compliance(time_step)[0, 0]
+                compliance[first_row + law.row, first_row + law.row] -= law.compliance(time.stage)[0, 0]
             for law in laws:
-                compliance[first_row + law.row, first_row + law.row] += law.compliance(time_step)[0, 0]
+                compliance[first_row + law.row, first_row + law.row] += law.compliance(time.stage)[0, 0]
             solver.solve(self._settings.tolerance, self._settings.max_iterations)
             iterations += solver.iterations
         missed = max(law.missed * law.law.scale for law in problem.requests.laws)

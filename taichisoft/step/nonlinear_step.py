@@ -7,7 +7,7 @@ import numpy as np
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.model import Model
-from taichisoft.solver.actuator_requests import ActuatorRequests
+from taichisoft.solver.actuator_requests import ActuatorRequests, rates_before
 from taichisoft.step.anderson_mixing import AndersonMixing
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.end_of_step import EndOfStep
@@ -58,7 +58,7 @@ class NonlinearStep:
         self.equations = EndOfStep(model, elasticity, soft, self.geometry)
         self._soft, self._rigid, self._constraint_solver = soft, rigid, constraint_solver
         self._time_step, self._most = model.scene.time.step, model.scene.time.most_linearisations
-        self._stage, self._theta = model.scene.time.stage, model.scene.time.theta
+        self._time, self._stage, self._theta = model.scene.time, model.scene.time.stage, model.scene.time.theta
         self._tolerance = model.scene.time.newton_tolerance
         self._is_static = model.scene.time.dynamics == "static"
 
@@ -96,7 +96,9 @@ class NonlinearStep:
             values, rates = self.geometry.values(), self._rates(solution)
             impulse = solution.effort[first.coordinates] * self._time_step
             growth = values - first.start_values
-            requests = first.linearised(self.geometry, growth, rates, impulse, self._time_step, self._theta)
+            requests = first.linearised(
+                self.geometry, growth, rates, rates_before(self._start, self.geometry), impulse, self._time
+            )
             problem = replace(problem, geometry=self.geometry, requests=requests)
             force = equations.linearise(first.load)
             before, solution = solution, solver.solve(problem, solution)
