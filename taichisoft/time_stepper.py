@@ -171,7 +171,7 @@ class TimeStepper:
         """The state at the end of the step, where the mean of the velocities before and after it leads."""
         time_step, velocity = self.model.scene.time.step, solution.rigid_velocity
         moving = moving_velocity(self.model.scene.time.theta, start.velocity, solution.node_velocity)
-        rigid_moving = self._rigid.moving_velocity(velocity)
+        rigid_moving, velocity = self._rigid.moving_velocity(velocity), self._rigid.end_velocity(velocity)
         node_velocity = moving if self._soft is None else self._soft.end_velocity(moving, solution.node_velocity)
         is_static = self.model.scene.time.dynamics == "static"
         position = time_step * moving

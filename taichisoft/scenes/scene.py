@@ -359,15 +359,18 @@ class Scene(Table):
         for name, body in self.soft_bodies.items():
             if dynamics == "static" and not body.anchors:
                 raise ValueError(f"time.dynamics = 'static' needs anchors of every soft body; '{name}' has none")
-            if self.time.theta < 1.0 and body.reduced is not None:
-                raise ValueError(
-                    f"time.theta = {self.time.theta:g}: bodies that move by modes take implicit Euler's steps alone; "
-                    f"leave theta 1, or remove soft_bodies.{name}.reduced"
-                )
-        if self.time.theta < 1.0 and dynamics != "inertial":
+        return self
+
+    @model_validator(mode="after")
+    def _check_theta(self) -> Self:
+        """Refuse what is solved with implicit Euler alone."""
+        others = [] if self.time.dynamics == "inertial" else [f"time.dynamics = '{self.time.dynamics}'"]
+        for name, body in self.soft_bodies.items():
+            others += [] if body.reduced is None else [f"soft_bodies.{name}.reduced"]
+            others += [f"soft_bodies.{name}.cables.{one}.friction" for one, cable in body.cables.items() if cable.friction]
+        if self.time.theta < 1.0 and others:
             raise ValueError(
-                f"time.theta = {self.time.theta:g} is for bodies with inertia; leave it 1 where time.dynamics = "
-                f"'{dynamics}'"
+                f"time.theta = {self.time.theta:g} must be 1, implicit Euler, with {others[0]}; leave one of them out"
             )
         return self
 

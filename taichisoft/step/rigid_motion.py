@@ -72,7 +72,7 @@ class RigidMotion:
         kernels.solve_free_motion(self._time_step, self._bodies, rigid)
         if self._theta < 1.0:
             kernels.solve_free_turning(self._time_step, self._theta, self._bodies, rigid)
-        self.carried.begin(state, self._time_step, rigid)
+        self.carried.begin(state, self._time_step, self._theta, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:
                 rigid.free[body, :3] += self._time_step * acceleration
@@ -91,10 +91,15 @@ class RigidMotion:
 
     def moving_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """The velocities along which the step moves the bodies that have others after it, shape (rigid_count, 6)."""
-        moving = moving_velocity(self._theta, self._before, velocity)
-        if moving is not velocity:
-            moving[self.carried.index] = velocity[self.carried.index]
-        return moving
+        return self.end_velocity(moving_velocity(self._theta, self._before, velocity))
+
+    def end_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """The velocities with which the bodies go on: those that frames carry as they moved, shape (rigid_count, 6)."""
+        if self._theta == 1.0 or not len(self.carried.index):
+            return velocity
+        end = velocity.copy()
+        end[self.carried.index] = self.carried.velocity
+        return end
 
     def end_poses(self, *velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses after moving with each of the velocities in turn, over the whole time step, from the start of the step.
@@ -121,6 +126,7 @@ class CarriedBodies:
         index: their numbers among the rigid bodies, shape (carried_count,).
         frame: number of the frame that carries each, shape (carried_count,).
         position: centres of mass where the frames are at the end of the step [mm], shape (carried_count, 3).
+        velocity: with which the step leads there [mm/s] and [rad/s], shape (carried_count, 6).
     """
 
     def __init__(self, model: Model):
@@ -132,9 +138,14 @@ class CarriedBodies:
         self._start = np.array([body.start_position for body in bodies]).reshape(-1, 3)
         self._start_turn = matrices_from_quaternions(np.array([b.start_rotation for b in bodies]).reshape(-1, 4))
         self.position, self._quaternion = self._start, np.zeros((len(bodies), 4))
+        self.velocity = np.zeros((len(bodies), 6))
 
-    def begin(self, state: State, time_step: float, rigid: kernels.RigidState) -> None:
-        """Give them the velocities of the step, which no impulse changes."""
+    def begin(self, state: State, time_step: float, theta: float, rigid: kernels.RigidState) -> None:
+        """Give them the velocities of the step, which no impulse changes.
+
+        What sticks to them moves along (1 - theta) v0 + theta v. It keeps its place on them where v, after the step, is
+        u + (1 - theta) (u - u0) with their own velocities u of the step and u0 of the last.
+        """
         some = self.index
         if not len(some):
             return
@@ -148,7 +159,11 @@ class CarriedBodies:
         rigid.angular[some] = [
             vector_from_rotation(after @ before.T) / time_step for after, before in zip(turned, now, strict=True)
         ]
-        rigid.free[some] = np.hstack([rigid.linear[some], rigid.angular[some]])
+        self.velocity = np.hstack([rigid.linear[some], rigid.angular[some]])
+        rigid.free[some] = self.velocity
+        if theta < 1.0:
+            before = np.hstack([state.rigid_velocity[some], state.rigid_angular_velocity[some]])
+            rigid.free[some] += (1.0 - theta) * (self.velocity - before)
         rigid.inverse_mass[some] = 0.0
 
     def place(self, end: kernels.RigidState) -> None:
