@@ -367,7 +367,7 @@ class Scene(Table):
         others = [] if self.time.dynamics == "inertial" else [f"time.dynamics = '{self.time.dynamics}'"]
         for name, body in self.soft_bodies.items():
             others += [] if body.reduced is None else [f"soft_bodies.{name}.reduced"]
-            others += [f"soft_bodies.{name}.cables.{one}.friction" for one, cable in body.cables.items() if cable.friction]
+            others += [f"soft_bodies.{name}.cables.{key}.friction" for key, one in body.cables.items() if one.friction]
         if self.time.theta < 1.0 and others:
             raise ValueError(
                 f"time.theta = {self.time.theta:g} must be 1, implicit Euler, with {others[0]}; leave one of them out"

@@ -70,6 +70,16 @@ WRONG = [
         with_box(time={"dynamics": "third order"}),
         "time.dynamics = 'third order': input should be 'inertial', 'overdamped' or 'static'",
     ),
+    (with_box(time={"theta": 0.4}), "time.theta = 0.4: input should be greater than or equal to 0.5"),
+    (with_box(time={"theta": float("nan")}), "time.theta = nan"),
+    (
+        soft(anchors=[{"box": [[0, 0, 0], [1, 1, 1]]}]) | {"time": {"theta": 0.5, "dynamics": "static"}},
+        "time.theta = 0.5 must be 1, implicit Euler, with time.dynamics = 'static'; leave one of them out",
+    ),
+    (
+        soft(cables={"tendon": {"points": [[0, 0, 0], [1, 0, 0]], "friction": 0.2}}) | {"time": {"theta": 0.9}},
+        "must be 1, implicit Euler, with soft_bodies.finger.cables.tendon.friction; leave one of them out",
+    ),
     # without effect
     (rigid(scale=2), "rigid_bodies.cube: scale would have no effect beside box; remove it"),
     (
