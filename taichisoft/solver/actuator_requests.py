@@ -66,7 +66,7 @@ class ActuatorRequests:
         geometry: ActuatorGeometry,
         growth: np.ndarray,
         rate: np.ndarray,
-        rate_before: np.ndarray,
+        start: State,
         impulse: np.ndarray,
         time: Time,
     ) -> "ActuatorRequests":
@@ -82,7 +82,7 @@ class ActuatorRequests:
             geometry: gradients and lengths at the place of the linearisation.
             growth: q' - q0, growth of the coordinates since the start of the step, shape (coordinate_count,).
             rate: dq/dx u' by the velocities u' that lead there, shape (coordinate_count,).
-            rate_before: dq/dx v0 by the velocities before the step, shape (coordinate_count,).
+            start: the state at the start of the step.
             impulse: initial guess of the rows' impulses, shape (row_count,).
             time: time stepping.
         """
@@ -94,7 +94,9 @@ class ActuatorRequests:
             target_rate = here.mean_rate + (rate - growth / time.step)[rows]
         else:
             target_rate, own = here.mean_rate.copy(), [law.row for law in here.laws]
-            missing = rate - growth / time.stage - (1.0 - time.theta) * rate_before
+            rigid_velocity = np.hstack([start.rigid_velocity, start.rigid_angular_velocity])
+            missing = rate - growth / time.stage
+            missing -= (1.0 - time.theta) * geometry.rates(start.velocity, rigid_velocity)
             target_rate[own] += missing[rows[own]] / time.theta
         return replace(here, target_rate=target_rate, bounds=bounds, first_impulse=impulse)
 
@@ -153,13 +155,7 @@ def request(model: Model, state: State, geometry: ActuatorGeometry) -> ActuatorR
     if not len(requests.coordinates):
         return requests
     growth = geometry.values() - requests.start_values
-    rates = requests.lead_rate, rates_before(state, geometry)
-    return requests.linearised(geometry, growth, *rates, requests.first_impulse, time)
-
-
-def rates_before(state: State, geometry: ActuatorGeometry) -> np.ndarray:
-    """Rates of the actuators' coordinates by the velocities of a state, shape (coordinate_count,)."""
-    return geometry.rates(state.velocity, np.hstack([state.rigid_velocity, state.rigid_angular_velocity]))
+    return requests.linearised(geometry, growth, requests.lead_rate, state, requests.first_impulse, time)
 
 
 def _rows(
@@ -223,5 +219,5 @@ def _rows(
     )
     if theta == 1.0 or not laws:
         return requests
-    here, before = np.zeros(len(load)), rates_before(state, geometry)
-    return requests.linearised(geometry, here, here, before, requests.first_impulse, model.scene.time)
+    here = np.zeros(len(load))
+    return requests.linearised(geometry, here, here, state, requests.first_impulse, model.scene.time)

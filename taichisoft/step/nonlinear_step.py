@@ -7,7 +7,7 @@ import numpy as np
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.model import Model
-from taichisoft.solver.actuator_requests import ActuatorRequests, rates_before
+from taichisoft.solver.actuator_requests import ActuatorRequests
 from taichisoft.step.anderson_mixing import AndersonMixing
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.end_of_step import EndOfStep
@@ -96,9 +96,7 @@ class NonlinearStep:
             values, rates = self.geometry.values(), self._rates(solution)
             impulse = solution.effort[first.coordinates] * self._time_step
             growth = values - first.start_values
-            requests = first.linearised(
-                self.geometry, growth, rates, rates_before(self._start, self.geometry), impulse, self._time
-            )
+            requests = first.linearised(self.geometry, growth, rates, self._start, impulse, self._time)
             problem = replace(problem, geometry=self.geometry, requests=requests)
             force = equations.linearise(first.load)
             before, solution = solution, solver.solve(problem, solution)

@@ -156,7 +156,7 @@ class StepDerivative:
             self._nonlinear.equations.move(solution.node_velocity, *poses, frames=start)
             rates = self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
             growth = self.geometry.values() - requests.start_values
-            requests = requests.linearised(self.geometry, growth, rates, rates, impulse, time)
+            requests = requests.linearised(self.geometry, growth, rates, start, impulse, time)
         effort = requests.load.copy()
         effort[self._coordinates] = impulse / time_step
         node_impulse = np.zeros((0, 3))
