@@ -191,7 +191,7 @@ class Model:
             )
         names = [name for name in type(self.scene.limits).model_fields if name.endswith(("_rate", "_speed"))]
         limits = self.scene.limits.model_copy(update=dict.fromkeys(names))
-        time = self.scene.time.model_copy(update={"dynamics": "static"})
+        time = self.scene.time.model_copy(update={"dynamics": "static", "theta": 1.0})
         other = copy.copy(self)
         free = dict.fromkeys(("speed", "turning_speed", "path"))  # on a path it stays where it is now
         frames = {name: one.model_copy(update=free) for name, one in self.scene.frames.items()}

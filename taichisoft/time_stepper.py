@@ -1,4 +1,4 @@
-"""The time step: implicit Euler, contacts and actuators solved together."""
+"""The time step: implicit, with contacts and actuators solved together."""
 
 import time
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import Shift, StepProblem, StepSolution
+from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
 from taichisoft.step.step_derivative import StepDerivative
 
 
@@ -96,7 +96,7 @@ class TimeStepper:
         start = apply_control(self.model, self.state, control)
         problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)
-        shift = self._constraint_solver.find_shift(problem)
+        shift = self._constraint_solver.find_shift(problem, solution)
         gradient = self._geometry.gradient.soft.copy() if self._has_reduced_bodies else None
         end = self._integrate(start, solution, shift, reported)
         self._divergence_check.check(start, end)
@@ -112,12 +112,14 @@ class TimeStepper:
 
         Raises:
             ControlError, SimulationDiverged: see `step`.
-            SceneError: see `StepDerivative`.
+            SceneError: see `StepDerivative`; or steps are not those of implicit Euler.
         """
+        if self.model.scene.time.theta < 1.0:
+            raise SceneError("time.theta: derivatives are of implicit Euler's steps alone; leave it 1")
         start = apply_control(self.model, self.state, control)
         problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)
-        shift = self._constraint_solver.find_shift(problem)
+        shift = self._constraint_solver.find_shift(problem, solution)
         self._divergence_check.check(start, self._integrate(start, solution, shift, reported))
         if shift is not None:  # which was found in the same work space
             problem, solution = self._solve(start)
@@ -166,14 +168,17 @@ class TimeStepper:
         shift: Shift | None,
         reported: ReportedContacts,
     ) -> State:
-        """The state at the end of the step, by the solution's velocities."""
+        """The state at the end of the step, where the mean of the velocities before and after it leads."""
         time_step, velocity = self.model.scene.time.step, solution.rigid_velocity
+        moving = moving_velocity(self.model.scene.time.theta, start.velocity, solution.node_velocity)
+        rigid_moving, velocity = self._rigid.moving_velocity(velocity), self._rigid.end_velocity(velocity)
+        node_velocity = moving if self._soft is None else self._soft.end_velocity(moving, solution.node_velocity)
         is_static = self.model.scene.time.dynamics == "static"
-        position = time_step * solution.node_velocity
+        position = time_step * moving
         position += start.position
         if shift is not None:
             position += time_step * shift.node_velocity
-        velocities = (velocity,) if shift is None else (velocity, shift.rigid_velocity)
+        velocities = (rigid_moving,) if shift is None else (rigid_moving, shift.rigid_velocity)
         rigid_position, rigid_rotation = self._rigid.end_poses(*velocities)
         # Frames and so pull points have moved already: they are where the start of a step is asked to have them.
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
@@ -187,12 +192,14 @@ class TimeStepper:
             time=(start.step + 1) * time_step,
             step=start.step + 1,
             position=position,
-            velocity=np.zeros_like(position) if is_static else solution.node_velocity,
+            velocity=np.zeros_like(position) if is_static else node_velocity,
             rigid_position=rigid_position,
             rigid_rotation=rigid_rotation,
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
-            frame_wrench=self._frame_wrenches.find(start, position, solution, cable_forces, self._rigid.carried),
+            frame_wrench=self._frame_wrenches.find(
+                start, position, node_velocity, solution, cable_forces, self._rigid.carried
+            ),
             actuator_effort=effort,
             actuator_value=value,
             actuator_loss=loss,

@@ -33,14 +33,14 @@ class DomainElasticity:
     hooke: "HookeDomains | None" = None
     rubber: "RubberDomains | None" = None
 
-    def __init__(self, bodies: "Sequence[SoftBody]", lag: np.ndarray, factor: np.ndarray, step: float):
+    def __init__(self, bodies: "Sequence[SoftBody]", lag: np.ndarray, factor: np.ndarray, stage: float):
         """Lay out the arrays.
 
         Args:
             bodies: all bodies; bodies without domains are skipped.
-            lag: h + b [s] of each element of all bodies, shape (element_count,).
+            lag: s + b [s] of each element of all bodies, shape (element_count,).
             factor: of the stiffness in A, likewise.
-            step: time step h [s].
+            stage: s, from the start of a step to where forces are taken [s].
         """
         first_element = np.cumsum([0, *(len(body.elements) for body in bodies)])
         found = [
@@ -50,7 +50,7 @@ class DomainElasticity:
         ]
         self.domains = IntegrationDomains.joined(found)
         laws = ElasticLaws.joined([body.laws for body in bodies])
-        self._arrays = (laws, lag, factor, step)
+        self._arrays = (laws, lag, factor, stage)
         self.data = domain_data(self.domains, *self._arrays)
 
     def node_pairs(self) -> tuple[np.ndarray, np.ndarray]:
@@ -188,9 +188,9 @@ def aligned(count: int, width: int) -> np.ndarray:
 
 
 def domain_data(
-    domains: IntegrationDomains, laws: ElasticLaws, lag: np.ndarray, factor: np.ndarray, step: float
+    domains: IntegrationDomains, laws: ElasticLaws, lag: np.ndarray, factor: np.ndarray, stage: float
 ) -> kernels.Domains:
-    """The arrays that kernels read, from laws, lag and factor of all elements, and time step h."""
+    """The arrays that kernels read, from laws, lag and factor of all elements, and the time s to where forces are."""
     element = domains.element
     own_laws = laws.select(element)
     return kernels.Domains(
@@ -203,7 +203,7 @@ def domain_data(
         pure_number=own_laws.pure_number,
         lag=lag[element],
         factor=factor[element],
-        undamped=step / np.maximum(lag[element], step),
+        undamped=stage / np.maximum(lag[element], stage),
     )
 
 

@@ -24,9 +24,10 @@ from taichisoft.scenes.scene import Time
 
 
 class Elasticity:
-    """All soft bodies, whose matrix A = (1 + h a) M + h (h + b) K has one block of trees per body; it never changes.
+    """All soft bodies, whose matrix A = (1 + s a) M + s (s + b) K has one block of trees per body; it never changes.
 
-    In first order dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h; in statics A = h^2 K. A
+    s = theta h, `Time.stage`, is where in the step forces are taken; h in implicit Euler.
+    In overdamped dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h; in statics A = h^2 K. A
     times a velocity is an impulse as before, so that contacts and actuators need not know the difference.
 
     Linear tetrahedra under Hooke's law have a kernel of their own; all other elements are integration domains.
@@ -41,16 +42,18 @@ class Elasticity:
         volume: of their quadrature points [mm^3], shape (linear_count, point_count).
         node_mass: [kg], shape (node_count,).
         node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
-        node_lag: h + b [s]: forces are taken at positions so far ahead along the velocities; 0 in first order dynamics,
+        node_lag: s + b [s]: forces are taken at positions so far ahead along the velocities; 0 in overdamped dynamics,
             where there are no velocities before the step; shape (node_count,).
-        node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: h under laws
+        node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: s under laws
             of rubber, else 0; shape (node_count,).
-        undamped: h / (h + b) of each linear element, 1 in first order dynamics, shape (linear_count,).
-        inertia: masses with their drag on the diagonal of the system's matrix [kg], in first order dynamics drag times
+        undamped: s / (s + b) of each linear element, 1 in overdamped dynamics, shape (linear_count,).
+        inertia: masses with their drag on the diagonal of the system's matrix [kg], in overdamped dynamics drag times
             time step, shape (node_count,).
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
-        anchor_lag: as node_lag, of the anchors' springs [s]: h, or h + b where a body's anchors are damped; shape
-            (node_count,).
+        anchor_lag: as node_lag, of the anchors' springs [s]: s + r (h - s), or that and b where a body's anchors are
+            damped; shape (node_count,).
+        rigidity: r = h^2 k / (m + h^2 k) of the anchors' springs along x, y and z [-]: 1 of rigid ones, which are where
+            they are put at the end of the step, 0 of soft ones; shape (node_count, 3).
         diagonal: the rest of A beside the stiffness of the elements: masses with their damping, and anchors [kg], shape
             (node_count, 3).
         symbolic: the pattern of A and of its factor.
@@ -75,32 +78,36 @@ class Elasticity:
         self.anchor_stiffness = np.vstack([body.anchor_stiffness for body in bodies])
         node_counts = [len(body.rest_position) for body in bodies]
         rayleigh_mass = np.array([body.settings.rayleigh_mass for body in bodies])
-        lag = np.array([time.step + body.settings.rayleigh_stiffness for body in bodies])
+        stage = time.stage
+        lag = np.array([stage + body.settings.rayleigh_stiffness for body in bodies])
         # A spring taken at the end of the step pulls its node to where the base is then, however fast that moves.
         is_damped = np.array([body.settings.damped_anchors for body in bodies])
-        anchor_lag = np.where(is_damped, lag, time.step)
-        mass_factor, stiffness_factor = 1.0 + time.step * rayleigh_mass, time.step * lag
-        anchor_factor = time.step * anchor_lag
-        if time.dynamics != "second order":
-            drag = time.step if time.dynamics == "first order" else 0.0
+        anchor_lag = np.where(is_damped, lag, stage)
+        mass_factor, stiffness_factor = 1.0 + stage * rayleigh_mass, stage * lag
+        anchor_factor = stage * anchor_lag
+        if time.dynamics != "inertial":
+            drag = time.step if time.dynamics == "overdamped" else 0.0
             rayleigh_mass, lag, anchor_lag = (np.zeros(len(bodies)) for _ in range(3))
             mass_factor, stiffness_factor = np.full(len(bodies), drag), np.full(len(bodies), time.step**2)
             anchor_factor = stiffness_factor
         self.node_rayleigh_mass = np.repeat(rayleigh_mass, node_counts)
         self.node_lag = np.repeat(lag, node_counts)
-        self.anchor_lag = np.repeat(anchor_lag, node_counts)
+        stiffness = time.step**2 * self.anchor_stiffness
+        self.rigidity = stiffness / (self.node_mass[:, None] + stiffness)
+        beyond = (time.step - stage) * self.rigidity.max(axis=1)
+        self.anchor_lag = np.repeat(anchor_lag, node_counts) + beyond
         polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
         element_lag, element_factor = np.repeat(lag, counts), np.repeat(stiffness_factor, counts)
         some = self.linear
-        self.undamped = time.step / np.maximum(element_lag[some], time.step)
+        self.undamped = stage / np.maximum(element_lag[some], stage)
         turns_ahead = np.array([body.domains is not None and (body.laws.kind != HOOKE).any() for body in bodies])
-        self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), time.step, 0.0), node_counts)
+        self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), stage, 0.0), node_counts)
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
-        held = np.repeat(anchor_factor, node_counts)[:, None] * self.anchor_stiffness
+        held = (np.repeat(anchor_factor, node_counts) + stage * beyond)[:, None] * self.anchor_stiffness
         self.inertia = np.repeat(mass_factor, node_counts) * self.node_mass
         self.diagonal = self.inertia[:, None] + held
         own_domains = any(body.domains is not None and body.modes is None for body in bodies)
-        self.domains = DomainElasticity(bodies, element_lag, element_factor, time.step) if own_domains else None
+        self.domains = DomainElasticity(bodies, element_lag, element_factor, stage) if own_domains else None
         self.reduced: ReducedElasticity | None = None
         if any(body.modes is not None for body in bodies):
             factors = (mass_factor, anchor_factor, rayleigh_mass)
@@ -112,7 +119,7 @@ class Elasticity:
             self.diagonal[is_reduced] = 0.0  # they have theirs
         self.reinforcements: ReinforcementElasticity | None = None
         if any(body.reinforcements is not None for body in bodies):
-            self.reinforcements = ReinforcementElasticity(bodies, lag, stiffness_factor, time.step)
+            self.reinforcements = ReinforcementElasticity(bodies, lag, stiffness_factor, stage)
         self.symbolic = SymbolicFactor(self._pattern())
         self.block_parts = self._block_parts()
         if self.domains is not None:
@@ -167,7 +174,7 @@ class ElasticSystem:
 
     Attributes:
         position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
-        force: elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3).
+        force: elastic force less the lagged stiffness term, f - (s + b) K v [mN], shape (node_count, 3).
         rotation: of each linear element, shape (linear_count, 3, 3).
         solver: the direct solver, whose blocks are A.
         reduced: the bodies that move by modes; None without any.

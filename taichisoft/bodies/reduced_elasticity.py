@@ -54,7 +54,7 @@ class ReducedElasticity:
             lag: h + b [s] of each element of all bodies, shape (element_count,).
             factor: of the stiffness in A, likewise.
             mass_factor, anchor_factor: of each body, shape (body_count,).
-            rayleigh_mass: Rayleigh's factor a of each body, 0 in first order dynamics [1/s], shape (body_count,).
+            rayleigh_mass: Rayleigh's factor a of each body, 0 in overdamped dynamics [1/s], shape (body_count,).
             step: time step h [s].
         """
         numbers = [number for number, body in enumerate(bodies) if body.modes is not None]

@@ -82,7 +82,7 @@ class ReducedSystem:
     ) -> None:
         """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
 
-        The frames are where they will be at the end of the step, so that velocities have their motion; in first order
+        The frames are where they will be at the end of the step, so that velocities have their motion; in overdamped
         dynamics they have nothing else.
 
         Args:
@@ -90,7 +90,7 @@ class ReducedSystem:
             shift: its shift [mm], shape (body_count, 3): it has moved what was at x at rest to turn @ x + shift.
             gravity: acceleration of gravity [mm/s^2], shape (3,).
             time_step: time step h [s].
-            has_inertia: whether dynamics are of second order.
+            has_inertia: whether bodies have inertia.
         """
         self._follow(turn, shift)
         self._amplitudes.gravity[0] = gravity

@@ -24,7 +24,7 @@ class ReinforcementElasticity:
     blocks: kernels.ReinforcedBlocks
 
     def __init__(self, bodies: Sequence[SoftBody], lag: np.ndarray, factor: np.ndarray, step: float):
-        """Lay out the arrays; lag h + b [s] and factor of the stiffness in A of each body, and time step h [s]."""
+        """Lay out the arrays; lag s + b [s] and factor of the stiffness in A of each body, and s [s] of the step."""
         own = [body.reinforcements for body in bodies]
         counts = [0 if one is None else len(one.measure) for one in own]
         found = [one.moved(body.nodes.start) for one, body in zip(own, bodies, strict=True) if one is not None]

@@ -113,15 +113,24 @@ class Time(Table):
     """Time step [s]."""
     duration: Positive = 1.0
     """Duration of a run [s]."""
-    dynamics: Literal["second order", "first order", "static"] = "second order"
+    dynamics: Literal["inertial", "overdamped", "static"] = "inertial"
     """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`, or
     none: a static step leads to equilibrium, whatever its length. Soft bodies alone can move without inertia, in
     statics with anchors; Rayleigh damping and their velocities at the start have no effect then."""
+    theta: Annotated[float, Field(ge=0.5, le=1.0)] = 1.0
+    """Where in the step forces are taken: 1 is implicit Euler, which damps what swings; 0.5 is of second order in the
+    step with `newton` above 1, and damps nothing. Contacts, and actuators that are solved for, obey their laws at the
+    end of the step whatever it is (Moreau and Jean's scheme)."""
     newton: Annotated[int, Field(strict=True, gt=0)] = 1
     """Most linearisations of the soft bodies' equations in a step. One is linearly implicit Euler; more lead to the
     solution of the equations at the end of the step, contacts and actuators included. Static steps make up to 400."""
     newton_tolerance: Positive = 1e-7
     """No further linearisation is made where one would move no node by more than this [mm], whatever the step."""
+
+    @property
+    def stage(self) -> float:
+        """From the start of a step to where forces are taken [s]: theta h."""
+        return self.theta * self.step
 
     @property
     def most_linearisations(self) -> int:
@@ -341,15 +350,28 @@ class Scene(Table):
     @model_validator(mode="after")
     def _check_dynamics(self) -> Self:
         dynamics = self.time.dynamics
-        free = [name for name, one in self.rigid_bodies.items() if dynamics != "first order" or one.follows is None]
-        if dynamics != "second order" and free:
+        free = [name for name, one in self.rigid_bodies.items() if dynamics != "overdamped" or one.follows is None]
+        if dynamics != "inertial" and free:
             raise ValueError(
                 f"time.dynamics = '{dynamics}' is for soft bodies alone; remove the rigid body '{free[0]}', or leave "
-                "it 'second order'"
+                "it 'inertial'"
             )
         for name, body in self.soft_bodies.items():
             if dynamics == "static" and not body.anchors:
                 raise ValueError(f"time.dynamics = 'static' needs anchors of every soft body; '{name}' has none")
+        return self
+
+    @model_validator(mode="after")
+    def _check_theta(self) -> Self:
+        """Refuse what is solved with implicit Euler alone."""
+        others = [] if self.time.dynamics == "inertial" else [f"time.dynamics = '{self.time.dynamics}'"]
+        for name, body in self.soft_bodies.items():
+            others += [] if body.reduced is None else [f"soft_bodies.{name}.reduced"]
+            others += [f"soft_bodies.{name}.cables.{key}.friction" for key, one in body.cables.items() if one.friction]
+        if self.time.theta < 1.0 and others:
+            raise ValueError(
+                f"time.theta = {self.time.theta:g} must be 1, implicit Euler, with {others[0]}; leave one of them out"
+            )
         return self
 
     @model_validator(mode="after")

@@ -9,6 +9,7 @@ from taichisoft.actuators.finite_limits import UNLIMITED
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.body_geometry import PosesAhead
 from taichisoft.model import Model
+from taichisoft.scenes.scene import Time
 from taichisoft.solver.coordinate_laws import FollowedLaw
 from taichisoft.solver.kernels.actuator_bounds import (
     BOUND_COLUMNS,
@@ -40,11 +41,11 @@ class ActuatorRequests:
         load: known pressures [kPa] and tensions [mN], 0 for coordinates with rows, shape (coordinate_count,).
         coordinates: indices of the coordinates with rows, in rising order, shape (row_count,).
         target_rate: rate subtracted from the rate of the coordinate [mm/s or mm^3/s], shape (row_count,).
-        mean_rate: part of `target_rate` that is the mean rate of the coordinate in the step, shape (row_count,).
+        mean_rate: part of `target_rate` that does not depend on the place of the linearisation, shape (row_count,).
         bounds: bounds of the rows, see `solver/kernels/actuator_bounds.py`, shape (row_count, 6).
         first_impulse: initial guess of the solver [mN s, of a volume kPa s], shape (row_count,).
         start_values: coordinates at the start of the step [mm^3] and [mm], shape (coordinate_count,).
-        lead_rate: rates by the shift to the place of the measurement over the time step, shape (coordinate_count,).
+        lead_rate: rates by the shift to the place of the measurement over `Time.stage`, shape (coordinate_count,).
         compliances: first row and own compliance [mm/s per mN s] of each elastic cable with rows, and of each law.
         laws: laws that rows follow, with the lines that stand for them in `mean_rate` and `compliances`.
     """
@@ -61,37 +62,54 @@ class ActuatorRequests:
     laws: tuple[FollowedLaw, ...] = ()
 
     def linearised(
-        self, geometry: ActuatorGeometry, growth: np.ndarray, rate: np.ndarray, impulse: np.ndarray, time_step: float
+        self,
+        geometry: ActuatorGeometry,
+        growth: np.ndarray,
+        rate: np.ndarray,
+        start: State,
+        impulse: np.ndarray,
+        time: Time,
     ) -> "ActuatorRequests":
         """The same requests, linearised at another place and with another initial guess.
 
         A row's target rate belongs to the mean rate of its coordinate in the step, (q - q0) / h, which is linear in the
         velocities around the present ones: (q' - q0) / h + dq/dx (v - v').
 
+        With theta below 1 a law holds where forces are taken, at q0 + theta h dq/dx ((1 - theta) v0 + theta v); all
+        other rows belong to dq/dx v, the rate after the step, and what they miss by that is in the next step's q0.
+
         Args:
             geometry: gradients and lengths at the place of the linearisation.
             growth: q' - q0, growth of the coordinates since the start of the step, shape (coordinate_count,).
-            rate: dq/dx v' by the velocities v' that lead there, shape (coordinate_count,).
+            rate: dq/dx u' by the velocities u' that lead there, shape (coordinate_count,).
+            start: the state at the start of the step.
             impulse: initial guess of the rows' impulses, shape (row_count,).
-            time_step: time step h [s].
+            time: time stepping.
         """
-        here = self.following([law.moved(impulse[law.row] / time_step) for law in self.laws], time_step)
+        here = self.following([law.moved(impulse[law.row] / time.step) for law in self.laws], time)
         rows, bounds = self.coordinates, self.bounds.copy()
         rubs = bounds[:, GRIP] >= 0.0
         bounds[rubs, GRIP] = geometry.grip[rows[rubs]]
-        target_rate = here.mean_rate + (rate - growth / time_step)[rows]
+        if time.theta == 1.0:
+            target_rate = here.mean_rate + (rate - growth / time.step)[rows]
+        else:
+            target_rate, own = here.mean_rate.copy(), [law.row for law in here.laws]
+            rigid_velocity = np.hstack([start.rigid_velocity, start.rigid_angular_velocity])
+            missing = rate - growth / time.stage
+            missing -= (1.0 - time.theta) * geometry.rates(start.velocity, rigid_velocity)
+            target_rate[own] += missing[rows[own]] / time.theta
         return replace(here, target_rate=target_rate, bounds=bounds, first_impulse=impulse)
 
-    def following(self, laws: Sequence[FollowedLaw], time_step: float) -> "ActuatorRequests":
+    def following(self, laws: Sequence[FollowedLaw], time: Time) -> "ActuatorRequests":
         """The same requests with other lines for the laws, in the same order."""
         if not laws:
             return self
         mean_rate, target_rate, compliances = self.mean_rate.copy(), self.target_rate.copy(), dict(self.compliances)
         for before, law in zip(self.laws, laws, strict=True):
-            change = (law.at_zero - before.at_zero) / time_step
+            change = (law.at_zero - before.at_zero) / (time.theta * time.stage)
             mean_rate[law.row] += change
             target_rate[law.row] += change
-            compliances[law.row] = law.compliance(time_step)
+            compliances[law.row] = law.compliance(time.stage)
         return replace(
             self,
             mean_rate=mean_rate,
@@ -129,14 +147,15 @@ def request(model: Model, state: State, geometry: ActuatorGeometry) -> ActuatorR
         requests = ActuatorRequests(load, *NO_ROWS, geometry.values(), np.zeros(count), ())
     if model.elasticity is None or not count or not model.elasticity.node_lead.any():
         return requests
-    time_step, lead = model.scene.time.step, model.elasticity.node_lead[:, None] * state.velocity
+    time, lead = model.scene.time, model.elasticity.node_lead[:, None] * state.velocity
+    at_rest = np.zeros((len(state.rigid_position), 6))
     ahead = PosesAhead(state.position + lead, state.rigid_position, state.rigid_rotation)
     geometry.update(ahead, model.placed_pull_points(state))
-    requests = replace(requests, lead_rate=geometry.rates(lead / time_step, np.zeros((len(state.rigid_position), 6))))
+    requests = replace(requests, lead_rate=geometry.rates(lead / time.stage, at_rest))
     if not len(requests.coordinates):
         return requests
     growth = geometry.values() - requests.start_values
-    return requests.linearised(geometry, growth, requests.lead_rate, requests.first_impulse, time_step)
+    return requests.linearised(geometry, growth, requests.lead_rate, state, requests.first_impulse, time)
 
 
 def _rows(
@@ -149,7 +168,7 @@ def _rows(
     The pull of a cable is the sum of the bodies' deformation and its stretch; if it sticks at a point, the part beyond
     grows by its stretch alone.
     """
-    actuators, step = model.actuators, model.scene.time.step
+    actuators, step, theta = model.actuators, model.scene.time.step, model.scene.time.theta
     all_laws, laws = actuators.laws(state, step), []
     coordinates: list[np.ndarray] = []
     rates, bounds = [], []
@@ -169,7 +188,7 @@ def _rows(
         if actuator in all_laws:
             row = sum(len(before) for before in coordinates)
             laws.append(FollowedLaw.tangent(row, all_laws[actuator], float(last[own[0]])))
-            compliances.append((row, laws[-1].compliance(step)))
+            compliances.append((row, laws[-1].compliance(theta * step)))
             reference = laws[-1].at_zero
         elif imposed[actuator]:
             reference = target[actuator]
@@ -181,12 +200,12 @@ def _rows(
             rows[0, PREFERRED] = target[actuator] * step
             # A stop holds without the limits of pump and motor; but a cable cannot push there either.
             rows[0, LOWEST] = actuators.effort_at_stop[actuator] * step
-        rate[0] = (reference - now[actuator]) / step
+        rate[0] = (reference - now[actuator]) / (theta * (theta * step) if actuator in all_laws else step)
         coordinates.append(own)
         rates.append(rate)
         bounds.append(rows)
     all_coordinates, mean_rate = np.concatenate(coordinates), np.concatenate(rates)
-    return ActuatorRequests(
+    requests = ActuatorRequests(
         load=load,
         coordinates=all_coordinates,
         target_rate=mean_rate,
@@ -198,3 +217,7 @@ def _rows(
         compliances=tuple(compliances),
         laws=tuple(laws),
     )
+    if theta == 1.0 or not laws:
+        return requests
+    here = np.zeros(len(load))
+    return requests.linearised(geometry, here, here, state, requests.first_impulse, model.scene.time)

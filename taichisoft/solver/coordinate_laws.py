@@ -66,9 +66,9 @@ class FollowedLaw:
         """The tangent at another effort; this line where the effort is too low for the law."""
         return self.tangent(self.row, self.law, float(effort)) if effort > self.law.lowest_effort else self
 
-    def compliance(self, time_step: float) -> np.ndarray:
-        """The line as own compliance of the row, by impulses [mm^3/s per kPa s], shape (1, 1)."""
-        return np.array([[-self.slope / time_step**2]])
+    def compliance(self, stage: float) -> np.ndarray:
+        """The line as own compliance of the row, by impulses [mm^3/s per kPa s], shape (1, 1); see `Time.stage`."""
+        return np.array([[-self.slope / stage**2]])
 
     def solved(self, effort: float) -> "FollowedLaw":
         """The line to go on with after the problem was solved with this one, and the row found an effort."""

@@ -34,7 +34,7 @@ class ActiveSet:
         self._terms = terms = np.zeros(kernels.TERM_COUNT)
         terms[kernels.TIME_STEP], terms[kernels.CONTACT_DISTANCE] = model.scene.time.step, settings.contact_distance
         terms[kernels.TOLERANCE], terms[kernels.KEEPS_DEPTH] = settings.tolerance, settings.depth == "position"
-        terms[kernels.HAS_RESTITUTION] = model.restitution.any()
+        terms[kernels.HAS_RESTITUTION], terms[kernels.THETA] = model.restitution.any(), model.scene.time.theta
         self._violated_count = np.zeros(1, dtype=np.int32)
         self.table, self.resting_speed = NO_CONTACTS, 0.0
 
@@ -69,8 +69,16 @@ class ActiveSet:
         self._find_violated(node_velocity)
         return bool(self._violated_count[0]) and self._reduction.add_wanted(self.table, beside=True)
 
-    def add_deep(self) -> bool:
-        """Add contacts that overlap at the end of the step; True if any."""
+    def add_deep(self, moving: np.ndarray | None) -> bool:
+        """Add contacts that overlap at the end of the step; True if any.
+
+        Args:
+            moving: velocities along which the step moves the nodes, and the rigid bodies have theirs, where these are
+                not the velocities after it [mm/s], shape (node_count, 3); else None.
+        """
+        if moving is not None:
+            self._find_violated(moving)
+            self.table.gap[:] -= self._time_step * self.table.separation.unhurried[: self.table.contact_count]
         gap = self.table.gap
         deep = gap < self._deepest_left
         if not deep.any():

@@ -17,7 +17,7 @@ from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.compliance import assemble_compliance
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import Shift, StepProblem, StepSolution
+from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
 
 FIRST_CAPACITY = 16
 # Most tangents to the laws of actuators in a solve; usually three.
@@ -108,15 +108,21 @@ class ConstraintSolver:
         report_contacts(alarm_distance, table.found, table.choice, table.impulse, self._rows.solver.answer, reported)
         return reported
 
-    def find_shift(self, problem: StepProblem) -> Shift | None:
+    def find_shift(self, problem: StepProblem, solution: StepSolution) -> Shift | None:
         """Find velocities that separate overlapping bodies at the end of the step (split impulses), or None.
 
         Solved with the same compliance, without friction and actuators: u_n >= -gap / h with the gap at the end of the
         step (Cline and Pai 2003, Post-stabilization for rigid body simulation with contact and constraints). The free
         motion of the bodies is overwritten.
         """
-        table, rigid = problem.contacts, self._rigid
-        if self._settings.depth != "position" or not table.contact_count or not self._active_set.add_deep():
+        table, rigid, theta = problem.contacts, self._rigid, self._model.scene.time.theta
+        if self._settings.depth != "position" or not table.contact_count:
+            return None
+        moving = None
+        if theta < 1.0:
+            moving = moving_velocity(theta, problem.start.velocity, solution.node_velocity)
+            rigid.state.linear[:], rigid.state.angular[:] = np.hsplit(rigid.moving_velocity(solution.rigid_velocity), 2)
+        if not self._active_set.add_deep(moving):
             return None
         rigid.state.free[:] = 0.0
         if self._soft is not None:
@@ -223,7 +229,7 @@ class ConstraintSolver:
 
     def _follow_laws(self, problem: StepProblem) -> tuple[StepProblem, int]:
         """Solve again until the laws of actuators hold; what is left counts as residual of the solver."""
-        solver, rows, time_step = self._rows.solver, self._rows, self._time_step
+        solver, rows, time, time_step = self._rows.solver, self._rows, self._model.scene.time, self._time_step
         iterations, first_row, row_count = solver.iterations, self._rows.actuators.start, self._rows.row_count
         compliance = rows.compliance[: row_count**2].reshape(row_count, row_count)
         for _ in range(MOST_TANGENTS):
@@ -232,13 +238,13 @@ class ConstraintSolver:
             laws = [law.solved(float(effort[law.row])) for law in before.laws]
             if all(law.holds for law in laws):
                 return problem, iterations
-            requests = replace(before.following(laws, time_step), first_impulse=effort * time_step)
+            requests = replace(before.following(laws, time), first_impulse=effort * time_step)
             problem = replace(problem, requests=requests)
             rows.rows.free[rows.actuators] -= requests.target_rate - before.target_rate
             for law in before.laws:
-                compliance[first_row + law.row, first_row + law.row] -= law.compliance(time_step)[0, 0]
+                compliance[first_row + law.row, first_row + law.row] -= law.compliance(time.stage)[0, 0]
             for law in laws:
-                compliance[first_row + law.row, first_row + law.row] += law.compliance(time_step)[0, 0]
+                compliance[first_row + law.row, first_row + law.row] += law.compliance(time.stage)[0, 0]
             solver.solve(self._settings.tolerance, self._settings.max_iterations)
             iterations += solver.iterations
         missed = max(law.missed * law.law.scale for law in problem.requests.laws)

@@ -1,4 +1,4 @@
-"""The nonlinear equations of motion of the soft bodies at the end of a step."""
+"""The nonlinear equations of motion of the soft bodies in a step."""
 
 import numpy as np
 import scipy.sparse as sparse
@@ -10,14 +10,16 @@ from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.kernels import loads as kernels
 from taichisoft.step.soft_motion import SoftMotion
+from taichisoft.step.solution import moving_velocity
 
 
 class EndOfStep:
-    """Implicit Euler's equations of velocities v after the step, with x = x0 + h v and efforts p of coordinates q,
+    """The equations of velocities v after the step, with u = (1 - theta) v0 + theta v, forces at x = x0 + theta h u,
+    which in implicit Euler is the end of the step, and efforts p of coordinates q,
 
-        M (v - v0) = h (f(x) - d0 - b D0 (v - v0) - a M v + M g + anchors + p dq/dx(x)) + J^T l,
+        M (v - v0) = h (f(x) - d0 - b D0 (u - v0) - a M u + M g + anchors + p dq/dx(x)) + J^T l,
 
-    in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)) + J^T l, and in statics that without M v. The
+    in overdamped dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)) + J^T l, and in statics that without M v. The
     damping is that of the first linearisation: d0 where the bodies go on with v0, and D0, which has no negative
     eigenvalues.
     `SoftMotion` solves them linearised at the start of the step, or ahead of it; this class evaluates and linearises
@@ -38,12 +40,16 @@ class EndOfStep:
         self._model, self._soft, self._geometry = model, soft, geometry
         self._mass = elasticity.node_mass[:, None]
         self._anchored = elasticity.diagonal - elasticity.inertia[:, None]
-        self._time_step = model.scene.time.step
-        self._has_inertia = model.scene.time.dynamics == "second order"
-        self._has_drag = model.scene.time.dynamics == "first order"
-        # The lag is h + b in second order dynamics, and 0 in first order ones, where nothing is damped.
-        self._is_damped = bool((elasticity.node_lag > self._time_step).any())
-        self._anchors = soft.anchors._replace(lag=np.maximum(elasticity.anchor_lag - self._time_step, 0.0))
+        self._time_step, self._stage, self._theta = (
+            model.scene.time.step,
+            model.scene.time.stage,
+            model.scene.time.theta,
+        )
+        self._has_inertia = model.scene.time.dynamics == "inertial"
+        self._has_drag = model.scene.time.dynamics == "overdamped"
+        # The lag is s + b in inertial dynamics, and 0 in overdamped ones, where nothing is damped.
+        self._is_damped = bool((elasticity.node_lag > self._stage).any())
+        self._anchors = soft.anchors._replace(lag=np.maximum(elasticity.anchor_lag - self._stage, 0.0))
         no_nodes = {name: getattr(soft.anchors, name)[:0].copy() for name in ("node", "frame")}
         self._no_anchors = self._anchors._replace(**no_nodes)
         pairs = elasticity.symbolic.block_pairs
@@ -53,7 +59,8 @@ class EndOfStep:
         self._below = off
         self._order, self._column = order, column[order]
         self._row_start = np.searchsorted(row[order], np.arange(model.node_count + 1))
-        self._velocity = np.empty((model.node_count, 3))
+        self._velocity = np.empty((model.node_count, 3))  # u
+        self._after = self._velocity  # v
         self._nodes = soft.nodes._replace(
             loaded=np.arange(model.node_count, dtype=np.int32),
             mass=elasticity.node_mass,
@@ -109,11 +116,12 @@ class EndOfStep:
             self._soft.follow_frames(frames)
             self._pull_point = self._model.placed_pull_points(frames)
         system = self._soft.system
-        position = self._start.position + self._time_step * node_velocity
+        moving = moving_velocity(self._theta, self._start.velocity, node_velocity)
+        position = self._start.position + self._stage * moving
         system.position[:] = position
         system.velocity[:] = 0.0
         system.assemble(damped=False)
-        self._velocity[:] = node_velocity
+        self._velocity[:], self._after = moving, node_velocity
         self._geometry.update(PosesAhead(position, rigid_position, rigid_rotation), self._pull_point)
 
     def residual(self, effort: np.ndarray, with_anchors: bool = True) -> np.ndarray:
@@ -124,7 +132,7 @@ class EndOfStep:
             with_anchors: whether the anchors' springs count.
         """
         anchors = self._anchors if with_anchors else self._no_anchors
-        soft, velocity = self._soft, self._velocity
+        soft, velocity = self._soft, self._after
         kernels.sum_impulses(
             self._time_step,
             self._nodes,
@@ -150,7 +158,7 @@ class EndOfStep:
         return lacking
 
     def linearise(self, load: np.ndarray) -> np.ndarray:
-        """Linearise at the current positions: `SoftMotion`'s matrix, now with h^2 K(x), and begin to solve.
+        """Linearise at the current positions: `SoftMotion`'s matrix, now with s^2 K(x), and begin to solve.
 
         Args:
             load: known efforts, 0 for coordinates with rows, shape (coordinate_count,).
@@ -165,7 +173,7 @@ class EndOfStep:
         if self._is_damped:
             soft.system.solver.blocks += self._damping_blocks
         lacking = self.residual(load)
-        soft.factorise(self._start, lacking, self._velocity)
+        soft.factorise(self._start, lacking, self._after)
         return lacking
 
     def keep_matrix(self) -> None:

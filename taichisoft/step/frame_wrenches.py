@@ -54,6 +54,7 @@ class FrameWrenches:
         self,
         start: State,
         position: np.ndarray,
+        node_velocity: np.ndarray,
         solution: StepSolution,
         cable_forces: np.ndarray,
         carried: CarriedBodies,
@@ -62,15 +63,15 @@ class FrameWrenches:
 
         Args:
             start: state at the start of the step, with the frames where they are at the end.
-            position: node positions at the end of the step [mm], shape (node_count, 3).
-            solution: velocities, and impulses on the nodes and the rigid bodies.
+            position, node_velocity: of the nodes at the end of the step [mm] and [mm/s], shape (node_count, 3) each.
+            solution: impulses on the nodes and the rigid bodies.
             cable_forces: what `cable_forces` gives.
             carried: the rigid bodies that frames carry, where they are at the end of the step.
         """
         model = self._model
         frames, places, time_step = model.frames, model.places(start), model.scene.time.step
         wrench = np.zeros((len(frames.names), 2, 3))
-        of_bodies = self._of_bodies(start, position, solution)
+        of_bodies = self._of_bodies(start, position, node_velocity, solution)
         for (frame, _), by_loads, by_cables in zip(self._bodies, of_bodies, cable_forces, strict=True):
             wrench[frame] += by_loads + by_cables
         for line, coordinate in self._pulled:
@@ -89,8 +90,8 @@ class FrameWrenches:
         assert elasticity is not None
         dynamics, count = model.scene.time.dynamics, model.node_count
         drags = {
-            "second order": elasticity.node_rayleigh_mass,
-            "first order": np.ones(count),
+            "inertial": elasticity.node_rayleigh_mass,
+            "overdamped": np.ones(count),
             "static": np.zeros(count),
         }
         impulse, before, after, place = (np.zeros((count, 3)) for _ in range(4))
@@ -107,14 +108,16 @@ class FrameWrenches:
             wrench=np.empty((len(self._bodies), 6)),
         )
 
-    def _of_bodies(self, start: State, position: np.ndarray, solution: StepSolution) -> np.ndarray:
+    def _of_bodies(
+        self, start: State, position: np.ndarray, node_velocity: np.ndarray, solution: StepSolution
+    ) -> np.ndarray:
         """Wrenches of the soft bodies about the origin, but for cables, shape (body_count, 2, 3)."""
         held, time = self._held, self._model.scene.time
         if held is None:
             return np.zeros((0, 2, 3))
         held.gravity[0], held.impulse[:], held.place[:] = start.gravity, solution.contact_node_impulse, position
-        held.before[:], held.after[:] = start.velocity, solution.node_velocity
-        kernels.sum_wrenches(time.step, float(time.dynamics == "second order"), held)
+        held.before[:], held.after[:] = start.velocity, node_velocity
+        kernels.sum_wrenches(time.step, float(time.dynamics == "inertial"), held)
         return held.wrench.reshape(-1, 2, 3)
 
     def _pull(self, line: Line, start: State, tension: float) -> np.ndarray:

@@ -38,7 +38,7 @@ class Imbalance:
         reduced = [(body, first) for body, first in both if body.modes is not None]
         self._bodies = [body for body, _ in reduced]
         domains = IntegrationDomains.joined([_numbered(body, first) for body, first in reduced])
-        has_damping = time.dynamics == "second order"
+        has_damping = time.dynamics == "inertial"
         damping = [has_damping * body.settings.rayleigh_stiffness for body in model.soft_bodies]
         lag = np.repeat(time.step + np.array(damping), np.diff(first_element))
         laws = ElasticLaws.joined([body.laws for body in model.soft_bodies])
@@ -95,7 +95,7 @@ class Imbalance:
         effort = np.repeat(solution.effort, np.diff(coordinates.entry_start))
         parts = [np.bincount(coordinates.entry_node, effort * one, self._model.node_count) for one in gradient.T]
         rate = velocity = solution.node_velocity
-        if time.dynamics == "second order":
+        if time.dynamics == "inertial":
             rate = (velocity - start.velocity) / time.step + self._drag * velocity
         elif time.dynamics == "static":
             rate = np.zeros_like(velocity)

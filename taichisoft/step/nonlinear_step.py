@@ -1,4 +1,4 @@
-"""Converged implicit Euler: repeated linearisation of the soft bodies, with contacts and actuators."""
+"""Converged steps: repeated linearisation of the soft bodies, with contacts and actuators."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.end_of_step import EndOfStep
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import StepProblem, StepSolution
+from taichisoft.step.solution import StepProblem, StepSolution, moving_velocity
 
 # The line search accepts the whole step unless the slope at its end exceeds LARGE_SLOPE times the slope at its start
 # (Matthies and Strang 1979, The solution of nonlinear finite element equations); else it ends at a slope of at most
@@ -58,6 +58,7 @@ class NonlinearStep:
         self.equations = EndOfStep(model, elasticity, soft, self.geometry)
         self._soft, self._rigid, self._constraint_solver = soft, rigid, constraint_solver
         self._time_step, self._most = model.scene.time.step, model.scene.time.most_linearisations
+        self._time, self._stage, self._theta = model.scene.time, model.scene.time.stage, model.scene.time.theta
         self._tolerance = model.scene.time.newton_tolerance
         self._is_static = model.scene.time.dynamics == "static"
 
@@ -73,14 +74,15 @@ class NonlinearStep:
         before = self._free_solution(problem, solution)
         equations.begin(problem.start)
         force = equations.first_force(solution.node_velocity)
+        self._start = problem.start
         values, rates = problem.geometry.values(), first.lead_rate
-        velocity = problem.geometry.rates(solution.node_velocity, solution.rigid_velocity)
+        velocity = self._rates(solution, problem.geometry)
         mixing, residual = AndersonMixing() if self._is_static else None, np.inf
         while True:
-            aim = values + self._time_step * (velocity - rates)
+            aim = values + self._stage * (velocity - rates)
             mixed, last = mixing.next(before, solution) if mixing is not None else None, residual
             if mixed is not None:
-                self.equations.move(mixed.node_velocity, *self._rigid.end_poses(mixed.rigid_velocity))
+                self._move(mixed)
                 residual = self._missing(mixed, first, aim)
             if mixed is not None and residual < last:
                 solution = mixed
@@ -94,7 +96,7 @@ class NonlinearStep:
             values, rates = self.geometry.values(), self._rates(solution)
             impulse = solution.effort[first.coordinates] * self._time_step
             growth = values - first.start_values
-            requests = first.linearised(self.geometry, growth, rates, impulse, self._time_step)
+            requests = first.linearised(self.geometry, growth, rates, self._start, impulse, self._time)
             problem = replace(problem, geometry=self.geometry, requests=requests)
             force = equations.linearise(first.load)
             before, solution = solution, solver.solve(problem, solution)
@@ -104,7 +106,7 @@ class NonlinearStep:
 
     def linearise_at(self, solution: StepSolution, load: np.ndarray) -> None:
         """Factorise the matrix of the motion of a solution; see `EndOfStep.linearise`."""
-        self.equations.move(solution.node_velocity, *self._rigid.end_poses(solution.rigid_velocity))
+        self._move(solution)
         self.equations.linearise(load)
         self.equations.keep_matrix()
 
@@ -154,13 +156,19 @@ class NonlinearStep:
 
     def _slope(self, solution: StepSolution, forces: StepSolution, way: np.ndarray) -> float:
         """Move the bodies to a solution, and return the slope: the product of the residual there and the direction."""
-        self.equations.move(solution.node_velocity, *self._rigid.end_poses(solution.rigid_velocity))
+        self._move(solution)
         lacking = self.equations.residual(forces.effort) + self._soft.on_unknowns(forces.contact_node_impulse)
         return -float((lacking * way).sum())
 
-    def _rates(self, solution: StepSolution) -> np.ndarray:
-        """Rates of the actuators' coordinates in a solution, by the gradients at the current positions."""
-        return self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
+    def _move(self, solution: StepSolution) -> None:
+        """Move the bodies to where a step with the velocities of a solution takes forces."""
+        moving = self._theta * self._rigid.moving_velocity(solution.rigid_velocity)
+        self.equations.move(solution.node_velocity, *self._rigid.end_poses(moving))
+
+    def _rates(self, solution: StepSolution, geometry: ActuatorGeometry | None = None) -> np.ndarray:
+        """Rates of the actuators' coordinates along a solution's motion, by a geometry, else that where bodies are."""
+        moving = moving_velocity(self._theta, self._start.velocity, solution.node_velocity)
+        return (geometry or self.geometry).rates(moving, self._rigid.moving_velocity(solution.rigid_velocity))
 
     def _missing(self, solution: StepSolution, requests: ActuatorRequests, aim: np.ndarray) -> float:
         """Largest move of a node by another linearisation, or to the aims of the actuators' rows [mm]."""

@@ -11,6 +11,7 @@ from taichisoft.bodies.rotations import (
 from taichisoft.model import Model
 from taichisoft.scenes.rigid_body import RigidSpringsSettings
 from taichisoft.state import State
+from taichisoft.step.solution import moving_velocity
 
 
 class RigidMotion:
@@ -24,7 +25,7 @@ class RigidMotion:
     def __init__(self, model: Model):
         """Allocate the work space."""
         count = len(model.rigid_bodies)
-        self._time_step = model.scene.time.step
+        self._time_step, self._theta = model.scene.time.step, model.scene.time.theta
         self.carried = CarriedBodies(model)
         bodies = enumerate(model.rigid_bodies)
         self._springs = [BodySprings(model, i, one.springs) for i, one in bodies if one.springs is not None]
@@ -61,6 +62,7 @@ class RigidMotion:
     def begin(self, state: State) -> None:
         """Begin a step with the poses and velocities of `state`; compute the velocities after it without impulses."""
         rigid = self.state
+        self._before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
         if not len(rigid.position):
             return
         rigid.position[:], rigid.quaternion[:] = state.rigid_position, state.rigid_rotation
@@ -68,12 +70,14 @@ class RigidMotion:
         rigid.impulse[:] = 0.0
         self._bodies.gravity[0] = state.gravity
         kernels.solve_free_motion(self._time_step, self._bodies, rigid)
-        self.carried.begin(state, self._time_step, rigid)
+        if self._theta < 1.0:
+            kernels.solve_free_turning(self._time_step, self._theta, self._bodies, rigid)
+        self.carried.begin(state, self._time_step, self._theta, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:
                 rigid.free[body, :3] += self._time_step * acceleration
         for springs in self._springs:
-            springs.pull(state, self._time_step, rigid)
+            springs.pull(state, self._time_step, self._theta, rigid)
 
     def apply_impulses(self) -> None:
         """Apply the impulses to the velocities of the bodies."""
@@ -84,6 +88,18 @@ class RigidMotion:
     def velocity(self) -> np.ndarray:
         """Linear [mm/s] and angular [rad/s] velocities, shape (rigid_count, 6)."""
         return np.hstack([self.state.linear, self.state.angular])
+
+    def moving_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """The velocities along which the step moves the bodies that have others after it, shape (rigid_count, 6)."""
+        return self.end_velocity(moving_velocity(self._theta, self._before, velocity))
+
+    def end_velocity(self, velocity: np.ndarray) -> np.ndarray:
+        """The velocities with which the bodies go on: those that frames carry as they moved, shape (rigid_count, 6)."""
+        if self._theta == 1.0 or not len(self.carried.index):
+            return velocity
+        end = velocity.copy()
+        end[self.carried.index] = self.carried.velocity
+        return end
 
     def end_poses(self, *velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses after moving with each of the velocities in turn, over the whole time step, from the start of the step.
@@ -110,6 +126,7 @@ class CarriedBodies:
         index: their numbers among the rigid bodies, shape (carried_count,).
         frame: number of the frame that carries each, shape (carried_count,).
         position: centres of mass where the frames are at the end of the step [mm], shape (carried_count, 3).
+        velocity: with which the step leads there [mm/s] and [rad/s], shape (carried_count, 6).
     """
 
     def __init__(self, model: Model):
@@ -121,9 +138,14 @@ class CarriedBodies:
         self._start = np.array([body.start_position for body in bodies]).reshape(-1, 3)
         self._start_turn = matrices_from_quaternions(np.array([b.start_rotation for b in bodies]).reshape(-1, 4))
         self.position, self._quaternion = self._start, np.zeros((len(bodies), 4))
+        self.velocity = np.zeros((len(bodies), 6))
 
-    def begin(self, state: State, time_step: float, rigid: kernels.RigidState) -> None:
-        """Give them the velocities of the step, which no impulse changes."""
+    def begin(self, state: State, time_step: float, theta: float, rigid: kernels.RigidState) -> None:
+        """Give them the velocities of the step, which no impulse changes.
+
+        What sticks to them moves along (1 - theta) v0 + theta v. It keeps its place on them where v, after the step, is
+        u + (1 - theta) (u - u0) with their own velocities u of the step and u0 of the last.
+        """
         some = self.index
         if not len(some):
             return
@@ -137,7 +159,11 @@ class CarriedBodies:
         rigid.angular[some] = [
             vector_from_rotation(after @ before.T) / time_step for after, before in zip(turned, now, strict=True)
         ]
-        rigid.free[some] = np.hstack([rigid.linear[some], rigid.angular[some]])
+        self.velocity = np.hstack([rigid.linear[some], rigid.angular[some]])
+        rigid.free[some] = self.velocity
+        if theta < 1.0:
+            before = np.hstack([state.rigid_velocity[some], state.rigid_angular_velocity[some]])
+            rigid.free[some] += (1.0 - theta) * (self.velocity - before)
         rigid.inverse_mass[some] = 0.0
 
     def place(self, end: kernels.RigidState) -> None:
@@ -155,8 +181,11 @@ class BodySprings:
         self._springs, self._start = springs, model.rigid_bodies[body].start_position
         self._start_turn = matrices_from_quaternions(model.rigid_bodies[body].start_rotation[None])[0]
 
-    def pull(self, state: State, time_step: float, rigid: kernels.RigidState) -> None:
-        """Let them act implicitly: (M + h (h + b) K) v = M v_free - h K d, with the displacement d and the lag b."""
+    def pull(self, state: State, time_step: float, theta: float, rigid: kernels.RigidState) -> None:
+        """Let them act implicitly, with the displacement d, the lag b and s = theta h:
+
+        (M + s (s + b) K) v = M v_free - h K (d + (1 - theta) (s + b) v0).
+        """
         body, springs, place, turn = self._body, self._springs, self._start, self._start_turn
         if self._frame >= 0:
             places = self._frames.places(state.frame_pose)
@@ -165,7 +194,12 @@ class BodySprings:
         stiffness = np.repeat([springs.stiffness, springs.angular_stiffness], 3)
         mass = np.linalg.inv(rigid.inverse_mass[body])
         load = mass @ rigid.free[body] - time_step * stiffness * np.append(rigid.position[body] - place, off)
-        mass += np.diag(time_step * (time_step + springs.rayleigh_stiffness) * stiffness)
+        stage = theta * time_step
+        lag = stage + springs.rayleigh_stiffness
+        if theta < 1.0:
+            before = np.append(state.rigid_velocity[body], state.rigid_angular_velocity[body])
+            load -= time_step * (1.0 - theta) * lag * stiffness * before
+        mass += np.diag(stage * lag * stiffness)
         rigid.inverse_mass[body] = np.linalg.inv(mass)
         rigid.free[body] = rigid.inverse_mass[body] @ load
 

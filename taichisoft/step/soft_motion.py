@@ -59,6 +59,7 @@ class SoftMotion:
             position=np.empty((len(model.anchored_nodes), 3)),
         )
         pushed = np.flatnonzero(is_pushed)
+        self._rigidity = elasticity.rigidity
         self.forces = kernels.ConstantForces(node=pushed.astype(np.int32), force=constant[pushed])
         frame_count = len(model.frames.names)
         self.frames = kernels.Frames(turn=np.empty((frame_count, 3, 3)), shift=np.empty((frame_count, 3)))
@@ -69,10 +70,10 @@ class SoftMotion:
         self._load = np.empty(model.actuators.count)  # reused: a launch with a new array takes longer than its loops
 
     def begin(self, state: State, load: np.ndarray) -> None:
-        """Linearise implicit Euler with the rotations of the start of the step, and begin to solve it.
+        """Linearise the step with the rotations of its start, and begin to solve it.
 
         Without contact and with known efforts p of coordinates q the velocities after the step are
-        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v), without inertia A^-1 h (f + M g + p dq/dx).
+        v + A^-1 h (f + M g + p dq/dx - a M v - (s + b) K v), without inertia A^-1 h (f + M g + p dq/dx).
 
         Args:
             state: at the start of the step.
@@ -82,7 +83,7 @@ class SoftMotion:
             SimulationDiverged: the system matrix is not positive definite.
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
-        has_inertia = self._model.scene.time.dynamics == "second order"
+        has_inertia = self._model.scene.time.dynamics == "inertial"
         self.follow_frames(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
@@ -101,6 +102,18 @@ class SoftMotion:
         if reduced is not None:
             impulse = reduced.right_hand_side(impulse, self.nodes.loaded, self._time_step)
         self.factorise(state, impulse, known_velocity)
+
+    def end_velocity(self, moving: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """The velocities with which the nodes go on [mm/s], shape (node_count, 3).
+
+        What a rigid spring holds goes on as it moved in the step. It has no inertia of its own to speak of, and to be
+        at its place at the end of every step a velocity after the step would swing about that of the place for ever.
+
+        Args:
+            moving: velocities along which the step moves the nodes, shape (node_count, 3).
+            after: velocities after the step by its equations, shape (node_count, 3).
+        """
+        return after if moving is after else after + self._rigidity * (moving - after)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], shape (node_count, 3), by impulses on the nodes [mN s], shape (node_count, 3)."""

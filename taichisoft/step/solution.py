@@ -80,6 +80,11 @@ OF_MOTION = (
 """Fields of a solution that are arrays."""
 
 
+def moving_velocity(theta: float, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The velocity along which a step moves bodies, (1 - theta) v0 + theta v; v itself in implicit Euler."""
+    return after if theta == 1.0 else (1.0 - theta) * before + theta * after
+
+
 @dataclass(frozen=True)
 class Shift:
     """Velocities that separate overlapping bodies in a step, and are discarded afterwards.

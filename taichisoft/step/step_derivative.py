@@ -144,18 +144,19 @@ class StepDerivative:
         """What acts at the motion found, in a step from the same bodies with other requests or frames elsewhere."""
         self._rigid.begin(start)
         time_step, solution, first = self._time_step, self._solution, 3 * self._contact_count
+        time = self._model.scene.time
         impulse = self._impulse[first:]
         effort = solution.effort.copy()
         if self._nonlinear is None:
             requests = request(self._model, start, self.geometry)
-            requests = requests.following([law.moved(impulse[law.row] / time_step) for law in requests.laws], time_step)
+            requests = requests.following([law.moved(impulse[law.row] / time_step) for law in requests.laws], time)
         else:
             requests = request(self._model, start, self._problem.geometry)
             poses = self._rigid.end_poses(solution.rigid_velocity)
             self._nonlinear.equations.move(solution.node_velocity, *poses, frames=start)
             rates = self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
             growth = self.geometry.values() - requests.start_values
-            requests = requests.linearised(self.geometry, growth, rates, impulse, time_step)
+            requests = requests.linearised(self.geometry, growth, rates, start, impulse, time)
         effort = requests.load.copy()
         effort[self._coordinates] = impulse / time_step
         node_impulse = np.zeros((0, 3))

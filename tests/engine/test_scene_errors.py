@@ -63,12 +63,22 @@ WRONG = [
     (soft(anchors=[{}]), "soft_bodies.finger.anchors.0: exactly one of box, group, nodes is needed; given: none"),
     ({}, "a scene needs at least one soft body or rigid body"),
     (
-        with_box(time={"dynamics": "first order"}, **soft()),
-        "time.dynamics = 'first order' is for soft bodies alone; remove the rigid body 'cube'",
+        with_box(time={"dynamics": "overdamped"}, **soft()),
+        "time.dynamics = 'overdamped' is for soft bodies alone; remove the rigid body 'cube'",
     ),
     (
         with_box(time={"dynamics": "third order"}),
-        "time.dynamics = 'third order': input should be 'second order', 'first order' or 'static'",
+        "time.dynamics = 'third order': input should be 'inertial', 'overdamped' or 'static'",
+    ),
+    (with_box(time={"theta": 0.4}), "time.theta = 0.4: input should be greater than or equal to 0.5"),
+    (with_box(time={"theta": float("nan")}), "time.theta = nan"),
+    (
+        soft(anchors=[{"box": [[0, 0, 0], [1, 1, 1]]}]) | {"time": {"theta": 0.5, "dynamics": "static"}},
+        "time.theta = 0.5 must be 1, implicit Euler, with time.dynamics = 'static'; leave one of them out",
+    ),
+    (
+        soft(cables={"tendon": {"points": [[0, 0, 0], [1, 0, 0]], "friction": 0.2}}) | {"time": {"theta": 0.9}},
+        "must be 1, implicit Euler, with soft_bodies.finger.cables.tendon.friction; leave one of them out",
     ),
     # without effect
     (rigid(scale=2), "rigid_bodies.cube: scale would have no effect beside box; remove it"),

@@ -77,7 +77,7 @@ def createScene(root):
 def test_a_tray_on_springs_without_mass_is_where_its_rest_pose_is(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It moves in first order dynamics beside a ball that does not, and lifts the ball by what the scene writes."""
+    """It moves in overdamped dynamics beside a ball that does not, and lifts the ball by what the scene writes."""
     block = make_block((1, 1, 1), (60.0, 60.0, 30.0))
     write_stl(block.nodes, boundary_triangles(block.elements), folder / "block.stl")
     maze = run(folder, monkeypatch, MAZE)

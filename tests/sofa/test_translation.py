@@ -471,7 +471,7 @@ def test_a_cable_pulls_at_areas(folder: Path, settings: str, shares: dict[int, f
 def test_first_order_dynamics_is_that_of_the_whole_scene(folder: Path) -> None:
     first = "body(root, 'a').EulerImplicitSolver.firstOrder = True"
     translation = translated(folder, first)
-    assert translation.tables["time"]["dynamics"] == "first order"
+    assert translation.tables["time"]["dynamics"] == "overdamped"
     assert translation.effort_of_value == 1.0
     mixed = translated(folder, f"{first}\nbody(root, 'b')")
     assert "all bodies of a scene have inertia, or none has" in mixed.refused[0]

@@ -22,7 +22,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "smoothed": {"body": {"element": "smoothed"}},
     "rubber": {"body": {"element": "smoothed", "law": "neo-hookean", "poisson_ratio": 0.49}},
     "several linearisations": {"body": {"law": "neo-hookean"}, "time": {"newton": 20}},
-    "first order": {"time": {"dynamics": "first order"}},
+    "overdamped": {"time": {"dynamics": "overdamped"}},
 }
 
 

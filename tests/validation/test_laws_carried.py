@@ -113,13 +113,13 @@ def test_a_carried_body_has_no_mass_to_vary() -> None:
 
 
 def test_a_driven_sheet_without_thickness_pushes_a_soft_block_in_first_order(block: Any, tmp_path: Any) -> None:
-    """An open surface is a body that follows: in first order dynamics it moves a free block at its own speed."""
+    """An open surface is a body that follows: in overdamped dynamics it moves a free block at its own speed."""
     sheet = tmp_path / "sheet.stl"
     write_stl(np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]), np.array([[0, 1, 2], [0, 2, 3]]), sheet)
     table = {"mesh": block((1, 1, 1), (10.0, 10.0, 10.0)), "mass": 0.01, "young_modulus": 100.0, "poisson_ratio": 0.3}
     scene = {
         "gravity": [0.0, 0.0, 0.0],
-        "time": {"step": STEP, "dynamics": "first order"},
+        "time": {"step": STEP, "dynamics": "overdamped"},
         "contact": {"friction": 0.5, "contact_distance": 0.2, "alarm_distance": 2.0},
         "soft_bodies": {"block": {**table, "translation": [0.0, 0.0, 5.2]}},
         "frames": {"lift": {}},

@@ -247,7 +247,7 @@ def test_a_reduced_body_beside_full_ones(tmp_path: Path, figures: Figures) -> No
 
 def test_first_order_dynamics_have_no_velocities_before(tmp_path: Path, figures: Figures) -> None:
     body = {**chamber(tmp_path, element="linear"), "rayleigh_stiffness": 0.0, "density": 1e-4}
-    scene: dict[str, Any] = {"time": {"step": 0.01, "dynamics": "first order"}}
+    scene: dict[str, Any] = {"time": {"step": 0.01, "dynamics": "overdamped"}}
     full = simulate(soft_bodies={"chamber": body}, **scene)
     modes = write_modes(tmp_path / "all.npz", full)
     reduced = simulate(soft_bodies={"chamber": {**body, "reduced": modes}}, **scene)

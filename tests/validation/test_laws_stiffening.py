@@ -22,7 +22,7 @@ def bar(block: Callable[..., str]) -> Callable[..., Simulation]:
     """Makes a bar that hangs from its upper end, its lower half of another silicone."""
 
     def make(
-        upper: float = 50.0, lower: float = 50.0, corotation: str = "polar", dynamics: str = "second order"
+        upper: float = 50.0, lower: float = 50.0, corotation: str = "polar", dynamics: str = "inertial"
     ) -> Simulation:
         table = silicone(
             block((2, 2, 4), (10.0, 10.0, LENGTH)),
@@ -49,7 +49,7 @@ def elongation(simulation: Simulation) -> float:
     return float((rest - position)[rest[:, 2] < -0.49 * LENGTH, 2].mean())
 
 
-@pytest.mark.parametrize("dynamics", ["second order", "first order"])
+@pytest.mark.parametrize("dynamics", ["inertial", "overdamped"])
 def test_elongation_under_its_weight_is_inverse_to_the_modulus(
     bar: Callable[..., Simulation], figures: Figures, dynamics: str
 ) -> None:

@@ -60,7 +60,7 @@ def test_at_rest_it_is_the_weight(figures: Figures) -> None:
     )
 
 
-@pytest.mark.parametrize("kind", ["Hooke", "several linearisations", "rubber", "first order"])
+@pytest.mark.parametrize("kind", ["Hooke", "several linearisations", "rubber", "overdamped"])
 def test_in_motion_it_balances_weight_inertia_and_contacts(figures: Figures, kind: str) -> None:
     """The force of every step in which the base moves and turns, and the finger is inflated against a wall and a cube.
 
@@ -72,8 +72,8 @@ def test_in_motion_it_balances_weight_inertia_and_contacts(figures: Figures, kin
     body: dict[str, Any] = {"rubber": {"law": "neo-hookean", "poisson_ratio": 0.45}}.get(kind, {})
     if kind == "several linearisations":
         time = {"newton": 30, "newton_tolerance": 1e-7}
-    if kind == "first order":
-        time = {"dynamics": "first order"}
+    if kind == "overdamped":
+        time = {"dynamics": "overdamped"}
     else:
         tables["rigid_bodies"] = {"cube": box}
     simulation = gripper(time, tables, **body)
@@ -92,7 +92,7 @@ def test_in_motion_it_balances_weight_inertia_and_contacts(figures: Figures, kin
         finger = simulation.model.body_names.index("finger")
         sign = (state.contact_body_pair == finger) @ np.array([-1.0, 1.0])
         contact = (sign[:, None] * state.contact_impulse).sum(axis=0) / STEP
-        if kind == "first order":
+        if kind == "overdamped":
             assert simulation.model.elasticity is not None
             parts = simulation.model.elasticity.node_mass[:, None] * (GRAVITY - state.velocity)
         else:

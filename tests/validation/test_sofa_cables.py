@@ -48,7 +48,7 @@ def _scene(run: Any, folder: Path, fingers: dict[str, str], body: dict[str, Any]
                 }
             },
         }
-    time = {"step": float(run["dt"]), "dynamics": "first order" if first_order else "second order"}
+    time = {"step": float(run["dt"]), "dynamics": "overdamped" if first_order else "inertial"}
     return scene_from_dict({"gravity": run["gravity"].tolist(), "time": time, "soft_bodies": bodies})
 
 
@@ -70,7 +70,7 @@ def test_fingers_with_cables_follow_sofa(
     first_order = name.startswith("b_")
     simulation = Simulation(_scene(run, tmp_path, fingers, body, first_order, rod))
     model = simulation.model
-    # The multiplier is an impulse, but a force in first order scenes.
+    # The multiplier is an impulse, but a force in overdamped scenes.
     per_tension = 1.0 if first_order else float(run["dt"])
     by_force = "force" in name.lower()
     worst = worst_length = worst_tension = largest = 0.0

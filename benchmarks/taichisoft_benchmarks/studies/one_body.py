@@ -19,10 +19,10 @@ WEAK = 1e-6
 """Stiffness of springs so long that they pull with a constant force [mN/mm]."""
 TO_REST = {"step": 1e3, "newton": 200, "newton_tolerance": 1e-7}
 """A time step that leads to rest in several linearisations."""
-SMALL_STRAINS = {"step": 10.0, "dynamics": "first order"}
+SMALL_STRAINS = {"step": 10.0, "dynamics": "overdamped"}
 """Time steps of a body that nothing needs to hold; one linearisation each is enough while strains are small."""
 DAMPING = 5.0
-"""Rayleigh's factor of the stiffness under first-order dynamics [s]."""
+"""Rayleigh's factor of the stiffness under overdamped dynamics [s]."""
 MOST_STEPS = 400
 
 

@@ -249,7 +249,7 @@ class SceneDraft:
 
     Attributes:
         exact: whether to follow SOFA exactly where the default departs from it.
-        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in first order
+        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in overdamped
             the same.
         bodies: one body per independent mechanical object, by the identity of the component.
         frames: frames that follow others, by the identity of their mechanical object and their index.

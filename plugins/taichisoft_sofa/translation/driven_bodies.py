@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def is_placed(body: DraftBody, solver: "Component | None") -> bool:
-    """Whether the scene places a moving rigid body: it has no mass, or springs lead it in first order dynamics."""
+    """Whether the scene places a moving rigid body: it has no mass, or springs lead it in overdamped dynamics."""
     if not body.rigid or solver is None:
         return False
     held = any(anchor.follows_rest or anchor.target for anchor in body.anchors)

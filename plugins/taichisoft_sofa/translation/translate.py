@@ -72,7 +72,7 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         draft.refused.append(str(error))
         bodies = []
     dynamics = _dynamics(bodies, draft)
-    draft.effort_of_value = translation.effort_of_value = 1.0 if dynamics == "first order" else 1.0 / time_step
+    draft.effort_of_value = translation.effort_of_value = 1.0 if dynamics == "overdamped" else 1.0 / time_step
     translation.tables = {
         "title": Path(tree.path).stem,
         "gravity": [float(value) for value in root.gravity.read_value()],
@@ -137,7 +137,7 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
 
 
 def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
-    """How bodies move: without inertia ("first order"), to equilibrium ("static"), or ""; mixed scenes are refused."""
+    """How bodies move: without inertia ("overdamped"), to equilibrium ("static"), or ""; mixed scenes are refused."""
     found = [(body, moved_by(body, draft)) for body in bodies]
     moved = [solver for body, solver in found if solver is not None and not is_placed(body, solver)]
     first_order = {flag(solver, "firstOrder", False) for solver in moved}
@@ -146,7 +146,7 @@ def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
     if len(static) > 1:
         draft.refuse(moved[0], "StaticSolver for some of the bodies; all of a scene are at equilibrium, or none is")
-    return "static" if static == {True} else "first order" if first_order == {True} else ""
+    return "static" if static == {True} else "overdamped" if first_order == {True} else ""
 
 
 def is_controller(component: "Component") -> bool:

@@ -28,9 +28,9 @@ class Domains(NamedTuple):
         law: number in LAW_NUMBERS, shape (domain_count,).
         modulus: in the columns of `principal_stretches.py` [kPa], shape (domain_count, MODULI).
         pure_number: the law's coefficients without unit, shape (domain_count, PURE_NUMBERS).
-        lag: h + b [s], 0 in first order dynamics, shape (domain_count,).
+        lag: s + b [s], 0 in overdamped dynamics, shape (domain_count,).
         factor: of K in A, shape (domain_count,).
-        undamped: h / (h + b), the share of the lag and of the factor without damping, shape (domain_count,).
+        undamped: s / (s + b), the share of the lag and of the factor without damping, shape (domain_count,).
     """
 
     start: Integers

@@ -44,7 +44,7 @@ class Elements(NamedTuple):
         gradient: of the last three corners' shape functions [1/mm], shape (element_count, 3, 3).
         force_modulus: w lambda and w mu [mN mm], shape (element_count, 2).
         root: sqrt(w mu factor), with the factor of K in A, shape (element_count,).
-        lag: h + b [s], 0 in first order dynamics, shape (element_count,).
+        lag: s + b [s], 0 in overdamped dynamics, shape (element_count,).
     """
 
     nodes: IntegerTable

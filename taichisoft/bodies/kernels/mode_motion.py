@@ -133,7 +133,7 @@ def find_reference(
     one: ti.i32,
 ):
     """The velocities nearest to the present ones that lead to positions by modes: (Phi q - u) / h + Phi w, with the
-    amplitudes q and w of displacements u and velocities, the latter times `inertia`, 0 in first order dynamics."""
+    amplitudes q and w of displacements u and velocities, the latter times `inertia`, 0 in overdamped dynamics."""
     ti.loop_config(serialize=True)
     for b in range(modes.tiles.shape[0]):
         start = amplitudes.start[b]

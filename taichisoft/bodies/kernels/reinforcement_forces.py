@@ -26,7 +26,7 @@ class ReinforcementParts(NamedTuple):
         gradient: g along the two axes of the part, and 0 [1/mm], shape (entry_count, 3).
         measure: area [mm^2] or length [mm], shape (part_count,).
         stiffness: C of the strains 11, 22 and 12 twice: 00, 01, 02, 11, 12, 22 [mN/mm] or [mN], (part_count, 6).
-        lag: h + b [s], 0 where there are no velocities before the step, shape (part_count,).
+        lag: s + b [s], 0 where there are no velocities before the step, shape (part_count,).
         factor: of K in A, shape (part_count,).
         undamped: share of lag and factor without damping, shape (part_count,).
     """

@@ -14,8 +14,8 @@ from taichisoft.runtime.taichi_start import SOFT, Integers, Scalars, ScalarTable
 # A contact is expected to push if it would close within this number of steps at its present velocity.
 STEPS_AHEAD = 2.0
 # Entries of `terms`, common to all contacts: time step [s]; contact distance [mm]; tolerance of velocities [mm/s];
-# 1 if penetrations at the start are kept and moved out later, else 0; 1 if any contact has restitution, else 0.
-TIME_STEP, CONTACT_DISTANCE, TOLERANCE, KEEPS_DEPTH, HAS_RESTITUTION, TERM_COUNT = range(6)
+# 1 if penetrations at the start are kept and moved out later, else 0; 1 if any contact has restitution, else 0; theta.
+TIME_STEP, CONTACT_DISTANCE, TOLERANCE, KEEPS_DEPTH, HAS_RESTITUTION, THETA, TERM_COUNT = range(7)
 
 
 class Separation(NamedTuple):
@@ -26,6 +26,7 @@ class Separation(NamedTuple):
             measurement [mm], shape (capacity, 2, 3).
         gap_rate: normal velocity at which the gap closes in the step, negative if the gap must open [mm/s], shape
             (capacity,).
+        unhurried: part of `gap_rate` that moves nothing in the step, see `begin_separation` [mm/s], shape (capacity,).
         speed: normal velocity of the second point relative to the first [mm/s], shape (capacity,).
         touching: tolerated intrusion into the contact distance [mm], shape (capacity,).
         depth: distance less the contact distance at the start of the step if negative, else 0 [mm], shape (capacity,).
@@ -35,6 +36,7 @@ class Separation(NamedTuple):
 
     arm: VectorTable
     gap_rate: Scalars
+    unhurried: Scalars
     speed: Scalars
     touching: Scalars
     depth: Scalars
@@ -44,7 +46,7 @@ class Separation(NamedTuple):
     @classmethod
     def with_room(cls, capacity: int) -> "Separation":
         """Arrays for `capacity` contacts."""
-        numbers = (np.zeros(capacity) for _ in range(5))
+        numbers = (np.zeros(capacity) for _ in range(6))
         return cls(np.zeros((capacity, 2, 3)), *numbers, np.zeros(1, dtype=np.int32))
 
 
@@ -77,6 +79,12 @@ def begin_separation(
     """Measure arms, speeds, depths and gap rates at the start of a step, and mark the contacts expected to push.
 
     The velocities are those before the step; each contact was measured after a `fraction` of the step.
+
+    Bodies move along u = (1 - theta) v0 + theta v, and the law of a contact is on v, the velocity after the step
+    (Moreau 1999, Numerical aspects of the sweeping process; Jean 1999, The non-smooth contact dynamics method). What
+    closes under v0 gets v_n >= -gap / h, which makes an impact inelastic: v_n = 0 from the step on in which it has
+    closed. One that v0 leaves open is not struck, and may close just so far: u_n >= -gap / h, which is
+    v_n >= -gap / h - (1 - theta) / theta (gap / h + v0_n). So p_n u_n is never positive, and contacts give no energy.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -108,6 +116,10 @@ def begin_separation(
             closes = time_step * (rate + speed + 2.0 * fastest) < separation.touching[c]
             if terms[HAS_RESTITUTION] != 0.0 and closes:
                 choice.wanted[c] = 1
+            separation.unhurried[c] = 0.0
+            if terms[THETA] < 1.0:
+                separation.unhurried[c] = (1.0 - terms[THETA]) / terms[THETA] * ti.max(rate + speed, 0.0)
+                separation.gap_rate[c] = rate + separation.unhurried[c]
 
 
 @kernel

@@ -15,7 +15,7 @@ class Anchors(NamedTuple):
         frame: number of the frame that each moves with, shape (anchor_count,).
         stiffness: stiffness along x, y and z [mN/mm], shape (node_count, 3).
         lag: time by which positions are extrapolated along the velocities [s]: h from the start of a step, 0 from its
-            end, plus b with damping; 0 in first order dynamics; shape (node_count,).
+            end, plus b with damping; 0 in overdamped dynamics; shape (node_count,).
         position: rest positions of the springs, before the frames move them [mm], shape (anchor_count, 3).
     """
 

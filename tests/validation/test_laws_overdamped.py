@@ -1,4 +1,4 @@
-"""First order dynamics: every node moves against a drag of its mass times 1/s, and nothing has inertia."""
+"""Overdamped dynamics: every node moves against a drag of its mass times 1/s, and nothing has inertia."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +18,7 @@ DOWN = [0.0, 0.0, -GRAVITY]
 CUBE = (20.0, 20.0, 20.0)
 
 
-def overdamped(gravity: list[float], step: float = 0.01, dynamics: str = "first order", **tables: object) -> Simulation:
+def overdamped(gravity: list[float], step: float = 0.01, dynamics: str = "overdamped", **tables: object) -> Simulation:
     return Simulation(scene_from_dict({"gravity": gravity, "time": {"step": step, "dynamics": dynamics}, **tables}))
 
 
@@ -61,7 +61,7 @@ def test_the_end_is_that_of_newtons_law(block: Callable[..., str], figures: Figu
     bar["anchors"] = [{"box": [[-30, -5, -5], [-30, 5, 5]]}]
     first, second = (
         overdamped([1000.0, 0.0, -500.0], 0.02, dynamics, soft_bodies={"bar": bar})
-        for dynamics in ("first order", "second order")
+        for dynamics in ("overdamped", "inertial")
     )
     advance(first, 2.0)
     advance(second, 20.0)
