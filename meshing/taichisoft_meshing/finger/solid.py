@@ -11,6 +11,7 @@ from taichisoft_meshing.gmsh_session import GmshFailure
 
 Solids = list[tuple[int, int]]  # pairs of the dimension, 3, and gmsh's number
 
+
 @dataclass(frozen=True)
 class Draft:
     """How far faces lean so that what is cast comes out of its mould upward, along y.
@@ -127,9 +128,7 @@ def _rounded(occ: Any, solid: tuple[int, int], radius: float, y: float) -> tuple
     return rounded[0]
 
 
-def solid_box(
-    occ: Any, box: Box, draft: Draft = DRAWN, sign: float = 1.0, through: bool = False
-) -> tuple[int, int]:
+def solid_box(occ: Any, box: Box, draft: Draft = DRAWN, sign: float = 1.0, through: bool = False) -> tuple[int, int]:
     """A box whose faces across x and z lean outward upward, or inward for sign = -1; `through` reaches beyond its z."""
     if not draft.slope:
         return 3, occ.addBox(*box.corner, *box.size)

@@ -21,6 +21,10 @@ CLEARANCE = 0.15
 """Gap around pegs and beside the slide, so that printed parts go together [mm]."""
 POUR, VENT = 4.0, 1.0
 """Half the side of the hole that silicone is poured through, at most, and of those that air leaves through [mm]."""
+THICKEST_PEG = 2.0
+"""Largest radius of a peg [mm]: the triangles of a thicker one would come nearer to its hole than CLEARANCE."""
+LEAST_SOFT = 0.05
+"""Least share of the layer around the stiff one for a lid to make sense [-]."""
 UP, OUTWARD = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
 
 
@@ -32,23 +36,29 @@ class Form:
         finger: its dimensions.
         wall: thickness of the mould around it [mm].
         draft: angle by which faces lean [degrees].
+        source: begins every error.
+
+    Raises:
+        MeshError: a finger of these dimensions cannot be cast so.
     """
 
     finger: FingerParameters
     wall: float
     draft: float
+    source: str
 
     def __post_init__(self) -> None:
         layer, top = self.finger.stiff_layer, self.finger.channel.top
         if layer.thickness and layer.bottom < top - 1e-9:
             raise MeshError(
-                f"stiff_layer.bottom = {layer.bottom:g}: must be at least {top:g} (channel.top) for a mould: "
-                "the stiff layer is cast in the part that closes the chambers"
+                f"{self.source}: stiff_layer.bottom = {layer.bottom:g}: must be at least {top:g} (channel.top) "
+                "for a mould: the stiff layer is cast in the part that closes the chambers"
             )
         for what, room, growth in self._rooms():
             steepest = math.degrees(math.atan(max(room, 0.0) / growth))
             if self.draft > steepest:
-                raise MeshError(f"--draft {self.draft:g}: {what}; must be at most {math.floor(100 * steepest) / 100:g}")
+                most = math.floor(100 * steepest) / 100
+                raise MeshError(f"{self.source}: --draft {self.draft:g}: {what}; must be at most {most:g}")
 
     @property
     def leaning(self) -> Draft:
@@ -95,7 +105,6 @@ def upper_cast(occ: Any, form: Form) -> Assembly:
     box, _ = occ.cut(box, whole)
     lid, _ = occ.fuse(plate, core, removeTool=False)
     holes = _holes(occ, form, top, finger.channel.start, -lower[0] - finger.channel.end, lower[0], upper[2])
-    lid, _ = occ.cut(lid, holes, removeTool=False)
     parts: dict[str, Solids] = {}
     ways = {"lid": UP, "cast": UP}
     if finger.inlet.diameter:
@@ -111,7 +120,7 @@ def upper_cast(occ: Any, form: Form) -> Assembly:
         ways["slide"] = OUTWARD
         gaps += 2 * CLEARANCE * beyond * (top - foot)
     occ.remove(core, True)
-    silicone, _ = occ.fuse(silicone, holes)
+    lid, silicone = _bored(occ, lid, silicone, holes)
     parts |= {"lid": lid, "cast": silicone, "box": box}
     return Assembly(parts, ways, "cast", block, gaps, (("the upper part", "soft", _volume(occ, silicone)),))
 
@@ -132,17 +141,20 @@ def layer_cast(occ: Any, form: Form) -> Assembly:
     recess = Box((x, y, z), (stiff.size[0], height - y, stiff.size[2]))
     middle = Draft(form.leaning.slope, (y + height) / 2)
     room, _ = occ.intersect([solid_box(occ, recess, middle)], silicone, removeTool=False)
+    of_room, whole = _volume(occ, room), _volume(occ, silicone)
+    if whole - of_room < LEAST_SOFT * whole:
+        raise MeshError(
+            f"{form.source}: stiff_layer: fills the whole part that closes the chambers; give it "
+            "stiff_layer.thickness = 0 here, and cast the layer of stiff silicone"
+        )
     silicone, _ = occ.cut(silicone, room, removeTool=False)
-    if not silicone:
-        raise MeshError("stiff_layer: it fills the whole part that closes the chambers; cast it of stiff silicone alone")
     above = occ.addBox(lower[0] - 1.0, y + layer.thickness, lower[2] - 1.0, 1.0 - lower[0], height, 2 - 2 * lower[2])
     cover, _ = occ.intersect(room, [(3, above)], removeObject=False)
-    of_cover, of_room = _volume(occ, cover), _volume(occ, room)
+    of_cover = _volume(occ, cover)
     occ.remove(cover, True)
     lid, _ = occ.fuse(plate, room)
     holes = _holes(occ, form, height, layer.start, -lower[0] - layer.end, lower[0], upper[2])
-    lid, _ = occ.cut(lid, holes, removeTool=False)
-    silicone, _ = occ.fuse(silicone, holes) if holes else (silicone, None)
+    lid, silicone = _bored(occ, lid, silicone, holes)
     pours = (
         ("the layer around the room for the stiff one", "soft", _volume(occ, silicone)),
         ("the stiff layer, into that room", "stiff", of_room - of_cover),
@@ -174,7 +186,7 @@ def _box_and_plate(
     if not through:
         return block, [], length * width * (top - bottom), 0.0
     plate: Solids = [(3, occ.addBox(x, top, z, length, wall, width))]
-    radius, tall = wall / 4, wall - 1.0
+    radius, tall = min(wall / 4, THICKEST_PEG), min(wall - 1.0, 4 * THICKEST_PEG)
     places = [(x + a, z + b) for a in (wall / 2, length - wall / 2) for b in (wall / 2, width - wall / 2)]
     pegs = [(3, occ.addCylinder(a, top, b, 0, tall, 0, radius)) for a, b in places]
     holes = [(3, occ.addCylinder(a, top, b, 0, wall, 0, radius + CLEARANCE)) for a, b in places]
@@ -184,9 +196,7 @@ def _box_and_plate(
     return block, plate, length * width * (top - bottom + wall), gaps
 
 
-def _holes(
-    occ: Any, form: Form, y: float, base: float, tip: float, end_x: float, half: float
-) -> Solids:
+def _holes(occ: Any, form: Form, y: float, base: float, tip: float, end_x: float, half: float) -> Solids:
     """Holes through a lid: to pour at the base, and for air at the tip and the corners of the base.
 
     Args:
@@ -214,10 +224,19 @@ def _holes(
     return holes
 
 
+def _bored(occ: Any, lid: Solids, silicone: Solids, holes: Solids) -> tuple[Solids, Solids]:
+    """A lid with holes, and the silicone with what fills them."""
+    if not holes:
+        return lid, silicone
+    return occ.cut(lid, holes, removeTool=False)[0], occ.fuse(silicone, holes)[0]
+
+
 def _bounds(occ: Any, solids: Solids) -> tuple[list[float], list[float]]:
     """Smallest and largest coordinates of solids [mm], which OpenCASCADE gives with some room of 1e-7."""
     boxes = [[round(value, 6) for value in occ.getBoundingBox(*solid)] for solid in solids]
-    return [min(box[axis] for box in boxes) for axis in range(3)], [max(box[axis + 3] for box in boxes) for axis in range(3)]
+    return [min(box[axis] for box in boxes) for axis in range(3)], [
+        max(box[axis + 3] for box in boxes) for axis in range(3)
+    ]
 
 
 def _volume(occ: Any, solids: Solids) -> float:

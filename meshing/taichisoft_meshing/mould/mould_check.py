@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes import read_surface
-from taichisoft_meshing.mould.ray_crossings import find_crossings, inner_points
+from taichisoft_meshing.mould.ray_crossings import find_crossings, find_parallel_crossings, inner_points
 
 RECORD = "mould.json"
 
@@ -25,7 +25,7 @@ FILLED = 1e-3
 TOUCH = 0.05
 """Length up to which what lies before a part is not in its way [mm]: less than printers and triangles are exact."""
 LINES, GRID = 1500, 40
-"""Lines through triangles of each part, at most, and lines of a grid on its longest side, that the search goes along."""
+"""Lines through triangles of each part, at most, and lines of a grid on its longest side, that are looked along."""
 PARALLEL = 0.9
 """Least cosine between the two sides of a wall [-]."""
 PRECISION = 0.01
@@ -115,7 +115,9 @@ class CheckedCast:
         """What is wrong with it, one line each."""
         problems = [problem for part in self.parts for problem in part.problems]
         if not abs(self.unfilled) <= FILLED:
-            problems.append(f"parts and silicone fill {1 - self.unfilled:.2%} of the block; must be 100 % to {FILLED:.1%}")
+            problems.append(
+                f"parts and silicone fill {1 - self.unfilled:.2%} of the block; must be 100 % to {FILLED:.1%}"
+            )
         problems += [f"a cavity of {volume:.4g} mm^3 is closed: it is cast solid" for volume in self.voids]
         return [f"{self.name}: {problem}" for problem in problems]
 
@@ -193,7 +195,7 @@ def find_undercuts(part: np.ndarray, others: Mapping[str, np.ndarray], way: np.n
     """Where other parts are in the way of a part that is drawn off in a straight line.
 
     On no line along the way may anything lie before anything of the part. The lines go through triangles of all parts
-    that are not parallel to the way, and through a grid over the part. Overhangs narrower than twice TOUCH do not count.
+    that are not parallel to the way, and through a grid over the part. Overhangs narrower than twice TOUCH are let be.
 
     Args:
         part: corners of its triangles [mm], shape (count, 3, 3).
@@ -228,8 +230,9 @@ def _held_lines(
     """Of some lines those on which an obstacle lies before a part, where they enter the part and leave the obstacle
     [mm], and the triangle through which they enter."""
     for shift in TOUCH * np.concatenate([[np.zeros(3)], across, -across]):  # else the corners of round faces hold
-        enters, leaves = (_extent_along(starts + shift, way, corners) for corners in (part, obstacle))
-        starts = starts[leaves[1] > enters[0] + TOUCH]
+        if len(starts):
+            enters, leaves = (_extent_along(starts + shift, way, corners) for corners in (part, obstacle))
+            starts = starts[leaves[1] > enters[0] + TOUCH]
     entry, _, first = _extent_along(starts, way, part)
     return starts, entry, _extent_along(starts, way, obstacle)[1], first
 
@@ -288,7 +291,7 @@ def _extent_along(
     They are infinity, minus infinity and -1 for a line that misses the part, or that enters and leaves it not equally
     often, because it hits an edge.
     """
-    crossings = find_crossings(starts, np.broadcast_to(way, starts.shape), corners)
+    crossings = find_parallel_crossings(starts, way, corners)
     count = len(starts)
     entry, leaving, first = np.full(count, np.inf), np.full(count, -np.inf), np.full(count, -1)
     order = np.argsort(-crossings.distance, kind="stable")  # the nearest is written last

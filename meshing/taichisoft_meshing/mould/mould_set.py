@@ -18,7 +18,7 @@ from taichisoft_meshing.mould.negative import find_plane, negative, outside_of
 FORM = {"wall": 6.0, "draft": 1.0, "printable": 1.0, "parting": None}
 """How a mould is made unless something else is asked for: thickness around the silicone [mm], angle by which faces lean
 [degrees], least thickness that can be printed [mm], and, of a negative, its parting plane."""
-THINNEST, THICKEST, STEEPEST = 5.0, 100.0, 10.0
+THINNEST, THICKEST, STEEPEST = 5.0, 50.0, 10.0
 """Bounds of the wall [mm], in which pegs have room, and of the draft [degrees]."""
 
 
@@ -59,10 +59,7 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
 def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: Mapping[str, Any]) -> list[Any]:
     """Write the finger as it is cast, and the moulds of its two parts."""
     name = file.stem
-    try:
-        form = Form(geometry.table, settings["wall"], settings["draft"])
-    except MeshError as error:
-        raise MeshError(f"{file}: {error}") from error
+    form = Form(geometry.table, settings["wall"], settings["draft"], str(file))
     with gmsh_session(name) as gmsh:
         cast_finger(gmsh.model.occ, form)
         write_step(gmsh, folder / f"{name}.step")

@@ -15,7 +15,7 @@ from taichisoft_meshing.bodies.file_bodies import StepBody
 from taichisoft_meshing.bodies.step_file import import_solids
 from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.mould.assembly import Assembly, triangles_of, triangulate
-from taichisoft_meshing.mould.ray_crossings import find_crossings
+from taichisoft_meshing.mould.ray_crossings import find_parallel_crossings
 
 MOST_TRIANGLES = 6000
 """More flat faces than these keep OpenCASCADE busy for minutes."""
@@ -71,7 +71,9 @@ def find_plane(corners: np.ndarray, wanted: str | None) -> Plane:
     points = corners.reshape(-1, 3)
     lower, upper = points.min(axis=0), points.max(axis=0)
     if wanted is None:
-        return min(((axis, float(lower[axis] + upper[axis]) / 2) for axis in (2, 1, 0)), key=lambda p: _held(corners, p))
+        return min(
+            ((axis, float(lower[axis] + upper[axis]) / 2) for axis in (2, 1, 0)), key=lambda p: _held(corners, p)
+        )
     name, _, number = wanted.replace(" ", "").partition("=")
     try:
         axis, position = "xyz".index(name.lower() or "?"), float(number)
@@ -88,7 +90,7 @@ def negative(gmsh: Any, outside: Callable[[Any], Any], plane: Plane, wall: float
     """The two halves of the block around a body, `wall` [mm] thick, and the body in it, cast solid."""
     occ, (axis, position) = gmsh.model.occ, plane
     body = outside(gmsh)
-    box = np.round(occ.getBoundingBox(*body[0]), 6).reshape(2, 3) + [[-wall], [wall]]
+    box = np.round(occ.getBoundingBox(*body[0]), 6).reshape(2, 3) + np.array([[-wall], [wall]])
     halves = []
     for side in (1, 0):
         ends = box.copy()
@@ -112,7 +114,7 @@ def _held(corners: np.ndarray, plane: Plane) -> int:
     grid = np.meshgrid(*(np.arange(lower[one] + 0.317 * spacing, upper[one], spacing) for one in others))
     starts = np.full((grid[0].size, 3), lower[axis] - 1.0)
     starts[:, others] = np.stack([one.ravel() for one in grid], axis=1)
-    crossings = find_crossings(starts, np.broadcast_to(np.eye(3)[axis], starts.shape), corners)
+    crossings = find_parallel_crossings(starts, np.eye(3)[axis], corners)
     heights = lower[axis] - 1.0 + crossings.distance
     crossed = np.bincount(crossings.ray, minlength=len(starts))
     below = np.bincount(crossings.ray, heights <= position, len(starts))

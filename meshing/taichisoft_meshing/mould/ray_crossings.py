@@ -6,6 +6,8 @@ import numpy as np
 
 PAIRS = 3_000_000
 """Pairs of a ray and a triangle that are computed at a time."""
+BESIDE = 50
+"""Lines beside each other that are compared with the same triangles."""
 
 
 @dataclass(frozen=True)
@@ -13,7 +15,7 @@ class Crossings:
     """Crossings, with an entry for each.
 
     Attributes:
-        ray: index of the ray, in ascending order, shape (count,).
+        ray: index of the ray, shape (count,).
         triangle: index of the triangle, shape (count,).
         distance: along the ray from its origin [mm], negative before it, shape (count,).
         cosine: between the ray and the triangle's normal [-], positive where it leaves a body, shape (count,).
@@ -33,6 +35,8 @@ def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndar
         directions: unit vectors along them, shape (ray_count, 3).
         corners: of the triangles, counterclockwise as seen from outside [mm], shape (triangle_count, 3, 3).
     """
+    if not len(corners):
+        return Crossings(np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0))
     middle = corners.reshape(-1, 3).mean(axis=0)  # numbers are small around it, and rounding with them
     origins, corners = origins - middle, corners - middle
     rays = np.concatenate([directions, np.cross(origins, directions)], axis=1)
@@ -53,6 +57,28 @@ def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndar
     steepness = np.einsum("cd,cd->c", normals, directions[ray])
     height = np.einsum("cd,cd->c", normals, corners[triangle, 0] - origins[ray])
     return Crossings(ray, triangle, height / steepness, steepness / np.linalg.norm(normals, axis=1))
+
+
+def find_parallel_crossings(starts: np.ndarray, way: np.ndarray, corners: np.ndarray) -> Crossings:
+    """All crossings, as above, of lines along one direction: each is compared with the triangles beside it alone.
+
+    Args:
+        starts: points of the lines [mm], shape (line_count, 3).
+        way: unit vector along them, shape (3,).
+        corners: of the triangles [mm], shape (triangle_count, 3, 3).
+    """
+    across = np.linalg.svd(way[None])[2][1:]
+    along = across[np.argmax(np.ptp(corners.reshape(-1, 3) @ across.T, axis=0))]
+    place, sides = starts @ along, corners @ along
+    lower, upper = sides.min(axis=1), sides.max(axis=1)
+    parts = []
+    for some in np.array_split(np.argsort(place, kind="stable"), 1 + len(starts) // BESIDE):
+        near = np.empty(0, dtype=int)
+        if len(some):
+            near = np.flatnonzero((lower <= place[some[-1]]) & (upper >= place[some[0]]))
+        one = find_crossings(starts[some], np.broadcast_to(way, (len(some), 3)), corners[near])
+        parts.append((some[one.ray], near[one.triangle], one.distance, one.cosine))
+    return Crossings(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def inner_points(corners: np.ndarray) -> np.ndarray:
