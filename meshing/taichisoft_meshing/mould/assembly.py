@@ -69,13 +69,13 @@ def write_assembly(build: Build, folder: Path, name: str) -> dict[str, Any]:
             parts = build(gmsh).parts
             gmsh.model.occ.remove([one for other, solids in parts.items() if other != part for one in solids], True)
             write_step(gmsh, folder / f"{name}-{part}.step")
-    parts = [
+    files = [
         {"file": f"{name}-{part}.stl", "part": part, "comes_off": list(assembly.ways.get(part, ())) or None}
         for part in assembly.parts
     ]
     pours = [{"what": what, "silicone": silicone, "mm3": volume} for what, silicone, volume in assembly.pours]
     return {
-        "parts": parts,
+        "parts": files,
         "silicone": assembly.silicone,
         "block_mm3": assembly.block,
         "clearance_mm3": assembly.clearance,

@@ -29,7 +29,7 @@ UP, OUTWARD = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Form:
+class FingerForm:
     """How the mould of a finger is made.
 
     Attributes:
@@ -87,16 +87,16 @@ class Form:
         return [(what, room - THINNEST_WALL, growth) for what, room, growth in rooms if growth > 0.0]
 
 
-def cast_finger(occ: Any, form: Form) -> Solids:
+def cast_finger(occ: Any, form: FingerForm) -> Solids:
     """The finger as it comes out of the mould, with its cavity as a void."""
     finger, draft = form.finger, form.leaning
     solid: Solids = occ.cut(finger_outside(occ, finger, draft), finger_cavity(occ, finger, draft))[0]
     return solid
 
 
-def upper_cast(occ: Any, form: Form) -> Assembly:
+def upper_cast(gmsh: Any, form: FingerForm) -> Assembly:
     """Box and lid of the part with the open chambers, and the slide that leaves the bore of the inlet."""
-    finger, top, wall = form.finger, form.finger.channel.top, form.wall
+    occ, finger, top, wall = gmsh.model.occ, form.finger, form.finger.channel.top, form.wall
     whole = _between(occ, form, 0.0, top)
     core = finger_cavity(occ, finger, form.leaning, inlet=False)
     silicone, _ = occ.cut(whole, core, removeObject=False, removeTool=False)
@@ -125,9 +125,9 @@ def upper_cast(occ: Any, form: Form) -> Assembly:
     return Assembly(parts, ways, "cast", block, gaps, (("the upper part", "soft", _volume(occ, silicone)),))
 
 
-def layer_cast(occ: Any, form: Form) -> Assembly:
+def layer_cast(gmsh: Any, form: FingerForm) -> Assembly:
     """Tray of the layer that closes the chambers, and the lid that leaves room for the stiffer silicone in it."""
-    finger, top, height = form.finger, form.finger.channel.top, form.finger.body.height
+    occ, finger, top, height = gmsh.model.occ, form.finger, form.finger.channel.top, form.finger.body.height
     layer, stiff = finger.stiff_layer, stiff_layer_box(finger)
     silicone = _between(occ, form, top, height)
     lower, upper = _bounds(occ, silicone)
@@ -135,8 +135,8 @@ def layer_cast(occ: Any, form: Form) -> Assembly:
     tray, _ = occ.cut(tray, silicone, removeTool=False)
     ways = {"lid": UP, "cast": UP}
     if stiff is None:
-        pours = (("the layer", "soft", _volume(occ, silicone)),)
-        return Assembly({"cast": silicone, "tray": tray}, ways, "cast", block, gaps, pours)
+        pour = ("the layer", "soft", _volume(occ, silicone))
+        return Assembly({"cast": silicone, "tray": tray}, ways, "cast", block, gaps, (pour,))
     x, y, z = stiff.corner
     recess = Box((x, y, z), (stiff.size[0], height - y, stiff.size[2]))
     middle = Draft(form.leaning.slope, (y + height) / 2)
@@ -163,7 +163,7 @@ def layer_cast(occ: Any, form: Form) -> Assembly:
     return Assembly({"lid": lid, "cast": silicone, "tray": tray}, ways, "cast", block, gaps, pours)
 
 
-def _between(occ: Any, form: Form, bottom: float, top: float) -> Solids:
+def _between(occ: Any, form: FingerForm, bottom: float, top: float) -> Solids:
     """The part of the outside between two heights [mm]."""
     body = form.finger.body
     slab = occ.addBox(-2 * body.length, bottom, -2 * body.width, 3 * body.length, top - bottom, 4 * body.width)
@@ -172,7 +172,7 @@ def _between(occ: Any, form: Form, bottom: float, top: float) -> Solids:
 
 
 def _box_and_plate(
-    occ: Any, form: Form, lower: list[float], upper: list[float], top: float, through: bool
+    occ: Any, form: FingerForm, lower: list[float], upper: list[float], top: float, through: bool
 ) -> tuple[Solids, Solids, float, float]:
     """The block around a casting up to the height `top`, and, if `through`, the plate over it, joined by four pegs.
 
@@ -196,7 +196,7 @@ def _box_and_plate(
     return block, plate, length * width * (top - bottom + wall), gaps
 
 
-def _holes(occ: Any, form: Form, y: float, base: float, tip: float, end_x: float, half: float) -> Solids:
+def _holes(occ: Any, form: FingerForm, y: float, base: float, tip: float, end_x: float, half: float) -> Solids:
     """Holes through a lid: to pour at the base, and for air at the tip and the corners of the base.
 
     Args:

@@ -1,6 +1,7 @@
 """The files of a mould: STEP and STL of every part and of the body that comes out of it, and a record of them."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.mesh_job import MeshJob
 from taichisoft_meshing.mesh_record import write_record
 from taichisoft_meshing.mould.assembly import triangulate, write_assembly, write_step
-from taichisoft_meshing.mould.finger_casts import Form, cast_finger, layer_cast, upper_cast
+from taichisoft_meshing.mould.finger_casts import FingerForm, cast_finger, layer_cast, upper_cast
 from taichisoft_meshing.mould.mould_check import RECORD
 from taichisoft_meshing.mould.negative import find_plane, negative, outside_of
 
@@ -59,7 +60,7 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
 def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: Mapping[str, Any]) -> list[Any]:
     """Write the finger as it is cast, and the moulds of its two parts."""
     name = file.stem
-    form = Form(geometry.table, settings["wall"], settings["draft"], str(file))
+    form = FingerForm(geometry.table, settings["wall"], settings["draft"], str(file))
     with gmsh_session(name) as gmsh:
         cast_finger(gmsh.model.occ, form)
         write_step(gmsh, folder / f"{name}.step")
@@ -70,6 +71,6 @@ def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: M
         gmsh.write(str(folder / f"{name}.stl"))
     casts = []
     for part, build in (("upper", upper_cast), ("layer", layer_cast)):
-        cast = write_assembly(lambda gmsh, build=build: build(gmsh.model.occ, form), folder, f"{name}-{part}")
+        cast = write_assembly(partial(build, form=form), folder, f"{name}-{part}")
         casts.append({"name": f"{name}-{part}", **cast, "voids_mm3": []})
     return casts

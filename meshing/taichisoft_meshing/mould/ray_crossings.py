@@ -11,8 +11,8 @@ BESIDE = 50
 
 
 @dataclass(frozen=True)
-class Crossings:
-    """Crossings, with an entry for each.
+class RayCrossings:
+    """RayCrossings, with an entry for each.
 
     Attributes:
         ray: index of the ray, shape (count,).
@@ -27,7 +27,7 @@ class Crossings:
     cosine: np.ndarray
 
 
-def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> Crossings:
+def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> RayCrossings:
     """All crossings of the lines through rays with triangles; what a ray only touches is none.
 
     Args:
@@ -36,7 +36,7 @@ def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndar
         corners: of the triangles, counterclockwise as seen from outside [mm], shape (triangle_count, 3, 3).
     """
     if not len(corners):
-        return Crossings(np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0))
+        return RayCrossings(np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0))
     middle = corners.reshape(-1, 3).mean(axis=0)  # numbers are small around it, and rounding with them
     origins, corners = origins - middle, corners - middle
     rays = np.concatenate([directions, np.cross(origins, directions)], axis=1)
@@ -56,10 +56,10 @@ def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndar
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[triangle]
     steepness = np.einsum("cd,cd->c", normals, directions[ray])
     height = np.einsum("cd,cd->c", normals, corners[triangle, 0] - origins[ray])
-    return Crossings(ray, triangle, height / steepness, steepness / np.linalg.norm(normals, axis=1))
+    return RayCrossings(ray, triangle, height / steepness, steepness / np.linalg.norm(normals, axis=1))
 
 
-def find_parallel_crossings(starts: np.ndarray, way: np.ndarray, corners: np.ndarray) -> Crossings:
+def find_parallel_crossings(starts: np.ndarray, way: np.ndarray, corners: np.ndarray) -> RayCrossings:
     """All crossings, as above, of lines along one direction: each is compared with the triangles beside it alone.
 
     Args:
@@ -78,7 +78,7 @@ def find_parallel_crossings(starts: np.ndarray, way: np.ndarray, corners: np.nda
             near = np.flatnonzero((lower <= place[some[-1]]) & (upper >= place[some[0]]))
         one = find_crossings(starts[some], np.broadcast_to(way, (len(some), 3)), corners[near])
         parts.append((some[one.ray], near[one.triangle], one.distance, one.cosine))
-    return Crossings(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return RayCrossings(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def inner_points(corners: np.ndarray) -> np.ndarray:
