@@ -35,7 +35,7 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
         MeshError: something in the tables or the form is not valid, or OpenCASCADE fails.
         PluginError: the plug-in of the kind failed.
     """
-    form = {**FORM, **form}
+    given, form = form, {**FORM, **form}
     name = job.file.stem
     geometry = make_geometry(job.kind, job.tables, job.file)
     for key, low, high in (("wall", THINNEST, THICKEST), ("draft", 0.0, STEEPEST), ("printable", 0.0, THICKEST)):
@@ -48,6 +48,8 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
         casts = _finger_casts(geometry, job.file, folder, form)
         record = {"kind": "mould", "draft_degrees": form["draft"]}
     else:
+        if "draft" in given:
+            raise MeshError(f"--draft {form['draft']:g}: a negative has none; leave it out")
         outside, corners, voids = outside_of(geometry, str(job.file))
         plane = find_plane(corners, form["parting"])
         cast = write_assembly(lambda gmsh: negative(gmsh, outside, plane, form["wall"]), folder, f"{name}-negative")
