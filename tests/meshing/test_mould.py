@@ -13,7 +13,8 @@ import trimesh
 from conftest import Figures
 
 from taichisoft.errors import GoalMissed, MeshError
-from taichisoft_meshing.commands.mesh_options import cad_job, geometry_job
+from taichisoft_meshing.bodies.cad_body import read_step
+from taichisoft_meshing.commands.mesh_options import geometry_job
 from taichisoft_meshing.commands.mould_command import mould_check, pour_line
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.mould.mould_check import (
@@ -71,7 +72,13 @@ def test_the_shipped_fingers_mould_passes_its_check(tmp_path: Path, figures: Fig
     assert [[one.name for one in cast.parts] for cast in casts] == [["lid", "cast", "box"], ["lid", "cast", "tray"]]
     for cast in casts:
         figures.at_most(f"unfilled share of {cast.name}", abs(cast.unfilled), 2e-5)
-    assert len(list(tmp_path.glob("*.step"))) == 7  # six parts, and the finger
+    assert len(list(tmp_path.glob("*.step"))) == 7  # six parts and the finger
+    body = read_step(tmp_path / "tutorial.step")
+    stiff, soft = (solid.volume for solid in body.solids)
+    assert len(body.voids) == 1
+    poured = {pour["what"]: pour["mm3"] for cast in read_mould_record(tmp_path)["casts"] for pour in cast["pours"]}
+    figures.close("stiff layer [mm^3]", stiff, poured["the stiff layer, into that room"], 1e-6 * stiff)
+    figures.close("finger [mm^3]", stiff + soft, part(tmp_path, "").volume, 1e-5 * soft)
 
 
 def test_without_draft_the_castings_are_the_finger_of_the_drawing(tmp_path: Path, figures: Figures) -> None:
@@ -170,7 +177,7 @@ def test_the_negative_of_a_body_from_cad(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for parting in (None, "z=4"):
-            write_mould(cad_job("step", [str(step)], None, {}), tmp_path, {"parting": parting})
+            write_mould(geometry_job(str(step), None, {}), tmp_path, {"parting": parting})
             assert read_mould_record(tmp_path)["kind"] == "negative"
             (found[parting],) = check_mould(tmp_path)
     for cast in found.values():

@@ -23,7 +23,6 @@ Stiff = Annotated[
 def mould(
     files: Annotated[list[str], mesh_options.FILE],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the files.")],
-    step: Annotated[bool, typer.Option("--step", help="FILE is a STEP body: its negative is made.")] = False,
     surfaces: Annotated[
         bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): their negative is made.")
     ] = False,
@@ -43,8 +42,8 @@ def mould(
     from taichisoft_meshing.mesh_process import write_mould_apart
     from taichisoft_meshing.mesh_set import prepare_folder
 
-    if step or surfaces:
-        job = mesh_options.cad_job("step" if step else "surfaces", files, set_, {})
+    if surfaces:
+        job = mesh_options.surfaces_job(files, set_, {})
     elif len(files) == 1:
         job = mesh_options.geometry_job(files[0], set_, {})
     else:

@@ -87,11 +87,16 @@ class FingerForm:
         return [(what, room - THINNEST_WALL, growth) for what, room, growth in rooms if growth > 0.0]
 
 
-def cast_finger(occ: Any, form: FingerForm) -> Solids:
-    """The finger as it comes out of the mould, with its cavity as a void."""
+def cast_finger(occ: Any, form: FingerForm, parted: bool) -> Solids:
+    """The finger as it comes out of the mould, with its cavity as a void; if `parted`, its stiff layer is a solid of
+    its own, the first one."""
     finger, draft = form.finger, form.leaning
-    solid: Solids = occ.cut(finger_outside(occ, finger, draft), finger_cavity(occ, finger, draft))[0]
-    return solid
+    solid, _ = occ.cut(finger_outside(occ, finger, draft), finger_cavity(occ, finger, draft))
+    if parted and finger.stiff_layer.thickness:
+        room = occ.intersect(_room(occ, form), solid, removeTool=False)[0]
+        occ.fragment(solid, occ.cut(room, [_above_stiff_layer(occ, form)])[0])
+    occ.synchronize()
+    return list(occ.getEntities(3))
 
 
 def upper_cast(gmsh: Any, form: FingerForm) -> Assembly:
@@ -128,19 +133,16 @@ def upper_cast(gmsh: Any, form: FingerForm) -> Assembly:
 def layer_cast(gmsh: Any, form: FingerForm) -> Assembly:
     """Tray of the layer that closes the chambers, and the lid that leaves room for the stiffer silicone in it."""
     occ, finger, top, height = gmsh.model.occ, form.finger, form.finger.channel.top, form.finger.body.height
-    layer, stiff = finger.stiff_layer, stiff_layer_box(finger)
+    layer = finger.stiff_layer
     silicone = _between(occ, form, top, height)
     lower, upper = _bounds(occ, silicone)
-    tray, plate, block, gaps = _box_and_plate(occ, form, lower, upper, height, through=stiff is not None)
+    tray, plate, block, gaps = _box_and_plate(occ, form, lower, upper, height, through=layer.thickness > 0.0)
     tray, _ = occ.cut(tray, silicone, removeTool=False)
     ways = {"lid": UP, "cast": UP}
-    if stiff is None:
+    if not layer.thickness:
         pour = ("the layer", "soft", _volume(occ, silicone))
         return Assembly({"cast": silicone, "tray": tray}, ways, "cast", block, gaps, (pour,))
-    x, y, z = stiff.corner
-    recess = Box((x, y, z), (stiff.size[0], height - y, stiff.size[2]))
-    middle = Draft(form.leaning.slope, (y + height) / 2)
-    room, _ = occ.intersect([solid_box(occ, recess, middle)], silicone, removeTool=False)
+    room, _ = occ.intersect(_room(occ, form), silicone, removeTool=False)
     of_room, whole = _volume(occ, room), _volume(occ, silicone)
     if whole - of_room < LEAST_SOFT * whole:
         raise MeshError(
@@ -148,8 +150,7 @@ def layer_cast(gmsh: Any, form: FingerForm) -> Assembly:
             "stiff_layer.thickness = 0 here, and cast the layer of stiff silicone"
         )
     silicone, _ = occ.cut(silicone, room, removeTool=False)
-    above = occ.addBox(lower[0] - 1.0, y + layer.thickness, lower[2] - 1.0, 1.0 - lower[0], height, 2 - 2 * lower[2])
-    cover, _ = occ.intersect(room, [(3, above)], removeObject=False)
+    cover, _ = occ.intersect(room, [_above_stiff_layer(occ, form)], removeObject=False)
     of_cover = _volume(occ, cover)
     occ.remove(cover, True)
     lid, _ = occ.fuse(plate, room)
@@ -161,6 +162,22 @@ def layer_cast(gmsh: Any, form: FingerForm) -> Assembly:
         *([("the cover of the stiff layer", "soft", of_cover)] if of_cover > 1e-6 else []),
     )
     return Assembly({"lid": lid, "cast": silicone, "tray": tray}, ways, "cast", block, gaps, pours)
+
+
+def _room(occ: Any, form: FingerForm) -> Solids:
+    """The room for the stiff layer and its cover: from the layer's underside to the back."""
+    stiff, height = stiff_layer_box(form.finger), form.finger.body.height
+    assert stiff is not None
+    x, y, z = stiff.corner
+    recess = Box((x, y, z), (stiff.size[0], height - y, stiff.size[2]))
+    return [solid_box(occ, recess, Draft(form.leaning.slope, (y + height) / 2))]
+
+
+def _above_stiff_layer(occ: Any, form: FingerForm) -> tuple[int, int]:
+    """All that lies above the stiff layer."""
+    body, layer = form.finger.body, form.finger.stiff_layer
+    bottom = layer.bottom + layer.thickness
+    return 3, occ.addBox(-2 * body.length, bottom, -2 * body.width, 3 * body.length, body.height, 4 * body.width)
 
 
 def _between(occ: Any, form: FingerForm, bottom: float, top: float) -> Solids:

@@ -64,9 +64,10 @@ def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: M
     name = file.stem
     form = FingerForm(geometry.table, settings["wall"], settings["draft"], str(file))
     with gmsh_session(name) as gmsh:
-        cast_finger(gmsh.model.occ, form)
+        cast_finger(gmsh.model.occ, form, parted=True)
         write_step(gmsh, folder / f"{name}.step")
-        for _, solid in gmsh.model.getEntities(3):  # otherwise the void would be inside out
+    with gmsh_session(name) as gmsh:
+        for _, solid in cast_finger(gmsh.model.occ, form, parted=False):  # otherwise the void would be inside out
             gmsh.model.mesh.setOutwardOrientation(solid)
         triangulate(gmsh)
         gmsh.option.setNumber("Mesh.Binary", 1)

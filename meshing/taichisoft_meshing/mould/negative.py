@@ -13,8 +13,7 @@ from taichisoft.meshes import enclosed_volume
 from taichisoft.plugin_system import Geometry
 from taichisoft_meshing.bodies.file_bodies import StepBody
 from taichisoft_meshing.bodies.step_file import import_solids
-from taichisoft_meshing.gmsh_session import gmsh_session
-from taichisoft_meshing.mould.assembly import Assembly, triangles_of, triangulate
+from taichisoft_meshing.mould.assembly import Assembly
 from taichisoft_meshing.mould.ray_crossings import find_parallel_crossings
 
 MOST_TRIANGLES = 6000
@@ -43,13 +42,8 @@ def outside_of(geometry: Geometry, file: str) -> tuple[Callable[[Any], Any], np.
             occ.remove([(3, solid) for solid in solids])
             return [(3, outside)]
 
-        with gmsh_session(file) as gmsh:
-            outside = from_step(gmsh)
-            gmsh.model.occ.synchronize()
-            triangulate(gmsh)
-            faces = [face for _, face in gmsh.model.getBoundary(outside, oriented=False)]
-            vertices, triangles = triangles_of(gmsh, faces)
-        return from_step, vertices[triangles], list(body.void_volumes)
+        seen = body.nodes[body.triangles[np.isin(body.face_of, sorted(body.outside))]]
+        return from_step, seen, list(body.void_volumes)
     mesh = geometry.mesh(None)
     groups = mesh.surface_groups
     triangles = groups["outer"]
