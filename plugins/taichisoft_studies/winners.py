@@ -101,9 +101,9 @@ def draw_winner(job: RunJob, folder: Path) -> list[str]:
                 (folder / name).mkdir(parents=True, exist_ok=True)
                 changed = merge_tables(tables, body.mesh.request.get("set", {}))
                 write_mould_apart(MeshJob(kind, changed, file, {}), folder / name, {})
-                lines.append(f"{name}: drawing and mould in {folder / name}")
+                lines.append(f"{name}: mould or negative in {folder / name}; `taichisoft mould check` checks it")
             except MeshError as error:
-                lines.append(f"{name}: no drawing: {error}")
+                lines.append(f"{name}: no mould: {error}")
     return lines
 
 
