@@ -34,10 +34,10 @@ def mould(
     stiff: Stiff = None,
     set_: mesh_options.Set = None,
 ) -> None:
-    """Write a finger's mould as STEP and STL, for two castings as PneuNets are made, and check it.
+    """Write the mould of a finger as STEP and STL, and check it.
 
-    Of any other body it is the negative in two halves, with its undercuts listed. The exit code is 1 where a part does
-    not come off, cannot be printed, or does not fit.
+    It is for two castings, as PneuNets are made. Of any other body it is the negative in two halves, with its
+    undercuts listed. The exit code is 1 where a part does not come off, cannot be printed, or does not fit.
     """
     from taichisoft_meshing.mesh_process import write_mould_apart
     from taichisoft_meshing.mesh_set import prepare_folder
