@@ -26,8 +26,8 @@ from taichisoft.terminal_text import printable
 
 ORDER = (
     *("run", "render", "view", "resume"),  # used every day
-    *("new", "mesh", "characterise", "converge", "study", "reduce", "recording", "materials", "plugins", "sofa"),
-    "doctor",
+    *("new", "mesh", "mould", "characterise", "converge", "study", "reduce"),
+    *("recording", "materials", "plugins", "sofa", "doctor"),
 )
 """Commands in the order of the help; further ones of plug-ins come after them."""
 

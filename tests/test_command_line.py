@@ -310,6 +310,7 @@ def test_the_commands_are_on_one_screen_and_the_daily_ones_are_first(command: Co
     assert names[4:] == [
         "new",
         "mesh",
+        "mould",
         "characterise",
         "converge",
         "study",

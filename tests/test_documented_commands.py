@@ -182,6 +182,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     from taichisoft.scenes import shipped
     from taichisoft_meshing import mesh_job, mesh_process
+    from taichisoft_meshing.mould import part_pictures
     from taichisoft_outputs.rendering import render, video
     from taichisoft_outputs.web import recording_page, web_output
     from taichisoft_studies import workers
@@ -194,6 +195,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Figure, "savefig", save_nothing)
     for module in (render, video):
         monkeypatch.setattr(module, "draw_frames", draw_nothing)
+    monkeypatch.setattr(part_pictures, "draw_parts", lambda parts: [])
     monkeypatch.setattr(mesh_process, "_known_elsewhere", lambda job: False)
     monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))

@@ -50,21 +50,23 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft mesh`, `mesh info`, `mesh cache`, `mesh mould` and `new gripper`."""
+    """Add `taichisoft mesh`, `mesh info`, `mesh cache`, `mould`, `mould check` and `new gripper`."""
     import typer
 
     from taichisoft.plugin_system import group_with_default
     from taichisoft_meshing.commands.mesh import mesh
     from taichisoft_meshing.commands.mesh_info import mesh_info
-    from taichisoft_meshing.commands.mould import mould
+    from taichisoft_meshing.commands.mould_command import mould, mould_check
     from taichisoft_meshing.commands.new_gripper import gripper
     from taichisoft_meshing.mesh_cache import mesh_cache
 
     group = group_with_default(mesh)
     group.command("info")(mesh_info)
     group.command("cache")(mesh_cache)
-    group.command("mould")(mould)
     application.add_typer(group, name="mesh")
+    moulds = group_with_default(mould)
+    moulds.command("check")(mould_check)
+    application.add_typer(moulds, name="mould")
     new = typer.Typer(no_args_is_help=True, help="Write something to start from.")
     new.callback()(lambda: None)
     new.command("gripper")(gripper)

@@ -3,14 +3,16 @@
 import logging
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from taichisoft.errors import MeshError
 from taichisoft.plugin_system import FILE_OPTION, load_requested, plugin_registry, provided_by_plugin
 from taichisoft.worker import WorkerLost, WorkerSlow, call_apart
 from taichisoft_meshing.bodies.cad_body import CadBody
 from taichisoft_meshing.mesh_job import MadeMesh, MeshJob, make_mesh
+from taichisoft_meshing.mould.mould_set import write_mould
 
 LOGGER = logging.getLogger("taichisoft.meshing")
 
@@ -39,6 +41,28 @@ def make_mesh_apart(
     if not _known_elsewhere(job):
         return make_mesh(job, stage)
     stage("meshing")
+    made: MadeMesh = call_with_plugins("taichisoft_meshing.mesh_process:make_mesh_here", job, time_limit=time_limit)
+    return made
+
+
+def write_mould_apart(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
+    """Write a mould as `write_mould` does, in a process of its own, or in this one as above.
+
+    Raises:
+        MeshError: something in the tables or the form is not valid, or OpenCASCADE fails.
+        PluginError: the plug-in of the kind failed.
+    """
+    if not _known_elsewhere(job):
+        write_mould(job, folder, form)
+    else:
+        call_with_plugins("taichisoft_meshing.mesh_process:write_mould_here", job, folder, form)
+
+
+def call_with_plugins(function: str, job: MeshJob, *arguments: Any, time_limit: float = TIME_LIMIT) -> Any:
+    """The value of `function`, for the files of this process's plug-ins, a job and arguments, in another process.
+
+    Raises: what `make_mesh_apart` raises.
+    """
     files = [origin.place for origin in plugin_registry().origins.values() if origin.kind == "file"]
     started = time.monotonic()
 
@@ -46,19 +70,13 @@ def make_mesh_apart(
         LOGGER.info("meshing %s: %.0f s so far", job.file, time.monotonic() - started)
 
     try:
-        made: MadeMesh = call_apart(
-            "taichisoft_meshing.mesh_process:make_mesh_here",
-            job,
-            files,
-            time_limit=time_limit,
-            meanwhile=say_so,
-            every=BETWEEN_LINES,
+        return call_apart(
+            function, files, job, *arguments, time_limit=time_limit, meanwhile=say_so, every=BETWEEN_LINES
         )
     except WorkerLost as lost:
         slow = isinstance(lost, WorkerSlow)
         problem = f"it took more than {time_limit:g} s; take larger elements" if slow else lost
         raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}") from lost
-    return made
 
 
 def read_step_apart(path: Path) -> CadBody:
@@ -74,11 +92,21 @@ def read_step_apart(path: Path) -> CadBody:
     return body
 
 
-def make_mesh_here(job: MeshJob, files: Sequence[str]) -> MadeMesh:
+def make_mesh_here(files: Sequence[str], job: MeshJob) -> MadeMesh:
     """What the process does: it loads the plug-ins of `files` and makes the mesh, with warnings as its remarks."""
+    _load(files)
+    return make_mesh(job)
+
+
+def write_mould_here(files: Sequence[str], job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
+    """What the process does: it loads the plug-ins of `files` and writes the mould."""
+    _load(files)
+    write_mould(job, folder, form)
+
+
+def _load(files: Sequence[str]) -> None:
     warnings.simplefilter("ignore")
     load_requested([word for file in files for word in (FILE_OPTION, file)])
-    return make_mesh(job)
 
 
 def _known_elsewhere(job: MeshJob) -> bool:

@@ -14,6 +14,7 @@ from taichisoft.scenes import NotNegative, Positive, Table
 from taichisoft_meshing.bodies.meshed_body import compare_volumes
 from taichisoft_meshing.finger.boxes import TOUCH
 from taichisoft_meshing.finger.groups import surface_groups
+from taichisoft_meshing.finger.solid import drawn_out
 from taichisoft_meshing.geometry_file import ROUNDING, CheckedGeometry, at_least, at_most
 from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
 from taichisoft_meshing.size_search import GROWTH, element_count, refuse_too_many
@@ -200,22 +201,14 @@ def _build(gmsh: Any, finger: TendonFingerTable) -> None:
     """The side view drawn out across the finger, less what the top view leaves away, cut at the end of the base."""
     occ, body = gmsh.model.occ, finger.body
     side = [(x, y, -body.width / 2) for x, y in finger.outline]
-    blank = _drawn_out(occ, side, (0.0, 0.0, body.width))
+    blank = drawn_out(occ, side, (0.0, 0.0, body.width))
     half, tip = body.width / 2, body.tip_width / 2
     top = [(0.0, 0.0, -half), (0.0, 0.0, half), (-body.length, 0.0, tip), (-body.length, 0.0, -tip)]
-    silicone, _ = occ.intersect(blank, _drawn_out(occ, top, (0.0, body.height, 0.0)))
+    silicone, _ = occ.intersect(blank, drawn_out(occ, top, (0.0, body.height, 0.0)))
     base = occ.addBox(-body.base_length, 0.0, -half, body.base_length, body.height, body.width)
     held, _ = occ.intersect(silicone, [(3, base)], removeObject=False)
     occ.fragment(silicone, held)
     occ.synchronize()
-
-
-def _drawn_out(occ: Any, corners: list[tuple[float, float, float]], way: tuple[float, float, float]) -> Any:
-    """The solid between a polygon and the same one shifted."""
-    points = [occ.addPoint(*corner) for corner in corners]
-    sides = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
-    face = occ.addPlaneSurface([occ.addCurveLoop(sides)])
-    return [part for part in occ.extrude([(2, face)], *way) if part[0] == 3]
 
 
 def _set_sizes(gmsh: Any, finger: TendonFingerTable) -> None:

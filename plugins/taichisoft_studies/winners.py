@@ -8,8 +8,9 @@ from typing import Any
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.scenes import scene_from_toml
-from taichisoft_meshing.commands.mould import WALL, write_parts
 from taichisoft_meshing.geometry_file import read_tables
+from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_process import write_mould_apart
 from taichisoft_meshing.scene_meshes import merge_tables
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.objectives import figures
@@ -86,7 +87,7 @@ def make_winners(
 
 
 def draw_winner(job: RunJob, folder: Path) -> list[str]:
-    """Write STEP, STL and mould of every soft body that is meshed from a geometry with a mould, a folder for each.
+    """Write the mould, or negative, of every soft body that is meshed from a geometry file, a folder for each.
 
     Returns:
         A line for each body: the folder of its parts, or the reason why there are none.
@@ -98,10 +99,11 @@ def draw_winner(job: RunJob, folder: Path) -> list[str]:
             kind, tables = read_tables(file)
             try:
                 (folder / name).mkdir(parents=True, exist_ok=True)
-                write_parts(kind, merge_tables(tables, body.mesh.request.get("set", {})), file, folder / name, WALL)
-                lines.append(f"{name}: drawing and mould in {folder / name}")
+                changed = merge_tables(tables, body.mesh.request.get("set", {}))
+                write_mould_apart(MeshJob(kind, changed, file, {}), folder / name, {})
+                lines.append(f"{name}: mould or negative in {folder / name}; `taichisoft mould check` checks it")
             except MeshError as error:
-                lines.append(f"{name}: no drawing: {error}")
+                lines.append(f"{name}: no mould: {error}")
     return lines
 
 

@@ -4,7 +4,7 @@ A soft body or region that names a material takes the keys of `material_keys` fr
 """
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -14,6 +14,19 @@ from taichisoft.scenes.table import Number, PoissonRatio, Positive, Table
 
 ELASTICITY = ("law", "young_modulus", "coefficients")
 """Keys of a body or region that a material takes the place of."""
+
+
+class Mixing(Table):
+    """How the two parts of a silicone are mixed."""
+
+    a: Positive
+    """Parts of A [-]."""
+    b: Positive
+    """Parts of B [-]."""
+    by: Literal["weight", "volume", "weight or volume"]
+    """What is measured in these parts."""
+    source: str
+    """Where the ratio comes from."""
 
 
 class Material(Table):
@@ -36,6 +49,8 @@ class Material(Table):
     """Root mean square of the misfit over the largest stress of the fit [-]."""
     source: str
     """Where the numbers come from, and under which licence."""
+    mixing: Mixing | None = None
+    """Ratio of its two parts, for casting; no simulation uses it."""
 
     @property
     def shear_modulus(self) -> float:

@@ -14,6 +14,7 @@ from taichisoft_outputs.recording.layout import RecordingError
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.stress import StressLaw, von_mises
 
+ROOT = Path(__file__).resolve().parents[2]
 FRAME = 37
 """A frame in which the cube is carried."""
 
@@ -63,9 +64,9 @@ def test_points_are_those_of_the_deformed_bodies(exported: Path, recording: Reco
     position = recording.row("position", FRAME)
     rest = np.vstack([body.rest_position for body in recording.soft_bodies])
     close(soft.points, position)
-    close(soft["displacement"], position - rest)
-    close(soft["velocity"], recording.velocity(FRAME))
-    assert np.ptp(soft["displacement"]) > 1.0, "there is something to see"
+    close(soft["displacement [mm]"], position - rest)
+    close(soft["velocity [mm/s]"], recording.velocity(FRAME))
+    assert np.ptp(soft["displacement [mm]"]) > 1.0, "there is something to see"
 
 
 def test_cells_have_stress_material_body_and_groups(exported: Path, recording: Recording) -> None:
@@ -78,12 +79,13 @@ def test_cells_have_stress_material_body_and_groups(exported: Path, recording: R
         position = recording.row("position", FRAME)[body.nodes]
         law = StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar=True)
         stress = law.stress(position, np.full(len(body.elements), 100.0))
-        close(soft.cell_data["von_mises"][cells], von_mises(stress))
+        close(soft.cell_data["von_mises [kPa]"][cells], von_mises(stress))
         stretches = Stretches(body.rest_position, body.elements)
         close(soft.cell_data["largest_stretch"][cells], stretches.largest(position))
         xx_yy_zz_xy_yz_xz = stress[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
-        close(soft.cell_data["stress"][cells], xx_yy_zz_xy_yz_xz)
-    assert (soft.cell_data["young_modulus"] == 100.0).all()
+        close(soft.cell_data["stress [kPa]"][cells], xx_yy_zz_xy_yz_xz)
+    assert (soft.cell_data["young_modulus [kPa]"] == 100.0).all()
+    np.testing.assert_array_equal(soft.cell_data["material_left"], soft.cell_data["body"] == 0)
     base = np.zeros(len(soft.points), dtype=bool)
     for body in (left, right):
         base[body.nodes.start + body.surface_groups["base"].ravel()] = True
@@ -95,7 +97,7 @@ def test_rotations_are_those_of_the_scene(tmp_path: Path) -> None:
     tiny_run.tiny_run(tmp_path, ['soft_bodies.left.corotation="polar"', 'soft_bodies.right.corotation="edges"'])
     with read_recording(tmp_path / "recording.h5") as recording:
         export_vtu(recording, [FRAME], tmp_path)
-        found = grid(tmp_path, "soft_bodies", FRAME).cell_data["von_mises"]
+        found = grid(tmp_path, "soft_bodies", FRAME).cell_data["von_mises [kPa]"]
         expected = [
             von_mises(
                 StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar).stress(
@@ -108,7 +110,7 @@ def test_rotations_are_those_of_the_scene(tmp_path: Path) -> None:
 
 
 def test_an_element_group_is_a_cell_array(tmp_path: Path, block) -> None:
-    """Groups of one body only are 0 in the others."""
+    """Groups of one body only are 0 in the others, as is its silicone; elements of ten nodes stay cells."""
     from blocks import make_block
 
     from taichisoft.meshes.files import write_volume_mesh
@@ -119,16 +121,19 @@ def test_an_element_group_is_a_cell_array(tmp_path: Path, block) -> None:
     write_volume_mesh(grouped, tmp_path / "grouped.msh")
     write_volume_mesh(mesh, tmp_path / "plain.msh")
     body = "density = 1e-6, young_modulus = 100.0, poisson_ratio = 0.3"
+    rubber = f'element = "quadratic", material = "{ROOT}/data/materials/dragon-skin-30.toml"'
     extra = [
         f'soft_bodies.one={{mesh = "{tmp_path}/plain.msh", translation = [0.0, 0.0, 60.0], {body}}}',
-        f'soft_bodies.two={{mesh = "{tmp_path}/grouped.msh", translation = [0.0, 0.0, 80.0], {body}}}',
+        f'soft_bodies.two={{mesh = "{tmp_path}/grouped.msh", translation = [0.0, 0.0, 80.0], {rubber}}}',
     ]
     tiny_run.tiny_run(tmp_path, extra)
     with read_recording(tmp_path / "recording.h5") as recording:
         export_vtu(recording, [0], tmp_path)
         before = sum(len(body.elements) for body in recording.soft_bodies[:3])
-    members = np.flatnonzero(grid(tmp_path, "soft_bodies", 0).cell_data["group_stiff"])
-    np.testing.assert_array_equal(members, before + np.array([1, 5, 6]))
+    found = grid(tmp_path, "soft_bodies", 0)
+    np.testing.assert_array_equal(np.flatnonzero(found.cell_data["group_stiff"]), before + np.array([1, 5, 6]))
+    assert found.celltypes.tolist() == [10] * before + [24] * len(mesh.elements)
+    np.testing.assert_array_equal(found.cell_data["material_Dragon Skin 30"], found.celltypes == 24)
 
 
 def test_cavities_bear_their_pressure(exported: Path, recording: Recording) -> None:
@@ -139,8 +144,10 @@ def test_cavities_bear_their_pressure(exported: Path, recording: Recording) -> N
         close(
             cavities.points[cavities.cells.reshape(-1, 4)[cells, 1]], surface.vertices(FRAME)[surface.triangles[:, 0]]
         )
-        close(cavities.cell_data["pressure"][cells], np.full(cells.sum(), recording.row("pressure", FRAME)[number]))
-        close(cavities.cell_data["volume"][cells], np.full(cells.sum(), recording.row("volume", FRAME)[number]))
+        close(
+            cavities.cell_data["pressure [kPa]"][cells], np.full(cells.sum(), recording.row("pressure", FRAME)[number])
+        )
+        close(cavities.cell_data["volume [mm^3]"][cells], np.full(cells.sum(), recording.row("volume", FRAME)[number]))
 
 
 def test_rigid_bodies_move_and_planes_are_squares_that_face_as_they_do(exported: Path, recording: Recording) -> None:
@@ -160,7 +167,7 @@ def test_contacts_are_points_with_forces(exported: Path, recording: Recording) -
     contacts = grid(exported, "contacts", FRAME)
     assert contacts.n_points == len(points) > 0
     close(contacts.points, points)
-    close(contacts["force"], forces)
+    close(contacts["force [mN]"], forces)
     assert grid(exported, "contacts", 0).n_points == 0
 
 
@@ -170,7 +177,7 @@ def test_meshio_reads_a_frame_too(exported: Path) -> None:
     read = meshio.read(exported / "soft_bodies" / f"{FRAME:05d}.vtu")
     soft = grid(exported, "soft_bodies", FRAME)
     np.testing.assert_array_equal(read.points, soft.points)
-    np.testing.assert_array_equal(read.cell_data["stress"][0], soft.cell_data["stress"])
+    np.testing.assert_array_equal(read.cell_data["stress [kPa]"][0], soft.cell_data["stress [kPa]"])
 
 
 def test_which_frames(recording: Recording) -> None:

@@ -7,8 +7,9 @@ import pytest
 import pyvista
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.meshes import SIDES
 from taichisoft_outputs.paraview import vtu_file
-from taichisoft_outputs.paraview.vtu_file import TETRAHEDRON, VERTEX, Grid, write_pvd, write_vtu
+from taichisoft_outputs.paraview.vtu_file import CELL_TYPES, Grid, write_pvd, write_vtu
 
 
 @pytest.fixture
@@ -17,8 +18,7 @@ def grid() -> Grid:
     random = np.random.default_rng(3)
     return Grid(
         points=random.normal(0.0, 50.0, (300, 3)),
-        cells=np.array([random.choice(300, 4, replace=False) for _ in range(170)]),
-        cell_type=TETRAHEDRON,
+        cells=[np.array([random.choice(300, 4, replace=False) for _ in range(170)])],
         point_data={"displacement": random.normal(size=(300, 3)), "chosen": np.arange(300) % 2 == 0},
         cell_data={"stress": random.normal(size=(170, 6)), 'body <1> & "2"': np.arange(170, dtype=np.int32)},
     )
@@ -33,8 +33,8 @@ def test_vtk_reads_what_was_written(
     write_vtu(tmp_path / "a.vtu", grid)
     read = pyvista.read(tmp_path / "a.vtu")
     np.testing.assert_array_equal(read.points, grid.points.astype(np.float32))
-    np.testing.assert_array_equal(read.cells.reshape(-1, 5)[:, 1:], grid.cells)
-    assert (read.celltypes == TETRAHEDRON).all()
+    np.testing.assert_array_equal(read.cells.reshape(-1, 5)[:, 1:], grid.cells[0])
+    assert (read.celltypes == CELL_TYPES[4]).all()
     for name, values in grid.point_data.items():
         np.testing.assert_array_equal(read.point_data[name], values.astype(np.float32))
     for name, values in grid.cell_data.items():
@@ -49,14 +49,24 @@ def test_meshio_reads_what_was_written(grid: Grid, tmp_path: Path) -> None:
     write_vtu(tmp_path / "a.vtu", grid)
     read = meshio.read(tmp_path / "a.vtu")
     np.testing.assert_array_equal(read.points, grid.points.astype(np.float32))
-    np.testing.assert_array_equal(read.cells_dict["tetra"], grid.cells)
+    np.testing.assert_array_equal(read.cells_dict["tetra"], grid.cells[0])
     np.testing.assert_array_equal(read.cell_data["stress"][0], grid.cell_data["stress"].astype(np.float32))
     assert read.point_data["chosen"].dtype == np.uint8
 
 
+def test_curved_tetrahedra_stand_beside_straight_ones(tmp_path: Path) -> None:
+    """VTK's volume of a straight-sided tetrahedron of ten nodes is that of its corners: 1/6; its nodes are in order."""
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    ten = np.vstack([corners, corners[SIDES].mean(axis=1)])
+    write_vtu(tmp_path / "a.vtu", Grid(ten, [np.array([[0, 1, 2, 3]]), np.arange(10)[None]]))
+    read = pyvista.read(tmp_path / "a.vtu")
+    assert read.celltypes.tolist() == [CELL_TYPES[4], CELL_TYPES[10]]
+    np.testing.assert_allclose(read.compute_cell_sizes()["Volume"], 1 / 6, rtol=1e-6)
+
+
 def test_a_grid_of_nothing(tmp_path: Path) -> None:
     """A frame without contacts."""
-    nothing = Grid(np.zeros((0, 3)), np.zeros((0, 1), dtype=int), VERTEX, {"force": np.zeros((0, 3))})
+    nothing = Grid(np.zeros((0, 3)), [np.zeros((0, 1), dtype=int)], {"force": np.zeros((0, 3))})
     write_vtu(tmp_path / "a.vtu", nothing)
     assert pyvista.read(tmp_path / "a.vtu").n_points == 0
 
@@ -65,7 +75,7 @@ def test_a_list_gives_the_file_of_each_time(grid: Grid, tmp_path: Path) -> None:
     files = []
     for index, time in enumerate((0.0, 0.01, 0.3)):
         path = tmp_path / "of <run>" / f"{index}.vtu"
-        write_vtu(path, Grid(grid.points + index, grid.cells, TETRAHEDRON))
+        write_vtu(path, Grid(grid.points + index, grid.cells))
         files.append((time, path))
     write_pvd(tmp_path / "run.pvd", files)
     reader = pyvista.PVDReader(tmp_path / "run.pvd")

@@ -91,9 +91,9 @@ def test_the_export_has_stiffness_and_stress_of_each_frame(recording: Recording,
     export_vtu(recording, [1, 2, 3], tmp_path)
     for frame in (1, 2, 3):
         cells = pyvista.read(tmp_path / "soft_bodies" / f"{frame:05d}.vtu").cell_data
-        np.testing.assert_array_equal(cells["young_modulus"], np.concatenate(element_moduli(recording, frame)))
+        np.testing.assert_array_equal(cells["young_modulus [kPa]"], np.concatenate(element_moduli(recording, frame)))
         expected = np.concatenate(element_stress(recording, frame))
-        np.testing.assert_allclose(cells["von_mises"], expected, rtol=1e-5, atol=1e-6 * expected.max())
+        np.testing.assert_allclose(cells["von_mises [kPa]"], expected, rtol=1e-5, atol=1e-6 * expected.max())
 
 
 @pytest.mark.parametrize("frame", [1, 2])

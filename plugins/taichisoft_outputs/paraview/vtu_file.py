@@ -15,8 +15,8 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 
-VERTEX, LINE, TRIANGLE, TETRAHEDRON = 1, 3, 5, 10
-"""VTK's numbers of the types of cells."""
+CELL_TYPES = {1: 1, 2: 3, 3: 5, 4: 10, 10: 24}
+"""VTK's numbers of vertex, line, triangle, tetrahedron and quadratic tetrahedron, by their numbers of points."""
 
 BLOCK_BYTES = 1 << 20
 """VTK packs arrays in blocks of this size before compression."""
@@ -27,19 +27,17 @@ COMPONENTS = {3: ("X", "Y", "Z"), 6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}
 
 @dataclass(frozen=True)
 class Grid:
-    """Points and cells of one type with data on them.
+    """Points and cells with data on them.
 
     Attributes:
         points: positions, shape (point_count, 3).
-        cells: point indices, shape (cell_count, points_per_cell).
-        cell_type: VTK's number of the type of the cells.
+        cells: point indices of cells of one type after the other, each of shape (count, points_per_cell).
         point_data: arrays by name, each (point_count,) or (point_count, components).
         cell_data: arrays by name, each (cell_count,) or (cell_count, components).
     """
 
     points: np.ndarray
-    cells: np.ndarray
-    cell_type: int
+    cells: Sequence[np.ndarray]
     point_data: Mapping[str, np.ndarray] = field(default_factory=dict)
     cell_data: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -50,11 +48,12 @@ def write_vtu(path: Path, grid: Grid) -> None:
     Raises:
         TaichisoftError: the file cannot be written.
     """
-    offsets = grid.cells.shape[1] * np.arange(1, len(grid.cells) + 1, dtype=np.int64)
-    types = np.full(len(grid.cells), grid.cell_type, dtype=np.uint8)
-    cells = {"connectivity": grid.cells.astype(np.int64).ravel(), "offsets": offsets, "types": types}
+    points = np.concatenate([np.full(len(cells), cells.shape[1], dtype=np.int64) for cells in grid.cells])
+    types = np.concatenate([np.full(len(cells), CELL_TYPES[cells.shape[1]], dtype=np.uint8) for cells in grid.cells])
+    connectivity = np.concatenate([cells.astype(np.int64).ravel() for cells in grid.cells])
+    cells = {"connectivity": connectivity, "offsets": np.cumsum(points), "types": types}
     content = [
-        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(grid.cells)}">',
+        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(types)}">',
         *_section("PointData", grid.point_data),
         *_section("CellData", grid.cell_data),
         *_section("Points", {"Points": grid.points}),
