@@ -18,6 +18,9 @@ FIRST_SWEEPS = 4
 # near the impulses of the last step, which interior points ignore: with 16 steps a cube fell out of a firm grip. A box
 # that rolls with rolling friction needs 225 steps once in some thousand time steps.
 NEWTON_STEPS, FIRST_PULL = 300, 1e-6
+# The second attempt, from no impulses: a weak pull may lead rolling bodies to a center where the steps end, although
+# there is a solution.
+NEW_STEPS, STRONG_PULL = 100, 1.0
 # Last resort: interior points, then Newton steps. Each attempt has a fraction of the distance to the boundary that a
 # step goes, and a first pull.
 LAST_RESORTS = ((0.99, 1e-4), (0.9, 1e-4), (0.99, 1e-2), (0.7, 1e-3))
@@ -32,8 +35,9 @@ class ContactSolver:
     """Solves for impulses l with v = free + W l that obey Signorini's and Coulomb's laws and the actuators' bounds.
 
     Three stages, each only if the previous one has not reached the tolerance: a few sweeps of a projected Gauss-Seidel
-    (kernels/sweep.py), proximal Newton steps (proximal_newton.py), and an interior-point method that needs no initial
-    guess (kernels/interior_point.py), followed by proximal Newton steps. The remaining iterations are sweeps.
+    (kernels/sweep.py), proximal Newton steps (proximal_newton.py) with a weak, then with a strong pull, and an
+    interior-point method that needs no initial guess (kernels/interior_point.py), followed by proximal Newton steps.
+    The remaining iterations are sweeps.
 
     Attributes:
         answer: impulses l, initialised by the caller, and velocities v, as below.
@@ -70,6 +74,8 @@ class ContactSolver:
         self._sweep(tolerance, min(FIRST_SWEEPS, max_iterations))
         if self._is_unfinished(tolerance, max_iterations):
             self._improve(tolerance, FIRST_PULL, min(NEWTON_STEPS, max_iterations - self.iterations))
+            if self._is_unfinished(tolerance, max_iterations):
+                self._improve_anew(tolerance, min(NEW_STEPS, max_iterations - self.iterations))
         for share, pull in LAST_RESORTS:
             if self._is_unfinished(tolerance, max_iterations):
                 steps = min(LAST_NEWTON_STEPS, max_iterations - self.iterations)
@@ -133,6 +139,15 @@ class ContactSolver:
         residual, taken = self._newton.improve(self.answer, self.residual, tolerance, first_pull, steps)
         self.iterations += taken
         self._keep_if_finite(impulse, residual)
+
+    def _improve_anew(self, tolerance: float, steps: int) -> None:
+        """Take proximal Newton steps from no impulses, with a strong pull; a better old answer is restored."""
+        before, residual = self.impulse.copy(), self.residual
+        self.impulse[:] = 0.0
+        self._sweep(tolerance, 1)
+        self._improve(tolerance, STRONG_PULL, steps)
+        if not self.residual < residual:
+            self.impulse[:], self.residual = before, residual
 
     def _keep_if_finite(self, impulse: np.ndarray, residual: float) -> None:
         """Accept the new residual, or restore the old impulses if the new ones are not finite."""

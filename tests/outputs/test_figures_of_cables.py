@@ -113,9 +113,9 @@ def test_paraview_gets_lines_with_tension_and_pull(run: Run, without: Run, tmp_p
     assert ends.tolist() == [[0, 1], [1, 2], [2, 3], [3, 4], [5, 6]], "none from one cable to the next"
     assert grid.cell_data["cable"].tolist() == [0, 0, 0, 0, 1]
     np.testing.assert_allclose(
-        grid.cell_data["tension"], np.concatenate(run.recording.segment_efforts(CABLES, STEPS)), rtol=1e-6
+        grid.cell_data["tension [mN]"], np.concatenate(run.recording.segment_efforts(CABLES, STEPS)), rtol=1e-6
     )
     pull = run.recording.row("pull", STEPS)
-    np.testing.assert_allclose(grid.cell_data["pull"], pull[[0, 0, 0, 0, 1]], rtol=1e-6)
+    np.testing.assert_allclose(grid.cell_data["pull [mm]"], pull[[0, 0, 0, 0, 1]], rtol=1e-6)
     export_vtu(without.recording, [0], tmp_path / "without")
     assert not list((tmp_path / "without").glob("cables*"))

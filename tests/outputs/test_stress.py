@@ -101,4 +101,5 @@ def _body(corotation: str) -> Any:
         node_mass=np.ones(len(MESH.nodes)),
         anchor_stiffness=np.zeros((len(MESH.nodes), 3)),
         domains=None,
+        reinforcements=None,
     )
