@@ -88,7 +88,7 @@ def cap_triangles(rim: np.ndarray) -> np.ndarray:
                 ears.append((round(float(np.linalg.norm(ear[2] - ear[0])), 9), place, (before, corner, after)))
         if not ears:
             raise ValueError("the rim of its opening crosses itself, so that no cap closes it")
-        _, place, ear = min(ears)
-        triangles.append(ear)
+        _, place, chosen = min(ears)
+        triangles.append(chosen)
         del ring[place]
     return np.array(triangles, dtype=np.int32)
