@@ -135,6 +135,7 @@ LAYERS = {
         "pressures",
         "randomisation",
         "actuation",
+        "arm_motion",
         "channels",
     ],
     "taichisoft_outputs": [

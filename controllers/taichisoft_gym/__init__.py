@@ -11,12 +11,14 @@ from taichisoft.optional_packages import extra, require
 
 if TYPE_CHECKING:
     from taichisoft_gym.actuation import Travel
+    from taichisoft_gym.arm_motion import ArmTravel
     from taichisoft_gym.channels import Channel, ChannelGroup
     from taichisoft_gym.disturbances import Bias, Delayed, Dropout, Noise, Quantised, Sampled
     from taichisoft_gym.environment import SoftRobotEnvironment
     from taichisoft_gym.sensors import Bending, Camera, ContactForces, Flows
 
 __all__ = [
+    "ArmTravel",
     "Bending",
     "Bias",
     "Camera",
@@ -36,6 +38,7 @@ __getattr__, *_ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "actuation": ["Travel"],
+        "arm_motion": ["ArmTravel"],
         "channels": ["Channel", "ChannelGroup"],
         "disturbances": ["Bias", "Delayed", "Dropout", "Noise", "Quantised", "Sampled"],
         "environment": ["SoftRobotEnvironment"],

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from taichisoft.bodies import right_of
 from taichisoft.control import Control, Observation
 from taichisoft.errors import SceneError, nearest
 from taichisoft.scenes import Scene
-from taichisoft.state import State
+from taichisoft_gym.arm_motion import ArmMotion, ArmTravel
 from taichisoft_gym.channels import Channel
+
+if TYPE_CHECKING:  # it imports Taichi
+    from taichisoft.building import Simulation
 
 AXES = ("right", "front", "up")
 """Directions of base, object and targets, as in pictures: up is against gravity."""
@@ -52,15 +55,22 @@ class Actuation:
 
     Attributes:
         channels: name, unit, and values at -1 and 1 of each number.
+        arm: what moves the base by joints; None without.
     """
 
-    def __init__(self, scene: Scene, pressure: tuple[float, float], travel: Travel | None, drives: Sequence[str] = ()):
+    def __init__(
+        self,
+        scene: Scene,
+        pressure: tuple[float, float],
+        travel: Travel | ArmTravel | None,
+        drives: Sequence[str] = (),
+    ):
         """Find the actuators.
 
         Args:
             scene: scene with actuators.
             pressure: lowest and highest pressure [kPa].
-            travel: range of the base; None: the base stands still.
+            travel: range of the base, or the joints of its arm; None: the base stands still.
             drives: keys of `Control` that actions ask for, such as "cable_tension"; an actuator is driven by the first
                 of them that fits it, and by none if none does. Empty: the usual one of each.
 
@@ -84,6 +94,8 @@ class Actuation:
         if not self._driven:
             raise SceneError("an environment needs a soft body with a cavity or a cable; the scene has none")
         self.cavities = tuple(scene.actuators(CAVITIES.plural))
+        self.arm = ArmMotion(scene, travel) if isinstance(travel, ArmTravel) else None
+        travel = travel if isinstance(travel, Travel) else None
         self._axes, self._travel = scene_axes(scene), travel
         channels = [
             Channel(f"{drive.name} {name}", drive.unit, *_range(drive, table, pressure))
@@ -98,15 +110,20 @@ class Actuation:
                 limit = scene.limits.base_turning_speed
                 fastest = min(travel.turning_speed, math.inf if limit is None else math.radians(limit))
                 channels.append(Channel("base turning speed", "rad/s", -fastest, fastest))
+        if self.arm is not None:
+            channels += self.arm.channels
         self.channels = tuple(channels)
         self._low, self._high = (np.array([getattr(one, end) for one in channels]) for end in ("low", "high"))
 
-    def control(self, action: np.ndarray, state: State, period: float) -> Control:
-        """Request of an action for the control period `period` [s] that begins at `state`."""
+    def control(self, action: np.ndarray, simulation: "Simulation", period: float) -> Control:
+        """Request of an action for the control period `period` [s] that begins now."""
+        state = simulation.state
         values = self._low + 0.5 * (action + 1.0) * (self._high - self._low)
         asked: dict[str, Any] = {}
         for (drive, name, _), value in zip(self._driven, values.tolist(), strict=False):
             asked.setdefault(drive.asked, {})[name] = value
+        if self.arm is not None:
+            asked |= self.arm.control(values[len(self._driven) :], state, simulation.model.base_pivot, period)
         if self._travel is not None:
             velocity = np.zeros(3)
             velocity[self._moves] = values[len(self._driven) :][: len(self._moves)]

@@ -16,6 +16,7 @@ from taichisoft.state import State
 from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes
 from taichisoft_gym.arguments import action_values, share, whole_steps
+from taichisoft_gym.arm_motion import ArmTravel
 from taichisoft_gym.changed_scene import changed_scene
 from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
 from taichisoft_gym.observed_quantities import named_quantities
@@ -42,7 +43,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         usual_pressure: pressures of the actions -1 and 1 [kPa], unless the argument `pressure` gives others.
         actions: what actions drive: "pressure", "volume_growth", "valve", "cable_tension", "cable_pull"; of an actuator
             the first that it can be driven by. Empty: the usual one of every actuator.
-        travel: range and speed of the base; None: it stands still.
+        travel: range and speed of the base, or an `ArmTravel`; None: it stands still.
         observations: what is observed, by the names of `observed_quantities.QUANTITIES`, or functions of the
             environment that return a `ChannelGroup`.
         goal_channels: name, unit and range of each number of a goal; empty: the task has no goal.
@@ -69,7 +70,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
     usual_scene: ClassVar[str | Path | Scene] = "gripper"
     usual_pressure: ClassVar[tuple[float, float]] = (0.0, 100.0)
     actions: ClassVar[Sequence[str]] = ()
-    travel: Travel | None = None
+    travel: Travel | ArmTravel | None = None
     observations: ClassVar[Sequence[Quantity]] = ("actuators",)
     goal_channels: tuple[Channel, ...] = ()
     goal_reach: float = 200.0
@@ -250,7 +251,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """
         self._refuse_before_reset()
         asked = action_values(action, len(self.action_channels))
-        control = self.actuation.control(asked, self.simulation.state, self.control_period)
+        control = self.actuation.control(asked, self.simulation, self.control_period)
         diverged = {}
         try:
             for _ in range(self._steps):

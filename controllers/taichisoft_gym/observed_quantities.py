@@ -10,8 +10,11 @@ import numpy as np
 
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError, nearest
-from taichisoft_gym.actuation import AXES
+from taichisoft_gym.actuation import AXES, Travel
 from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
+
+ARM_REACH = 1000.0
+"""Way of a base that an arm carries, in each direction [mm]."""
 
 
 def by_finger(env: Any, name: str, unit: str, high: float, read: Callable[[Observation, str], float]) -> ChannelGroup:
@@ -65,9 +68,22 @@ def tactile(env: Any, highest: float = 1000.0) -> ChannelGroup:
 
 
 def _of_base(env: Any) -> ChannelGroup:
-    low, high = (np.zeros(3), np.zeros(3)) if env.travel is None else (env.travel.low, env.travel.high)
+    reach = np.full(3, 0.0 if env.travel is None else ARM_REACH)
+    low, high = (env.travel.low, env.travel.high) if isinstance(env.travel, Travel) else (-reach, reach)
     channels = [Channel(f"base {axis}", "mm", a - 1.0, b + 1.0) for axis, a, b in zip(AXES, low, high, strict=True)]
     return ChannelGroup(tuple(channels), lambda seen: env.axes @ seen.base_translation)
+
+
+def _joints(env: Any) -> ChannelGroup:
+    arm = env.actuation.arm
+    if arm is None:
+        raise SceneError("observations: 'joints' needs travel = ArmTravel()")
+
+    def read(seen: Observation) -> np.ndarray:
+        values: np.ndarray = arm.values(seen.base_translation, seen.base_rotation, env.simulation.model.base_pivot)
+        return values
+
+    return ChannelGroup(arm.positions, read)
 
 
 def _of_object(env: Any) -> ChannelGroup:
@@ -108,6 +124,7 @@ QUANTITIES: dict[str, Callable[[Any], ChannelGroup]] = {
     "bending": bending,
     "flow": flow,
     "base": _of_base,
+    "joints": _joints,
     "wrist force": lambda env: ChannelGroup(
         symmetric("wrist force", "mN", 1e4, "xyz"), lambda seen: seen.base_force_in_base
     ),

@@ -108,7 +108,7 @@ def tip_places(scene: str, finger: str, low: float, high: float) -> np.ndarray:
         shares = LARGEST * np.random.default_rng(0).uniform(size=(AT_RANDOM, count))
     places = []
     for share in shares:
-        control = actuation.control(2.0 * share - 1.0, simulation.state, REST)
+        control = actuation.control(2.0 * share - 1.0, simulation, REST)
         for _ in range(round(REST / model.scene.time.step)):
             simulation.step(control)
         places.append(simulation.observe().tip_positions[finger])
