@@ -186,9 +186,8 @@ def inflated(tube: str, pressure: float, **body: Any) -> tuple[float, float, flo
     low, high = (outer & (np.abs(rest[:, 2] - place) < 0.1) for place in (-10.0, 10.0))
     along = (position[high, 2].mean() - position[low, 2].mean()) / 20.0 - 1.0
     radius = np.hypot(*(position[low | high, :2]).T).mean()
-    turned = np.arctan2(
-        *np.cross(rest[high, :2], position[high, :2])[None], (rest[high, :2] * position[high, :2]).sum(1)
-    )
+    (x, y), (a, b) = rest[high, :2].T, position[high, :2].T
+    turned = np.arctan2(x * b - y * a, x * a + y * b)
     return float(along), float(radius / RADIUS - 1.0), float(turned.mean())
 
 
