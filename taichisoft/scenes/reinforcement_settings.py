@@ -9,6 +9,9 @@ from taichisoft.scenes.table import KeySets, Positive, Table, Vector
 
 Count = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
+MOST_PIECES = 100_000
+"""Straight pieces of a helix's fibres in all: far more than windings have, and some seconds to lay out."""
+
 
 class MembraneSettings(Table):
     """A thin sheet on or in a soft body, such as paper or a woven fabric: it resists stretch, and bends freely."""
@@ -57,7 +60,15 @@ class Helix(Table):
     def _check_axis(self) -> Self:
         if self.start == self.end:
             raise ValueError("start and end are the same point; they give the axis")
+        pieces = self._pieces() * self.count * (2 if self.hand == "both" else 1)
+        if pieces > MOST_PIECES:
+            raise ValueError(f"asks for {pieces:.0f} straight pieces, at most {MOST_PIECES}; give a longer spacing")
         return self
+
+    def _pieces(self) -> float:
+        """Straight pieces of each fibre, a whole number."""
+        wound = np.linalg.norm(np.subtract(self.end, self.start)) / np.cos(np.radians(self.angle))
+        return float(np.ceil(wound / (self.spacing or self.radius / 3.0)))
 
     def lines(self) -> list[np.ndarray]:
         """The points of each fibre in the mesh's own coordinates [mm], each of shape (point_count, 3)."""
@@ -68,9 +79,7 @@ class Helix(Table):
         aside = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
         aside /= np.linalg.norm(aside)
         across = np.cross(along, aside)
-        wound = length / np.cos(np.radians(self.angle))
-        count = int(np.ceil(wound / (self.spacing or self.radius / 3.0)))
-        share = np.linspace(0.0, 1.0, count + 1)[:, None]
+        share = np.linspace(0.0, 1.0, int(self._pieces()) + 1)[:, None]
         turn = share * length * np.tan(np.radians(self.angle)) / self.radius
         found = []
         for sense in {"right": [1.0], "left": [-1.0], "both": [1.0, -1.0]}[self.hand]:

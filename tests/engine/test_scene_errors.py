@@ -73,6 +73,10 @@ WRONG = [
     (with_box(time={"theta": 0.4}), "time.theta = 0.4: input should be greater than or equal to 0.5"),
     (with_box(time={"theta": float("nan")}), "time.theta = nan"),
     (
+        soft(membranes={"paper": {"group": "top", "thickness": 0.1, "young_modulus": 1e6}}) | {"time": {"theta": 0.5}},
+        "time.theta = 0.5 must be at least 0.55 with the membranes and fibres of soft_bodies.",
+    ),
+    (
         soft(anchors=[{"box": [[0, 0, 0], [1, 1, 1]]}]) | {"time": {"theta": 0.5, "dynamics": "static"}},
         "time.theta = 0.5 must be 1, implicit Euler, with time.dynamics = 'static'; leave one of them out",
     ),

@@ -64,6 +64,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "fibre": {"fibres": {"line": {"points": [[-18, -4, 0.5], [0, 4, -0.5], [17, 0, 0]], "diameter": 0.2}}},
 }
 KINDS["fibre"]["fibres"]["line"]["young_modulus"] = 1e6
+DENSE = {"start": [-15, 0, 0], "end": [15, 0, 0], "radius": 0.5, "angle": 60.0, "spacing": 2e-4}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -285,6 +286,7 @@ def test_a_sheet_that_is_thrown_gains_no_energy(strip: str) -> None:
         ({"fibres": {"line": {"points": [[0, 0, 0], [90, 0, 0]], "diameter": 1, "young_modulus": 1}}}, "lies outside"),
         ({"fibres": {"line": {"points": [[0, 0, 0], [0, 0, 0]], "diameter": 1, "young_modulus": 1}}}, "are the same"),
         ({"fibres": {"line": {"diameter": 1, "young_modulus": 1}}}, "exactly one of points, helix is needed"),
+        ({"fibres": {"line": {"helix": DENSE, "diameter": 1, "young_modulus": 1}}}, "asks for 600000 straight pieces"),
     ],
 )
 def test_what_is_wrong_with_a_reinforcement_is_said_in_one_line(strip: str, keys: dict[str, Any], message: str) -> None:
