@@ -29,6 +29,7 @@ from taichisoft.scenes import (
     shape_settings,
     soft_body,
     table,
+    time_stepping,
 )
 from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
@@ -86,7 +87,7 @@ versions are understood as well.
 """
 TABLES: dict[str, type[BaseModel]] = {
     "(top level)": scene.Scene,
-    "[time]": scene.Time,
+    "[time]": time_stepping.Time,
     "[contact]": scene.Contact,
     "[[contact.pairs]]": scene.ContactPair,
     "[controller]": scene.SceneControllerSettings,

@@ -20,7 +20,7 @@ from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.runtime.waiting import COUNTERS
-from taichisoft.scenes.scene import Time
+from taichisoft.scenes.time_stepping import Time
 
 
 class Elasticity:

@@ -9,7 +9,7 @@ from taichisoft.actuators.finite_limits import UNLIMITED
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.body_geometry import PosesAhead
 from taichisoft.model import Model
-from taichisoft.scenes.scene import Time
+from taichisoft.scenes.time_stepping import Time
 from taichisoft.solver.coordinate_laws import FollowedLaw
 from taichisoft.solver.kernels.actuator_bounds import (
     BOUND_COLUMNS,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
 from taichisoft.bodies.shape_functions import linear_tetrahedra
 from taichisoft.scenes.elastic_law import lame_parameters
-from taichisoft.scenes.scene import Time
+from taichisoft.scenes.time_stepping import Time
 from taichisoft_outputs.stress import StressLaw, nodal_mean, von_mises
 
 MESH = make_block((2, 2, 3), (20.0, 25.0, 30.0))
