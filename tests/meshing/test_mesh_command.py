@@ -218,7 +218,15 @@ def test_ctrl_c_while_a_set_is_written_comes_when_it_is_whole(
 
 
 def test_ctrl_c_before_leaves_nothing(command, block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(time, "sleep", lambda seconds: signal.raise_signal(signal.SIGINT))
+    sleep = time.sleep
+
+    def interrupt(seconds: float) -> None:
+        """What threads of other tests wait for goes on."""
+        if threading.current_thread() is threading.main_thread():
+            signal.raise_signal(signal.SIGINT)
+        sleep(seconds)
+
+    monkeypatch.setattr(time, "sleep", interrupt)
     assert command("mesh", block, "-o", tmp_path / "body").code == 130
     assert list(tmp_path.iterdir()) == [block]
 
