@@ -69,12 +69,14 @@ class ReducedSystem:
         self._velocity, self._impulse = (np.zeros((elasticity.node_count, 3)) for _ in range(2))
         self._unknown = np.zeros((elasticity.node_count, 3))
         self._frames: tuple[bytes, bytes] | None = None
+        self._multiply_slopes()
         self._set_constant()
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
         """Multiply the stiffness of each element in the model by `factor`, shape (element_count,)."""
         model = self._elasticity
         np.multiply(model.data.modulus, factor[model.element, None], out=self._data.modulus)
+        self._multiply_slopes()
         self._set_constant()
 
     def begin(
@@ -112,6 +114,11 @@ class ReducedSystem:
         if turned:
             self._set_constant()
 
+    def _multiply_slopes(self) -> None:
+        """The part of the matrix that depends on stiffnesses alone: not on the frames, which may turn in every step."""
+        numbers, multiply = range(len(self._elasticity.bodies)), self._elasticity.slope_products
+        self._slopes = [[multiply(n, data) for n in numbers] for data in (self._data, self._undamped_data)]
+
     def _set_constant(self) -> None:
         """The matrix beside the rows: masses with damping, the anchors' springs, and 2 mu B : B of Hooke's law."""
         model = self._elasticity
@@ -125,11 +132,8 @@ class ReducedSystem:
             matrix = model.anchor_factor[number] * (flat.T @ flat) + np.diag(mass)
             start = int(self._stiffness.square_start[number])
             place = slice(start, start + matrix.size // TILE)
-            for stiffness, data in (
-                (self._stiffness, self._data),
-                (self._undamped_stiffness, self._undamped_data),
-            ):
-                stiffness.constant[place] = (matrix + model.slope_products(number, data)).reshape(-1, TILE)
+            for stiffness, products in zip((self._stiffness, self._undamped_stiffness), self._slopes, strict=True):
+                stiffness.constant[place] = (matrix + products[number]).reshape(-1, TILE)
 
     def assemble(self, damped: bool = True) -> None:
         """Fill the blocks of the reduced bodies, and find the elastic forces on the amplitudes."""
