@@ -103,7 +103,7 @@ def refinement_error(value: Value, refined: Value, ratio: float, order: float) -
 
 def time_order(scene: Scene) -> int:
     """Order of the time steps: first, but for the midpoint rule, `time.theta` = 0.5."""
-    return 2 if getattr(scene.time, "theta", 1.0) == 0.5 else 1
+    return 2 if scene.time.theta == 0.5 else 1
 
 
 def converge(

@@ -12,7 +12,7 @@ BESIDE = 50
 
 @dataclass(frozen=True)
 class RayCrossings:
-    """RayCrossings, with an entry for each.
+    """Crossings of rays and triangles, an entry each.
 
     Attributes:
         ray: index of the ray, shape (count,).
