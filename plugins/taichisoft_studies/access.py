@@ -23,9 +23,9 @@ ENCRYPTED = ("tls", "wss")
 
 def own_credentials() -> Any:
     """Dask's `Security` with a new key and its certificate, which are in memory alone."""
-    from distributed.security import Security
+    from taichisoft_studies.tls_connections import SecurityOfStudies
 
-    return Security.temporary()
+    return SecurityOfStudies.temporary()
 
 
 @contextmanager
@@ -38,9 +38,9 @@ def credentials_in_files(folder: Path) -> Iterator[Any]:
     Raises:
         StudyError: they cannot be written.
     """
-    from distributed.security import Security
+    from taichisoft_studies.tls_connections import SecurityOfStudies
 
-    class SecurityOfJobs(Security):  # type: ignore[misc]  # Dask has no types
+    class SecurityOfJobs(SecurityOfStudies):
         """Scheduler and client use the credentials in memory; workers get the files, quoted for a shell."""
 
         files: dict[str, Path]

@@ -4,13 +4,15 @@ import json
 import os
 import re
 import socket
+import ssl
 import stat
+import struct
 import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,6 +24,7 @@ from studies import command
 
 from taichisoft_benchmarks.faults.ports import listening, open_doors, ports_of_studies
 from taichisoft_studies import workers
+from taichisoft_studies.access import own_credentials
 from taichisoft_studies.commands.study_options import announced_workers
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_file import Cluster, Study, check_study
@@ -119,6 +122,70 @@ def test_workers_of_a_study_let_in_nobody_without_its_credentials(tmp_path: Path
         ports = listening(os.getpid())
         assert len(ports) >= 3
         assert [problem for one in ports for problem in open_doors(*one)] == []
+
+
+@pytest.mark.parametrize("broken_python", [False, True])
+def test_a_connection_does_not_end_for_the_error_of_another(
+    broken_python: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of two connections of a thread is reset, and used on; the other then still waits for what is sent to it.
+
+    On this Python as it is, and on one that gives every error of the system to the next connection as well.
+    """
+    left: list[OSError] = []  # of a connection, for the next one
+
+    def giving_it_on(read: Callable[..., Any]) -> Callable[..., Any]:
+        def done(self: ssl.SSLSocket, *arguments: Any) -> Any:
+            if left:
+                raise left.pop()
+            try:
+                return read(self, *arguments)
+            except ssl.SSLWantReadError:
+                raise
+            except OSError:
+                left.append(BrokenPipeError("of another connection"))
+                raise
+
+        return done
+
+    if broken_python:
+        for name in ("read", "send"):
+            monkeypatch.setattr(ssl.SSLSocket, name, giving_it_on(getattr(ssl.SSLSocket, name)))
+    with encrypted_pair() as (gone, breaking), encrypted_pair() as (sender, healthy):
+        gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closing it resets it
+        gone.close()
+        for _ in range(3):
+            with suppress(OSError):
+                breaking.send(b"into the void")
+            with pytest.raises(ssl.SSLWantReadError):
+                healthy.recv(1)
+        sender.send(b"x")
+        healthy.setblocking(True)
+        assert healthy.recv(1) == b"x"
+
+
+@contextmanager
+def encrypted_pair() -> Iterator[tuple[ssl.SSLSocket, ssl.SSLSocket]]:
+    """Two ends of a connection of a study's workers, which do not wait for each other: client and server."""
+    security = own_credentials()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        plain = socket.create_connection(listener.getsockname())
+        ends = [
+            security.get_connection_args("client")["ssl_context"].wrap_socket(plain, do_handshake_on_connect=False),
+            security.get_listen_args("scheduler")["ssl_context"].wrap_socket(
+                listener.accept()[0], server_side=True, do_handshake_on_connect=False
+            ),
+        ]
+    waiting = list(ends)
+    for end in ends:
+        end.setblocking(False)
+    while waiting:
+        with suppress(ssl.SSLWantReadError):
+            waiting[0].do_handshake()
+            waiting.pop(0)
+        waiting.reverse()
+    with ends[0], ends[1]:
+        yield ends[0], ends[1]
 
 
 def test_the_command_opens_no_port_to_others() -> None:
