@@ -12,6 +12,7 @@ from taichisoft_outputs.drawing.colouring import body_colours
 from taichisoft_outputs.drawing.painting import (
     SMALLEST_LETTERS,
     Colour,
+    as_bytes,
     font,
     is_dark,
     paint_polygon,
@@ -29,8 +30,8 @@ BAR_LENGTH, BAR_WIDTH = 0.25, 1.0
 """Length of a colour bar, in heights of the picture, and its width, in heights of its letters [-]."""
 SINGLE_FIGURES = 4
 """The caption gives more pressures or tensions than these as a range."""
-VEIL = 190
-"""Opacity of what is laid under text in a close-up, of 255."""
+GLOW = 0.25
+"""How far the background's colour reaches around text and bars in a close-up, in heights of letters [-]."""
 CAPTION_BODIES = 3
 """Number of rigid bodies, at most, whose height is in the caption."""
 
@@ -56,18 +57,6 @@ class Overlay:
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
 
-    def _paint_backdrop(self, picture: Any, letters: float) -> None:
-        from PIL import Image
-
-        width, height = picture.size
-        ground = Image.new("RGB", picture.size, tuple(round(255 * part) for part in self._style.background_colour))
-        veil = np.zeros((height, width), dtype=np.uint8)
-        if self._scales:
-            veil[:, width - round(colour_bars_width(self._scales, letters)) :] = VEIL
-        if self._style.caption or self._style.name:
-            veil[: round(0.03 * height + 1.6 * letters)] = VEIL
-        picture.paste(ground, mask=Image.fromarray(veil))
-
     @property
     def arrow_tails(self) -> np.ndarray:
         """Where arrows of forces begin [mm], shape (count, 3)."""
@@ -84,18 +73,30 @@ class Overlay:
             paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
         paint_marks(image, camera, marks)
         if self._style.eye is not None or self._style.followed is not None:  # anything may be behind the text
-            self._paint_backdrop(image, letters)
+            written = image.copy()
+            self._write(written, camera, frame, letters)
+            self._paint_glow(image, written, GLOW * letters)
+        self._write(image, camera, frame, letters)
+        return np.asarray(image)
+
+    def _write(self, image: Any, camera: PictureCamera, frame: int, letters: float) -> None:
         if self._arrows is not None:
             self._arrows.paint_scale(image, camera, self._ink, letters)
         if self._style.axes:
             paint_axes(image, camera, self._axis_colours, letters)
         paint_colour_bars(image, self._scales, self._ink, letters)
+        words = [self._style.name] if self._style.name else []
         if self._style.caption:
-            parts = caption_parts(self._recording, frame)
-            paint_caption(image, [self._style.name, *parts] if self._style.name else parts, self._ink, letters)
-        elif self._style.name:
-            paint_caption(image, [self._style.name], self._ink, letters)
-        return np.asarray(image)
+            words += caption_parts(self._recording, frame)
+        if words:
+            paint_caption(image, words, self._ink, letters)
+
+    def _paint_glow(self, image: Any, written: Any, reach: float) -> None:
+        from PIL import Image, ImageChops, ImageFilter
+
+        where = ImageChops.difference(image, written).convert("L").point(lambda value: 255 * (value > 0))
+        soft = where.filter(ImageFilter.GaussianBlur(reach)).point(lambda value: min(3 * value, 255))
+        image.paste(Image.new("RGB", image.size, as_bytes(self._style.background_colour)), mask=soft)
 
 
 def paint_marks(picture: Any, camera: PictureCamera, points: np.ndarray) -> None:
@@ -145,7 +146,7 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, 
         colours = np.rint(255 * scale.colours(values)).astype(np.uint8)
         edge = max(round(letters / 16), 1)
         box = (round(left) - edge, top - edge, round(left) + width + edge - 1, top + length + edge - 1)
-        ImageDraw.Draw(picture).rectangle(box, outline=tuple(round(255 * part) for part in ink), width=edge)
+        ImageDraw.Draw(picture).rectangle(box, outline=as_bytes(ink), width=edge)
         picture.paste(Image.fromarray(np.repeat(colours[:, None], width, axis=1)), (round(left), top))
         for value, text in ((scale.high, scale.top), ((scale.high + scale.low) / 2, ""), (scale.low, "")):
             place = top + (scale.high - value) / (scale.high - scale.low) * length

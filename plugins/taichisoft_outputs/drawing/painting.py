@@ -32,7 +32,7 @@ def paint_polygon(picture: Any, corners: Sequence[Sequence[float]] | np.ndarray,
         return
     mask = Image.new("L", (int(high[0] - low[0]) * SUPERSAMPLING, int(high[1] - low[1]) * SUPERSAMPLING))
     ImageDraw.Draw(mask).polygon([tuple(corner) for corner in (corners - low) * SUPERSAMPLING], fill=255)
-    picture.paste(_bytes(colour), tuple(int(part) for part in low), mask.reduce(SUPERSAMPLING))
+    picture.paste(as_bytes(colour), tuple(int(part) for part in low), mask.reduce(SUPERSAMPLING))
 
 
 def paint_arrow(picture: Any, tail: np.ndarray, tip: np.ndarray, width: float, colour: Colour) -> None:
@@ -89,9 +89,10 @@ def paint_text(picture: Any, place: tuple[float, float], text: str, height: floa
     """
     from PIL import ImageDraw
 
-    ImageDraw.Draw(picture).text(place, text, font=font(height), fill=_bytes(colour), anchor=anchor)
+    ImageDraw.Draw(picture).text(place, text, font=font(height), fill=as_bytes(colour), anchor=anchor)
 
 
-def _bytes(colour: Colour) -> tuple[int, int, int]:
+def as_bytes(colour: Colour) -> tuple[int, int, int]:
+    """A colour with parts from 0 to 255."""
     red, green, blue = (round(255 * part) for part in colour)
     return red, green, blue
