@@ -69,6 +69,7 @@ LAYERS = {
         "expressions",
         "input_file",
         "optional_packages",
+        "caller_warnings",
         "errors",
     ],
     "taichisoft_benchmarks": [
@@ -219,6 +220,7 @@ LAYERS = {
         "sweep_runs",
         "workers",
         "access",
+        "tls_connections",
         "worker_start",
         "worker_task",
         "run_child",

@@ -1,6 +1,5 @@
 """An arm from a URDF: the chain of its joints, and the shapes of its links; yourdfpy parses the file."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import SceneError, nearest
 from taichisoft.optional_packages import extra, require
 from taichisoft_arm.kinematic_chain import ChainJoint, KinematicChain
@@ -205,7 +205,7 @@ def _chain_joint(joint: Any, before: np.ndarray, path: Path) -> ChainJoint:
     if not np.isfinite(speed) or speed <= 0.0:
         speed = USUAL_SPEED[slides]
         usual = f"{speed:g} mm/s" if slides else f"{np.degrees(speed):g} degrees/s"
-        warnings.warn(f"{where}: has no limit of its velocity above 0; {usual} is taken", stacklevel=2)
+        warn_caller(f"{where}: has no limit of its velocity above 0; {usual} is taken")
     return ChainJoint(joint.name, slides, before @ _origin(joint), axis, lowest, highest, speed)
 
 

@@ -1,11 +1,11 @@
 """Ten-node tetrahedra whose sides follow the curved surfaces of the geometry."""
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.meshes import SIDES, VolumeMesh, least_volumes, tetrahedron_volumes, with_middle_nodes
 from taichisoft_meshing.gmsh_session import GmshFailure
 
@@ -62,10 +62,9 @@ def with_curved_sides(mesh: VolumeMesh, sides: CurvedSides) -> VolumeMesh:
     """The mesh with ten-node tetrahedra, as `curve_sides` gives it; a warning says how many sides stay straight."""
     curved, straight_count = curve_sides(mesh, sides)
     if straight_count:
-        warnings.warn(
+        warn_caller(
             f"{mesh.source}: {straight_count} sides stay straight where curved ones would turn elements over; "
-            "mesh more finely there",
-            stacklevel=2,
+            "mesh more finely there"
         )
     return curved
 

@@ -2,13 +2,13 @@
 
 import os
 import tempfile
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from taichisoft.cache_folder import cache_folder as users_cache_folder
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.checksum import SUFFIX, checksum_file, is_as_kept, keep_checksum
 from taichisoft.errors import MeshError, TaichisoftError
 from taichisoft.terminal_text import say
@@ -36,12 +36,12 @@ def kept_mesh(path: Path | None) -> "VolumeMesh | None":
         return None
     if not is_as_kept(path):
         if checksum_file(path).exists():  # otherwise another process is writing it, or was stopped while it did
-            warnings.warn(f"{path}: has changed since it was written, by its checksum; it is made again", stacklevel=3)
+            warn_caller(f"{path}: has changed since it was written, by its checksum; it is made again")
         return None
     try:
         return read_volume_mesh(path)
     except MeshError as error:
-        warnings.warn(f"{error}; it is made again", stacklevel=3)
+        warn_caller(f"{error}; it is made again")
         return None
 
 
@@ -62,10 +62,9 @@ def keep_mesh(mesh: "VolumeMesh", path: Path | None) -> "VolumeMesh":
             return kept
         except (OSError, TaichisoftError) as error:
             why = error.strerror if isinstance(error, OSError) and error.strerror else error
-            warnings.warn(
+            warn_caller(
                 f"the mesh cannot be kept in {path.parent} ({why}) and is made again every time; "
-                f"{FOLDER_VARIABLE} can name another folder",
-                stacklevel=3,
+                f"{FOLDER_VARIABLE} can name another folder"
             )
     with tempfile.TemporaryDirectory() as folder:
         return _through_file(mesh, Path(folder) / "mesh.msh")

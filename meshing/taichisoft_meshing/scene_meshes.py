@@ -2,12 +2,12 @@
 
 import logging
 import time
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.meshes import VolumeMesh
 from taichisoft_meshing.geometry_file import read_tables
 from taichisoft_meshing.mesh_cache import cache_folder, keep_mesh, kept_mesh
@@ -58,7 +58,7 @@ def mesh_for_scene(
         made = make_mesh_apart(job)
         require_fit(made, "other limits in its [quality]")
         for remark in made.remarks:
-            warnings.warn(f"mesh of {file}: {remark}", stacklevel=2)
+            warn_caller(f"mesh of {file}: {remark}")
         mesh = keep_mesh(made.mesh, path)
         LOGGER.info("meshed %s%s: %d nodes in %.1f s", file, wish, len(mesh.nodes), time.perf_counter() - start)
     return replace(mesh, source=str(file))
@@ -78,5 +78,5 @@ def _cache_path(job: MeshJob) -> Path | None:
     try:
         return cache_folder() / f"{job.file.stem}-{job.fingerprint()[:DIGITS]}.msh"
     except OSError as error:
-        warnings.warn(f"{job.file}: the mesh is made again every time: {error}", stacklevel=3)
+        warn_caller(f"{job.file}: the mesh is made again every time: {error}")
         return None

@@ -1,7 +1,6 @@
 """The output "csv": a row of figures for every step, in run.csv, for pandas or a spreadsheet."""
 
 import csv
-import warnings
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -10,6 +9,7 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.atomic_file import named_os_errors
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.session import Output
 
 if TYPE_CHECKING:
@@ -106,9 +106,8 @@ class CsvOutput(Output):
                 self._file.flush()
         for name in report.signals.keys() - set(self._signals) - self._warned:
             self._warned.add(name)
-            warnings.warn(
-                f"{self.path}: no column for the signal '{name}', which the controller did not have in its first step",
-                stacklevel=2,
+            warn_caller(
+                f"{self.path}: no column for the signal '{name}', which the controller did not have in its first step"
             )
 
     def restart(self, state: "State") -> None:

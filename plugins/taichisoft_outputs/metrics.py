@@ -2,7 +2,6 @@
 
 import json
 import math
-import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure
 from taichisoft.atomic_file import atomic_file
 from taichisoft.bodies import Stretches, TrainingRange, spread
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import GoalMissed
 from taichisoft.session import Output
 from taichisoft_outputs.goals import doubts, first_push, goal_figures, shortcomings
@@ -332,9 +332,8 @@ def warn_of_late_motion(session: "Session") -> None:
     stop = session.controller.base_stops_at(session.simulation.observe())
     if stop is None or stop <= start or end - stop > goal.hold - 0.5 * scene.time.step:
         return
-    warnings.warn(
+    warn_caller(
         f"the controller moves the base until {stop:g} s, and the run ends at {end:g} s: '{goal.object}' counts as "
         f"{goal.kind} only if it stands still for the last {goal.hold:g} s (goal.hold), so a duration of "
-        f"{stop + goal.hold - start:g} s or more is needed",
-        stacklevel=2,
+        f"{stop + goal.hold - start:g} s or more is needed"
     )

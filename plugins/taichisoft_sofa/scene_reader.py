@@ -3,13 +3,13 @@
 import logging
 import os
 import tempfile
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from taichisoft.atomic_file import named_os_errors
 from taichisoft.cache_folder import cache_folder
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.checksum import checksum_file, is_as_kept, keep_checksum
 from taichisoft.errors import SceneError
 from taichisoft_sofa.translation.parts import NOTHING, Translation
@@ -90,7 +90,7 @@ def kept_files(translation: Translation, name: str) -> Path:
     if changed:
         # A file without a checksum is incomplete: another process writes it, or was stopped while writing.
         for file in (name for name in changed if checksum_file(folder / name).exists()):
-            warnings.warn(f"{folder / file}: does not match its checksum; it is written again", stacklevel=2)
+            warn_caller(f"{folder / file}: does not match its checksum; it is written again")
         with named_os_errors(f"{cache} ({CACHE_VARIABLE} can name another folder)"):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=cache, prefix=".partial-") as partial:

@@ -2,7 +2,6 @@
 
 import logging
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from taichisoft.bodies.selection import select_elements
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import SceneError
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.thin_walls import ADVICE, TOO_STIFF, share_of_thin_walls
@@ -89,7 +89,7 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
             _check_mass(f"soft_bodies.{name}.mass", body.mass, volume, SOFT_DENSITY)
         count = _piece_count(mesh.elements)
         if count > 1:
-            _warn(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
+            warn_caller(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
 
 
 def _check_shut_pressures(name: str, body: SoftBodySettings) -> None:
@@ -100,7 +100,7 @@ def _check_shut_pressures(name: str, body: SoftBodySettings) -> None:
     modulus = max(body.young_moduli)
     for cavity, table in body.cavities.items():
         if table.shut_pressure > MOST_HELD * modulus:
-            _warn(
+            warn_caller(
                 f"soft_bodies.{name}.cavities.{cavity}.shut_pressure = {table.shut_pressure:g} kPa: no rubber with a "
                 f"Young's modulus of {modulus:g} kPa holds more than {MOST_HELD * modulus:.3g} kPa; the cavity bursts "
                 "open in the first step, and steps with so many contacts may take minutes"
@@ -118,7 +118,7 @@ def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
             share = share_of_thin_walls(mesh, mesh.surface_groups[group]) if group in mesh.surface_groups else 0.0
             if share > MOST_THIN:
                 said.add(mesh.source)
-                _warn(f"soft_bodies.{name}.mesh: {TOO_STIFF}: {group} ({share:.0%} of the area); {ADVICE}")
+                warn_caller(f"soft_bodies.{name}.mesh: {TOO_STIFF}: {group} ({share:.0%} of the area); {ADVICE}")
 
 
 def _cavity_groups(body: SoftBodySettings) -> list[str]:
@@ -170,7 +170,7 @@ def check_rigid_plausibility(model: Model) -> None:
             _check_mass(f"{key}.mass", body.mass, volume, DENSITY)
         count = _piece_count(body.triangles)
         if count > 1:
-            _warn(f"{key}.surface: has {count} pieces; they move as one body, and hollows count as solid")
+            warn_caller(f"{key}.surface: has {count} pieces; they move as one body, and hollows count as solid")
 
 
 def _check(key: str, value: float, plausible: Plausible) -> None:
@@ -181,7 +181,7 @@ def _check(key: str, value: float, plausible: Plausible) -> None:
     line = f"{key} = {value:g} {plausible.unit}: soft robots have {low:g} to {high:g}{'; ' if meant else ''}{meant}"
     if not low / ABSURD <= value <= high * ABSURD:
         raise SceneError(line)
-    _warn(line)
+    warn_caller(line)
 
 
 def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> None:
@@ -198,7 +198,7 @@ def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> Non
             break
     if not density.lowest / ABSURD <= mass / volume <= density.highest * ABSURD:
         raise SceneError(line)
-    _warn(line)
+    warn_caller(line)
 
 
 def _suggest_unit(value: float, plausible: Plausible) -> Iterator[str]:
@@ -215,7 +215,3 @@ def _piece_count(cells: np.ndarray) -> int:
     graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(cells.max() + 1,) * 2)
     labels = connected_components(graph, directed=False)[1]
     return len(np.unique(labels[np.unique(cells)]))
-
-
-def _warn(line: str) -> None:
-    warnings.warn(line, stacklevel=4)

@@ -1,7 +1,6 @@
 """Construction of a simulation from a scene: meshes are read from files, or made by plug-ins from geometries."""
 
 import inspect
-import warnings
 import weakref
 from collections.abc import Callable, Container, Hashable, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from taichisoft.building.plausibility import (
     say_region_volumes,
     warn_of_thin_walls,
 )
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.control.control import Control
 from taichisoft.errors import MeshError, PluginError, SceneError, nearest
 from taichisoft.linearisation import Linearisation, linearise
@@ -187,10 +187,9 @@ def _warn_of_locking(scene: Scene) -> None:
     for name, body in scene.soft_bodies.items():
         ratios = [body.poisson_ratio, *(one.poisson_ratio for one in body.regions if one.poisson_ratio is not None)]
         if body.element == "linear" and max(ratios) > HIGHEST_RATIO:
-            warnings.warn(
+            warn_caller(
                 f"soft_bodies.{name}.poisson_ratio = {max(ratios):g}: linear elements lock above {HIGHEST_RATIO:g}, "
-                'and bend far too little; element = "smoothed" does not, or take a smaller one',
-                stacklevel=3,
+                'and bend far too little; element = "smoothed" does not, or take a smaller one'
             )
 
 

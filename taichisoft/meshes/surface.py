@@ -1,11 +1,11 @@
 """Triangulated surfaces: those that move with nodes, and whether a surface is closed and which way it faces."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import MeshError
 
 
@@ -89,7 +89,7 @@ def closed_outward(vertices: np.ndarray, triangles: np.ndarray, source: str) -> 
     if volume == 0.0:
         raise MeshError(f"{source}: encloses no volume")
     if volume < 0.0:
-        warnings.warn(f"{source}: is inside out; its triangles are turned round", stacklevel=2)
+        warn_caller(f"{source}: is inside out; its triangles are turned round")
         return np.ascontiguousarray(triangles[:, ::-1])
     return triangles
 

@@ -2,13 +2,13 @@
 
 import reprlib
 import sys
-import warnings
 from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from pluggy import HookImpl
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import GoalMissed, PluginError
 from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.plugin_system.hookspecs import RunOption
@@ -46,7 +46,7 @@ def find(kind: str, name: str) -> Callable[..., Any]:
     """
     found = provided(kind)
     for line in plugin_registry().unknown_blocked():
-        warnings.warn(line, stacklevel=2)
+        warn_caller(line)
     if name not in found:
         raise PluginError(f"no {kind} is called '{name}'; there are: {', '.join(sorted(found)) or 'none'}")
     made: Callable[..., Any] = found[name]

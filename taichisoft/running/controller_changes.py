@@ -3,11 +3,11 @@
 import json
 import sys
 import time
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.control.controller import Controller
 from taichisoft.errors import TaichisoftError
 from taichisoft.plugin_system.failure import failures_of
@@ -121,7 +121,7 @@ class ControllerChanges:
 
     def _say(self, text: str) -> None:
         self._session.notice = " ".join(text.split())
-        warnings.warn(self._session.notice, stacklevel=3)
+        warn_caller(self._session.notice)
 
 
 def _name(controller: Controller) -> str:

@@ -2,12 +2,12 @@
 
 import os
 import socket
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from taichisoft.atomic_file import named_os_errors
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import TaichisoftError
 
 FILE_NAME = ".running"
@@ -58,10 +58,7 @@ def _locked(path: Path, folder: Path) -> int:
                 f"--output {folder}: a run is going on there ({whose}); wait for its end, or name another folder"
             ) from None
         except OSError as error:
-            warnings.warn(
-                f"--output {folder}: cannot be locked ({error.strerror}): see that no other run writes into it",
-                stacklevel=4,
-            )
+            warn_caller(f"--output {folder}: cannot be locked ({error.strerror}): see that no other run writes into it")
             return file
         if path.exists() and os.path.samestat(path.stat(), os.fstat(file)):
             os.ftruncate(file, 0)

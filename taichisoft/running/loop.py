@@ -1,12 +1,12 @@
 """The loop around the step: keys, controller, step, outputs. The only place that calls plug-ins during a run."""
 
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
 from taichisoft.building.simulation import Simulation
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
@@ -96,7 +96,7 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
         if hooks_called:
             errors += _problems(notify, "taichisoft_run_ends", session=session, outcome=outcome)
     for later in errors[1:]:
-        warnings.warn(str(later), stacklevel=2)
+        warn_caller(str(later))
     if errors:
         raise errors[0]
     return outcome
@@ -106,7 +106,7 @@ def _advance(session: Session, changes: ControllerChanges, on_step: Callable[[St
     """Make the steps; returns the outcome."""
     strain_watch, training_watch = StrainWatch(session.simulation.model), TrainingWatch(session.simulation.model)
     for complaint in training_watch.complaints_at_start():
-        warnings.warn(complaint, stacklevel=4)
+        warn_caller(complaint)
     key_handling = KeyHandling(
         session, partial(_take_key, session, changes), lambda: _restart(session, changes, strain_watch)
     )
@@ -129,7 +129,7 @@ def _advance(session: Session, changes: ControllerChanges, on_step: Callable[[St
             state = session.simulation.state
             strain = strain_watch.complaint(state)
             for complaint in (*([strain] if strain else ()), *training_watch.complaints(state, report)):
-                warnings.warn(complaint, stacklevel=4)
+                warn_caller(complaint)
             if on_step is not None:
                 on_step(report)
             _wait_for_pace(session)
@@ -216,28 +216,25 @@ def _warn_once(session: Session, report: StepReport, warned: set[Callable[..., N
 
 
 def _warn_not_converged(session: Session, report: StepReport) -> None:
-    warnings.warn(
+    warn_caller(
         f"step {report.step}: the contact solver stopped after {report.iterations} sweeps with a residual of "
         f"{report.residual:.2g} mm/s, above contact.tolerance = {session.simulation.model.scene.contact.tolerance:g}; "
-        "later steps are counted, not reported",
-        stacklevel=6,
+        "later steps are counted, not reported"
     )
 
 
 def _warn_newton_not_converged(session: Session, report: StepReport) -> None:
-    warnings.warn(
+    warn_caller(
         f"step {report.step}: after {report.linearisations} linearisations another would move a node by "
         f"{report.newton_residual:.2g} mm, more than time.newton_tolerance = "
-        f"{session.simulation.model.scene.time.newton_tolerance:g}; later steps are counted, not reported",
-        stacklevel=6,
+        f"{session.simulation.model.scene.time.newton_tolerance:g}; later steps are counted, not reported"
     )
 
 
 def _warn_of_inverted_elements(session: Session, report: StepReport) -> None:
-    warnings.warn(
+    warn_caller(
         f"step {report.step}: {report.inverted_elements} elements are inverted; a smaller time.step, or "
-        "time.newton = 20, or a finer mesh may prevent it; metrics.json has the largest number and the last",
-        stacklevel=6,
+        "time.newton = 20, or a finer mesh may prevent it; metrics.json has the largest number and the last"
     )
 
 
@@ -255,10 +252,9 @@ def _warn_of_overlap(session: Session, report: StepReport) -> None:
             "time.step, or a larger contact.contact_distance"
         )
     depth = report.max_penetration - scene.contact.contact_distance
-    warnings.warn(
+    warn_caller(
         f"step {report.step}: '{first}' and '{second}' overlap by {depth:.2g} mm: {cause}; later overlaps are counted, "
-        "not reported",
-        stacklevel=6,
+        "not reported"
     )
 
 

@@ -11,12 +11,12 @@ import contextlib
 import os
 import shutil
 import tempfile
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
 from taichisoft.cache_folder import cache_folder
+from taichisoft.caller_warnings import warn_caller
 
 VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"
 """Taichi's own environment variable; without it kernels are kept in the user's cache folder."""
@@ -42,7 +42,7 @@ def _open_lock() -> IO[str]:
         return (folder / "lock").open("w")
     except OSError as error:
         why = f"compiled kernels cannot be kept in {folder} ({error.strerror}) and every start takes a minute"
-        warnings.warn(f"{why}; {VARIABLE} can name another folder", stacklevel=2)
+        warn_caller(f"{why}; {VARIABLE} can name another folder")
         os.environ[VARIABLE] = tempfile.mkdtemp(prefix="taichisoft-kernels-")
         atexit.register(shutil.rmtree, os.environ[VARIABLE], ignore_errors=True)
         return _open_lock()

@@ -189,11 +189,12 @@ def obstacle_file(folder: Path, surface: trimesh.Trimesh) -> np.ndarray:
 
 
 def test_a_closed_obstacle_inside_out_is_turned_round_with_a_warning(tmp_path: Path) -> None:
-    """Else it would pull in what touches it from outside."""
+    """Else it would pull in what touches it from outside. The warning points to the program, not into the engine."""
     box = trimesh.creation.box(extents=[2, 2, 2])
     box.invert()
-    with pytest.warns(UserWarning, match=r"table\.obj: is inside out"):
+    with pytest.warns(UserWarning, match=r"table\.obj: is inside out") as told:
         triangles = obstacle_file(tmp_path, box)
+    assert {one.filename for one in told} == {__file__}
     assert enclosed_volume(box.vertices, triangles) == pytest.approx(8.0)
 
 

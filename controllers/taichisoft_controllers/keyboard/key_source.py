@@ -1,10 +1,10 @@
 """The source of a run's keys: the terminal in which the run was started."""
 
 import sys
-import warnings
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import ControllerFailed
 
 if TYPE_CHECKING:
@@ -24,9 +24,7 @@ def begin_keys(session: "Session") -> None:
     outputs_give_keys = any(output.gives_keys for output in session.outputs)
     if sys.stdin is None or not sys.stdin.isatty():
         if not outputs_give_keys:
-            warnings.warn(
-                "standard input is not a terminal, so no keys come from there; Ctrl and c ends the run", stacklevel=2
-            )
+            warn_caller("standard input is not a terminal, so no keys come from there; Ctrl and c ends the run")
         return
     if find_spec("termios") is None:  # as on Windows
         if not outputs_give_keys:

@@ -1,6 +1,5 @@
 """A surface file taken apart into closed shells, each in one piece."""
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.meshes import enclosed_volume, read_surface
 from taichisoft_meshing.bodies.surface_geometry import NEAR, area_vectors, diagonal, joined_sides, undirected_sides
@@ -76,7 +76,7 @@ def _with_merged_vertices(vertices: np.ndarray, triangles: np.ndarray, source: s
     cluster = _pieces(len(vertices), pairs)
     _, first = np.unique(cluster, return_index=True)
     merged = f"{len(vertices) - len(first)} vertices lie within {near:.2g} mm of another one and are merged with it"
-    warnings.warn(f"{source}: {merged}", stacklevel=4)
+    warn_caller(f"{source}: {merged}")
     triangles = first[cluster][triangles]
     kept: np.ndarray = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
     return kept
@@ -125,7 +125,7 @@ def _facing_one_side(vertices: np.ndarray, triangles: np.ndarray, source: str) -
     trimesh.repair.fix_winding(mesh)
     if not mesh.is_winding_consistent:
         raise MeshError(f"{source}: has one side only, like a Moebius strip or a Klein bottle; it encloses nothing")
-    warnings.warn(f"{source}: triangles that face the other way than their neighbours are turned round", stacklevel=5)
+    warn_caller(f"{source}: triangles that face the other way than their neighbours are turned round")
     return np.ascontiguousarray(mesh.faces, dtype=triangles.dtype)
 
 

@@ -1,7 +1,6 @@
 """The geometry kinds `step` and `surfaces`: bodies between closed surfaces, which files describe."""
 
 import re
-import warnings
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -10,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.meshes import VolumeMesh
 from taichisoft.scenes import BASE, Positive, Table
@@ -122,7 +122,7 @@ class _BodyFromFiles(CheckedGeometry):
         if wanted is not None and found != wanted:
             raise MeshError(f"{self.file}: cavities = {wanted}: {where} {found}{hint}")
         if wanted is None and found == 0:
-            warnings.warn(f"{place}: the body has no cavity{hint}", stacklevel=4)
+            warn_caller(f"{place}: the body has no cavity{hint}")
 
 
 class StepBody(_BodyFromFiles):
@@ -152,7 +152,7 @@ class StepBody(_BodyFromFiles):
         hint = f"; a cavity is a void without an opening{remedy}"
         self._check_cavities(len(body.voids) + len(closed), body.path, f"{body.path} has", hint)
         if left and table.close_inlets is None and table.cavities is None and body.voids:
-            warnings.warn(f"{body.path}: a chamber is open{remedy}, and false leaves it as it is", stacklevel=3)
+            warn_caller(f"{body.path}: a chamber is open{remedy}, and false leaves it as it is")
         return body
 
     @property
@@ -193,7 +193,7 @@ class StepBody(_BodyFromFiles):
         if table.base is None and BASE not in faces and body.flat_end:
             faces[BASE] = body.flat_end
             said = f"the flat end, face {' and '.join(map(str, body.flat_end))}, is the group 'base'"
-            warnings.warn(f"{body.path}: {said}; `faces` or `base` choose another", stacklevel=4)
+            warn_caller(f"{body.path}: {said}; `faces` or `base` choose another")
         return mesh_step(
             body,
             sizes,

@@ -1,6 +1,5 @@
 """One outer surface and the cavities in it, identified and checked: silicone must remain between any two of them."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft_meshing.bodies.closed_shells import Shell, read_shells
 from taichisoft_meshing.bodies.surface_crossings import find_crossings
@@ -92,9 +92,9 @@ def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> Holl
     inner = [shell for shell in every if shell is not outermost]
     for shell in inner:
         if shell in known and shell.was_inward == outermost.was_inward:
-            warnings.warn(f"{shell.source}: faces the same way as the outer surface; taken for a cavity", stacklevel=2)
+            warn_caller(f"{shell.source}: faces the same way as the outer surface; taken for a cavity")
     if outermost.was_inward:
-        warnings.warn(f"{outermost.source}: is inside out; its triangles are turned round", stacklevel=2)
+        warn_caller(f"{outermost.source}: is inside out; its triangles are turned round")
     return HollowBody(outermost, tuple(inner))
 
 

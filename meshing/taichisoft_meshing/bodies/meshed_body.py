@@ -1,6 +1,5 @@
 """The tetrahedra of a gmsh session as a mesh, with named surfaces, and volumes compared with the drawing."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.meshes import VolumeMesh, boundary_triangles, element_volumes, enclosed_volume
 from taichisoft_meshing.bodies.tables import BasePlane
@@ -123,7 +123,7 @@ def compare_volumes(
             if refused and off > (REFUSED if tolerance is None else tolerance):
                 raise MeshError(f"{what}; try another size")
             if not refused and tolerance is None and off > SAID:
-                warnings.warn(f"{what}: the curved surfaces are meshed coarsely", stacklevel=2)
+                warn_caller(f"{what}: the curved surfaces are meshed coarsely")
 
 
 def _triangles(gmsh_mesh: Any, surfaces: Sequence[int], used: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 import math
 import os
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.atomic_file import named_os_errors
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import TaichisoftError
 from taichisoft.session import Output
 from taichisoft_outputs.recording.bodies import write_constants
@@ -119,7 +119,7 @@ class RecordingOutput(Output):
                 finish(path)
             except RecordingError as error:
                 makes = f"`taichisoft recording repair {path} -o NEW.h5` makes one"
-                warnings.warn(f"{error}; the recording is whole, but not yet an HDF5 file: {makes}", stacklevel=2)
+                warn_caller(f"{error}; the recording is whole, but not yet an HDF5 file: {makes}")
 
     def _first_frame(self, state: "State") -> Frame:
         """The frame of a first state, from which the steps go on."""
@@ -166,10 +166,9 @@ class RecordingOutput(Output):
         assert self._file is not None
         if self._part_count <= 2:
             dropped = "; what was there before is dropped" if self._part_count == 2 else ""
-            warnings.warn(
+            warn_caller(
                 f"{self.path}: half of {self.limit:g} GB is full: it is {BEFORE} now, and another one begins{dropped}; "
-                "--record-limit allows more, --every records less",
-                stacklevel=2,
+                "--record-limit allows more, --every records less"
             )
         self._part_count += 1
         file, self._file = self._file, None

@@ -1,6 +1,5 @@
 """The rows of a recording: what is written about each frame of a run."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
+from taichisoft.caller_warnings import warn_caller
 from taichisoft_outputs.recording.layout import CONTROLS, QUANTITIES, SIGNAL_COUNT, group_of
 
 if TYPE_CHECKING:
@@ -166,9 +166,8 @@ class RowMaker:
                 row[self.signals.index(name)] = value
             elif name not in self._left_out:
                 self._left_out.add(name)
-                warnings.warn(
-                    f"the recording has room for {SIGNAL_COUNT} signals of the controller; '{name}' is left out",
-                    stacklevel=2,
+                warn_caller(
+                    f"the recording has room for {SIGNAL_COUNT} signals of the controller; '{name}' is left out"
                 )
         return row
 

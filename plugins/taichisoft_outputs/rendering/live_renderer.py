@@ -1,12 +1,12 @@
 """Pictures of a simulation while it goes on, from a worker process that stays and can neither hang nor crash it."""
 
-import warnings
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import TaichisoftError
 from taichisoft.plugin_system import CameraFrame, CameraView, Renderer
 from taichisoft.worker import Worker, WorkerLost
@@ -96,7 +96,7 @@ class LiveRenderer(Renderer):
             except BaseException:  # Ctrl and c: the rest of this picture must not be taken for the next one
                 self.close()
                 raise
-            warnings.warn(f"the renderer stopped: {problem}; another takes its place", stacklevel=2)
+            warn_caller(f"the renderer stopped: {problem}; another takes its place")
         raise RenderError(
             f"no picture: {problem}; off-screen drawing needs Mesa's libraries "
             f"({install_line(packages_for(problem, 'open3d'))}); `taichisoft doctor` checks them"

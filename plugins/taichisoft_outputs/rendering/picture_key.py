@@ -4,11 +4,11 @@ import os
 import queue
 import sys
 import threading
-import warnings
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import render_pictures
 
@@ -26,7 +26,7 @@ _takers: dict[int, "PictureTaker"] = {}
 def take_picture(session: "Session") -> None:
     """Have the present state drawn into the run's folder, as `picture_1_at_2.50s.png` and so on; returns at once."""
     if session.folder is None:
-        warnings.warn("no picture: this run has no folder to put it in", stacklevel=2)
+        warn_caller("no picture: this run has no folder to put it in")
         return
     taker = _takers.setdefault(id(session), PictureTaker(session.folder))
     taker.take(session.simulation.model, session.simulation.state)
@@ -52,7 +52,7 @@ class PictureTaker:
     def take(self, model: "Model", state: "State") -> None:
         """Have a state drawn; never waits. A state does not change, so there is nothing to copy."""
         if self._jobs.qsize() >= MOST_WAITING:
-            warnings.warn(f"no picture at {state.time:.2f} s: {MOST_WAITING} others are not drawn yet", stacklevel=3)
+            warn_caller(f"no picture at {state.time:.2f} s: {MOST_WAITING} others are not drawn yet")
             return
         if not self._thread.is_alive():
             self._thread.start()
@@ -72,7 +72,7 @@ class PictureTaker:
             try:
                 self._draw(name, model, state)
             except Exception as error:  # no caller of a thread could report it
-                warnings.warn(f"no picture {self._folder / name}.png: {error}", stacklevel=1)
+                warn_caller(f"no picture {self._folder / name}.png: {error}")
 
     def _draw(self, name: str, model: "Model", state: "State") -> None:
         """Draw a state from a recording of a single frame, since the drawing process reads recordings."""

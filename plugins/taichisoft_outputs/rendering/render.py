@@ -1,12 +1,12 @@
 """Frames and pictures of a recording, drawn in a worker process that can neither hang nor crash the caller."""
 
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from taichisoft.atomic_file import atomic_file, named_os_errors
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import TaichisoftError
 from taichisoft.interruption import deferred_signals
 from taichisoft.optional_packages import require
@@ -133,7 +133,7 @@ def draw_frames(
                     f"({install_line(packages_for(str(lost), 'open3d'))}); `taichisoft doctor` checks them"
                 ) from lost
             stopped = f"drawing stopped after {done} of {len(frames)} frames: {lost}"
-            warnings.warn(f"{stopped}; going on in a new process", stacklevel=2)
+            warn_caller(f"{stopped}; going on in a new process")
 
 
 def _next_image(worker: Worker, time_limit: float, stop_if_asked: Callable[[], None]) -> np.ndarray:

@@ -3,7 +3,6 @@
 import math
 import threading
 import time
-import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, ActuatorNames, segment_efforts
 from taichisoft.bodies import axes_of_bodies, body_surfaces, planes_of
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.control import ContactPatches, KeyEvent, Slider, summarise_contacts
 from taichisoft.errors import TaichisoftError
 from taichisoft.session import BINDINGS
@@ -77,7 +77,7 @@ class PageLink:
         try:
             self._send_newest()
         except Exception as error:  # a controller's `sliders` or `status` failed
-            warnings.warn(f"the web page stands still; the run goes on: {error}", stacklevel=1)
+            warn_caller(f"the web page stands still; the run goes on: {error}")
 
     def _send_newest(self) -> None:
         """Look for news now and then, so that a step costs nothing and a pause shows as well."""
@@ -102,7 +102,7 @@ class PageLink:
                     self._session.pace.speed = message.speed
         except (WorkerLost, TaichisoftError) as error:
             if not self._ended.is_set():
-                warnings.warn(f"the web page is gone; the run goes on: {error}", stacklevel=1)
+                warn_caller(f"the web page is gone; the run goes on: {error}")
 
 
 def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSetup:

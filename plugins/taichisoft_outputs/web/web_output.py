@@ -1,9 +1,9 @@
 """The output "web": a live page of a run, and what is done on it."""
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.optional_packages import extra, require
 from taichisoft.session import Output
 from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
@@ -53,7 +53,7 @@ class WebOutput(Output):
         self.url = self._address.at(self._link.port).url
         print(f"web page: {self.url}", flush=True)
         if self._address.is_open:
-            warnings.warn(f"{self._address.host}: other machines reach the page; {NOT_ENCRYPTED}", stacklevel=2)
+            warn_caller(f"{self._address.host}: other machines reach the page; {NOT_ENCRYPTED}")
 
     def record(self, state: "State", report: "StepReport") -> None:
         """Leave the step for the page, which looks at the newest one when it has time."""

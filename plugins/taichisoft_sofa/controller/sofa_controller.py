@@ -1,11 +1,11 @@
 """The controller "sofa", which runs the controllers of a SOFA scene."""
 
 import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_sofa.components.graph import STATE
@@ -98,7 +98,7 @@ class SofaController(Controller):
         self._tree.animate_begin(step)
         self._stepped = True
         for line in self._writes.without_effect():
-            warnings.warn(line, stacklevel=2)
+            warn_caller(line)
         return self._writes.control()
 
     def summary(self) -> dict[str, Any]:
