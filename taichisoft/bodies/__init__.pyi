@@ -3,6 +3,7 @@ from .body_axes import axes_of_bodies as axes_of_bodies
 from .body_geometry import BodySurface as BodySurface
 from .body_geometry import Plane as Plane
 from .body_geometry import Surface as Surface
+from .body_geometry import SurfaceKind as SurfaceKind
 from .body_geometry import body_surfaces as body_surfaces
 from .body_geometry import planes_of as planes_of
 from .body_geometry import soft_surface as soft_surface

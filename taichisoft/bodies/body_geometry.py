@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
     from taichisoft.bodies.soft_body_arrays import SoftBody
 
-SurfaceKind = Literal["soft", "cavity", "rigid", "obstacle", "line"]
+SurfaceKind = Literal["soft", "cavity", "membrane", "fibre", "rigid", "obstacle", "line"]
 
 
 class Poses(Protocol):
@@ -40,7 +40,7 @@ class Surface:
     """A surface of a body; two kinds of it know where its vertices are, in a state and in a frame of a recording.
 
     Attributes:
-        name: name of the body, or of the cavity ("finger1.cavity").
+        name: name of the body, or of the cavity ("finger1.cavity"), membrane or fibre ("finger1.paper|membrane").
         kind: what the surface belongs to.
         triangles: vertex indices, outward, shape (triangle_count, 3).
     """
@@ -97,11 +97,12 @@ def soft_surface(name: str, kind: SurfaceKind, surface: MappedSurface, nodes: sl
 def body_surfaces(
     soft_bodies: "Iterable[SoftBody]", rigid_bodies: "Iterable[RigidBody]", obstacles: "Iterable[Obstacle]"
 ) -> list[BodySurface]:
-    """All surfaces with triangles: each soft body with its cavities, the rigid bodies, the obstacles."""
+    """All surfaces with triangles: each soft body with what is in and on it, the rigid bodies, the obstacles."""
     surfaces = []
     for body in soft_bodies:
         surfaces.append(soft_surface(body.name, "soft", body.surface, body.nodes))
         surfaces += [soft_surface(cavity.name, "cavity", cavity.surface, body.nodes) for cavity in body.cavities]
+        surfaces += [soft_surface(*one, body.nodes) for one in body.reinforcement_surfaces]
     for index, rigid in enumerate(rigid_bodies):
         surfaces.append(BodySurface(rigid.name, "rigid", rigid.triangles, rigid.vertices, index))
     for obstacle in obstacles:

@@ -81,6 +81,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
         elements=np.array([[0, 1, 2, 3]]),
         surface=MappedSurface.of_nodes(FACES),
         cavities=(SimpleNamespace(name="finger.cavity", surface=cavity),),
+        reinforcement_surfaces=(),
     )
     plane = SimpleNamespace(
         name="floor",

@@ -12,7 +12,7 @@ from blocks import make_block
 from tiny_run import tiny_run
 
 from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_outputs.recording.layout import LAYOUT
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "recording.md").read_text(encoding="utf-8")
@@ -25,13 +25,16 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
     folder = tmp_path_factory.mktemp("run")
     mesh = make_block((2, 1, 1), (20.0, 10.0, 10.0))
-    write_volume_mesh(VolumeMesh("", mesh.nodes, mesh.elements, {}, {"stiff": np.array([1])}), folder / "a.msh")
+    surfaces, stiff = {"side": boundary_triangles(mesh.elements)[:2]}, {"stiff": np.array([1])}
+    write_volume_mesh(VolumeMesh("", mesh.nodes, mesh.elements, surfaces, stiff), folder / "a.msh")
     trimesh.creation.box([9.0, 9.0, 9.0]).export(folder / "box.stl")
     points = [[-9.0, 0.0, 0.0], [-3.0, 1.0, 0.0], [3.0, 1.0, 0.0], [9.0, 0.0, 0.0]]
     cables = ", ".join(f"c{n} = {{points = {points[:count]}, friction = 0.1}}" for n, count in enumerate((2, 3, 4, 4)))
     body = "density = 1e-6, young_modulus = 100.0, poisson_ratio = 0.3, translation = [0.0, 0.0, 80.0]"
+    threads = 'membranes = {a = {group = "side", thickness = 0.1, young_modulus = 1e3}}, '
+    threads += f"fibres = {{a = {{points = {points}, diameter = 0.1, young_modulus = 1e3}}}}"
     added = [
-        f'soft_bodies.block={{mesh = "{folder}/a.msh", {body}, cables = {{{cables}}}}}',
+        f'soft_bodies.block={{mesh = "{folder}/a.msh", {body}, cables = {{{cables}}}, {threads}}}',
         "frames={" + ", ".join(f"frame{n} = {{}}" for n in range(12)) + "}",
         "sensors.pressure={delay = 0.04}",
         f'obstacles.table={{surface = "{folder}/box.stl", translation = [90.0, 0.0, 0.0]}}',
@@ -57,7 +60,7 @@ def test_the_attributes_of_the_file(file: Any) -> None:
 
 def test_the_paths_of_bodies_and_cables(file: Any) -> None:
     """Every dataset that is no frame is described, and what is described is there; names and numbers stand for all."""
-    surfaces = r"soft_bodies/\d+/(surface|cavities/\d+)(?=/)"
+    surfaces = r"soft_bodies/\d+/(surface|(cavities|membranes|fibres)/\d+)(?=/)"
     patterns = {
         path: re.sub("NAME", "[^/]+", re.sub(r"\b[IJ]\b", r"\\d+", path.replace("SURFACE", surfaces)))
         for path, _ in [*rows("Bodies"), *rows("Cables")]

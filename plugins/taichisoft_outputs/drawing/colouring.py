@@ -24,6 +24,8 @@ from taichisoft_outputs.stress import nodal_mean, recorded_stress, von_mises
 PLAIN = {
     "soft": (0.96, 0.93, 0.88),
     "cavity": (0.10, 0.52, 0.55),
+    "membrane": (0.80, 0.64, 0.40),
+    "fibre": (0.62, 0.42, 0.08),
     "rigid": (0.16, 0.33, 0.72),
     "obstacle": (0.62, 0.65, 0.69),
     "line": LINE[0],

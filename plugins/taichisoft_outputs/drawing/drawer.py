@@ -48,6 +48,8 @@ class Drawer:
         up = recording.scene.up
         self._scene, self._planes = recording.scene, recording.planes
         self._surfaces = [*with_visual_surfaces(recording, style.surface), *line_tubes(recording, frames[0])]
+        if style.colour_by != "none":  # a sheet would hide the colours of what it lies on
+            self._surfaces = [surface for surface in self._surfaces if surface.kind != "membrane"]
         points = outermost_points(self._surfaces, frames)
         self._colouring = Colouring(recording, style, frames, self._surfaces)
         self._overlay = Overlay(recording, style, frames, self._colouring.scales, radius_around_mean(points))

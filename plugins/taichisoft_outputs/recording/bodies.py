@@ -12,7 +12,7 @@ import numpy as np
 
 import taichisoft
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Line
-from taichisoft.bodies import BodySurface, MovingFrames, Plane, Surface, soft_surface
+from taichisoft.bodies import BodySurface, MovingFrames, Plane, Surface, SurfaceKind, soft_surface
 from taichisoft.meshes import MappedSurface, VolumeMesh, linear_parts
 from taichisoft.scenes import scene_to_toml
 from taichisoft_outputs.recording.layout import LAYOUT
@@ -150,12 +150,17 @@ def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
     ]
 
 
+SOFT_KINDS: dict[SurfaceKind, str] = {"cavity": "cavities", "membrane": "membranes", "fibre": "fibres"}
+"""Groups of surfaces within a soft body, in the order of `body_surfaces`."""
+
+
 def read_surfaces(file: Any) -> Iterator[BodySurface]:
     """The surfaces in the order of `taichisoft.bodies.body_geometry.body_surfaces`."""
     for group in _numbered(file, "soft_bodies"):
         yield soft_surface(group.attrs["name"], "soft", _read_surface(group["surface"]), _nodes(group))
-        for cavity in _numbered(group, "cavities"):
-            yield soft_surface(cavity.attrs["name"], "cavity", _read_surface(cavity), _nodes(group))
+        for kind, plural in SOFT_KINDS.items():
+            for inner in _numbered(group, plural):
+                yield soft_surface(inner.attrs["name"], kind, _read_surface(inner), _nodes(group))
     for index, group in enumerate(_numbered(file, "rigid_bodies")):
         yield BodySurface(group.attrs["name"], "rigid", group["triangles"][:], group["vertices"][:], index)
     for group in _numbered(file, "obstacles"):
@@ -205,6 +210,8 @@ def _write_soft_body(group: Any, body: "SoftBody") -> None:
     _write_surface(group.create_group("surface"), body.surface)
     for number, cavity in enumerate(body.cavities):
         _write_surface(_named_group(group, f"cavities/{number}", cavity.name), cavity.surface)
+    for number, (name, kind, surface) in enumerate(body.reinforcement_surfaces):
+        _write_surface(_named_group(group, f"{SOFT_KINDS[kind]}/{number}", name), surface)
 
 
 def _poisson_ratio(lame: np.ndarray) -> np.ndarray:

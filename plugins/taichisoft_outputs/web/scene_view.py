@@ -32,6 +32,8 @@ BACKWARD = 1.35
 COLOURS: dict[str, tuple[int, int, int]] = {
     "soft": (237, 229, 216),
     "cavity": (0, 118, 128),
+    "membrane": (204, 163, 102),
+    "fibre": (158, 107, 20),
     "rigid": (58, 92, 168),
     "obstacle": (140, 148, 158),
     "floor": (173, 190, 208),
