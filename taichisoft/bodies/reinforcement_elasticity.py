@@ -31,7 +31,7 @@ class ReinforcementElasticity:
         joined = Reinforcements.joined(found)
         lag, factor = np.repeat(lag, counts), np.repeat(factor, counts)
         undamped = step / np.maximum(lag, step)
-        arrays = (joined.start, joined.node, joined.gradient, joined.measure, joined.stiffness)
+        arrays = (joined.start, joined.node, joined.gradient, joined.measure, joined.stiffness, joined.slackening)
         self.parts = kernels.ReinforcementParts(*arrays, lag, factor, undamped)
         self.undamped_parts = kernels.ReinforcementParts(*arrays, undamped * lag, undamped * factor, np.ones(len(lag)))
 
@@ -73,7 +73,8 @@ class ReinforcementSystem:
         self._elasticity, self._movement = elasticity, movement
         self._total = DomainSums(force, blocks, np.zeros(COUNTERS, dtype=np.int32))
         first, second, tension = (np.zeros((len(elasticity.parts.lag), 3)) for _ in range(3))
-        self._states = kernels.PartStates(first, second, tension, np.zeros((len(elasticity.parts.node), 3)))
+        of_entries, slope = np.zeros((len(elasticity.parts.node), 3)), np.zeros((len(elasticity.parts.lag), 6))
+        self._states = kernels.PartStates(first, second, tension, slope, of_entries)
 
     def add(self, damped: bool) -> None:
         """Add forces and stiffness as `ElasticSystem.assemble` does."""

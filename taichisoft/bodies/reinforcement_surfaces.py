@@ -1,6 +1,7 @@
 """Membranes and fibres as pictures show them: thin slabs and tubes, which move with the elements that they are in."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from taichisoft.bodies.selection import surface_group
 from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.reinforcement_settings import MembraneSettings
+
+ReinforcementKind = Literal["membrane", "fibre"]
 
 LEAST = 0.004
 """Half of the thickness with which they are drawn, at least, in diagonals of the box around the body [-]."""

@@ -1,11 +1,12 @@
 """Membranes and fibres of soft bodies at rest: the triangles and pieces that they consist of."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taichisoft.bodies.embedding import SMALLEST_WEIGHT, embed
+from taichisoft.bodies.kernels.reinforcement_forces import SHEET, STIFF, THREAD
 from taichisoft.bodies.selection import surface_group
 from taichisoft.errors import SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -26,6 +27,7 @@ class Reinforcements:
         gradient: [1/mm], shape (entry_count, 3).
         measure: area [mm^2] or length [mm], shape (part_count,).
         stiffness: [mN/mm] or [mN], shape (part_count, 6).
+        slackening: STIFF, THREAD or SHEET, shape (part_count,).
     """
 
     start: np.ndarray
@@ -33,6 +35,7 @@ class Reinforcements:
     gradient: np.ndarray
     measure: np.ndarray
     stiffness: np.ndarray
+    slackening: np.ndarray
 
     @classmethod
     def joined(cls, parts: "Sequence[Reinforcements]") -> "Reinforcements":
@@ -44,11 +47,12 @@ class Reinforcements:
             gradient=np.concatenate([part.gradient for part in parts]),
             measure=np.concatenate([part.measure for part in parts]),
             stiffness=np.concatenate([part.stiffness for part in parts]),
+            slackening=np.concatenate([part.slackening for part in parts]),
         )
 
     def moved(self, first_node: int) -> "Reinforcements":
         """The same with nodes that count from another first one."""
-        return Reinforcements(self.start, self.node + first_node, self.gradient, self.measure, self.stiffness)
+        return replace(self, node=self.node + first_node)
 
 
 def make_reinforcements(mesh: VolumeMesh, body: SoftBodySettings, key: str) -> Reinforcements | None:
@@ -62,11 +66,22 @@ def make_reinforcements(mesh: VolumeMesh, body: SoftBodySettings, key: str) -> R
     if body.element == "quadratic" or body.reduced is not None:
         other = 'element = "quadratic"' if body.element == "quadratic" else "reduced"
         raise SceneError(f"{key}: membranes and fibres are for linear, smoothed and hexahedral elements, not {other}")
-    membranes = [_membrane(mesh, one, f"{key}.membranes.{name}") for name, one in body.membranes.items()]
+    membranes = [
+        _membrane(mesh, sheet, f"{key}.membranes.{name}")
+        for name, one in body.membranes.items()
+        for sheet in _independent_parts(one)
+    ]
     fibres = [
         _fibre(mesh, one, line, f"{key}.fibres.{name}") for name, one in body.fibres.items() for line in one.lines()
     ]
     return Reinforcements.joined([*membranes, *fibres])
+
+
+def _independent_parts(membrane: MembraneSettings) -> list[MembraneSettings]:
+    """Threads of two directions slacken each for themselves."""
+    if not membrane.tension_only or not membrane.directions:
+        return [membrane]
+    return [membrane.model_copy(update={"directions": [one]}) for one in membrane.directions]
 
 
 def _membrane(mesh: VolumeMesh, membrane: MembraneSettings, key: str) -> Reinforcements:
@@ -83,12 +98,14 @@ def _membrane(mesh: VolumeMesh, membrane: MembraneSettings, key: str) -> Reinfor
     inner = np.linalg.inv(edges)  # its rows are the gradients of the second and third corner
     gradient = np.zeros((len(triangles), 3, 3))
     gradient[:, 1:, :2], gradient[:, 0, :2] = inner, -inner.sum(axis=1)
+    slackening = (THREAD if membrane.directions else SHEET) if membrane.tension_only else STIFF
     return Reinforcements(
         start=3 * np.arange(len(triangles) + 1, dtype=np.int32),
         node=triangles.reshape(-1).astype(np.int32),
         gradient=gradient.reshape(-1, 3),
         measure=area,
         stiffness=_sheet_stiffness(membrane, axes, key),
+        slackening=np.full(len(triangles), slackening, dtype=np.int32),
     )
 
 
@@ -137,4 +154,5 @@ def _fibre(mesh: VolumeMesh, fibre: FibreSettings, line: np.ndarray, key: str) -
         gradient=gradient,
         measure=lengths,
         stiffness=stiffness,
+        slackening=np.full(len(found), STIFF, dtype=np.int32),
     )

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.bodies.body_geometry import SurfaceKind
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.elastic_laws import ElasticLaws, elastic_law
 from taichisoft.bodies.element_kinds import ELEMENT_KINDS
@@ -14,7 +13,7 @@ from taichisoft.bodies.embedding import SMALLEST_WEIGHT, embed
 from taichisoft.bodies.hexahedral_domains import hexahedral_masses, of_hexahedra
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAW_NUMBERS
 from taichisoft.bodies.modes import Modes, check_modes, read_modes
-from taichisoft.bodies.reinforcement_surfaces import fibre_tubes, membrane_slab
+from taichisoft.bodies.reinforcement_surfaces import ReinforcementKind, fibre_tubes, membrane_slab
 from taichisoft.bodies.reinforcements import Reinforcements, make_reinforcements
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, nodal_forces, select_elements, select_nodes, surface_group
@@ -119,9 +118,9 @@ class SoftBody:
         return MappedSurface.joined([one.surface for one in self.collision_surfaces])
 
     @cached_property
-    def reinforcement_surfaces(self) -> list[tuple[str, SurfaceKind, MappedSurface]]:
+    def reinforcement_surfaces(self) -> list[tuple[str, ReinforcementKind, MappedSurface]]:
         """Name, kind and surface, over the body's own nodes, of each membrane and fibre, for pictures."""
-        surfaces: list[tuple[str, SurfaceKind, MappedSurface]] = []
+        surfaces: list[tuple[str, ReinforcementKind, MappedSurface]] = []
         for name, membrane in self.settings.membranes.items():
             surfaces.append((f"{self.name}.{name}|membrane", "membrane", membrane_slab(self.mesh, membrane, name)))
         for name, fibre in self.settings.fibres.items():

@@ -28,6 +28,10 @@ class MembraneSettings(Table):
     """Directions of its threads, one or two, in the mesh's own axes; it resists stretch along them alone, each with
     thickness and young_modulus. Without any it resists in all directions."""
 
+    tension_only: Annotated[bool, Field(strict=True)] = False
+    """Whether it wrinkles where it would be compressed, and carries nothing there, as paper and fabric that nothing
+    keeps flat; otherwise it resists compression as it resists tension, as in silicone that keeps it from buckling."""
+
     @model_validator(mode="after")
     def _check_directions(self) -> Self:
         if any(not any(one) for one in self.directions):

@@ -19,7 +19,7 @@ from taichisoft.scenes.sensor_settings import (
 )
 from taichisoft.scenes.soft_body import SoftBodySettings
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector
-from taichisoft.scenes.time_stepping import LEAST_THETA_OF_THREADS, Time
+from taichisoft.scenes.time_stepping import LEAST_NEWTON_OF_WRINKLES, LEAST_THETA_OF_THREADS, Time
 
 Restitution = Annotated[Number, Field(ge=0.0, le=1.0)]
 
@@ -342,6 +342,17 @@ class Scene(Table):
                 f"time.theta = {self.time.theta:g} must be at least {LEAST_THETA_OF_THREADS:g} with the membranes and "
                 f"fibres of soft_bodies.{stiff}, which gain energy below"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_wrinkles(self) -> Self:
+        for name, body in self.soft_bodies.items():
+            for key, one in body.membranes.items():
+                if one.tension_only and self.time.most_linearisations < LEAST_NEWTON_OF_WRINKLES:
+                    raise ValueError(
+                        f"time.newton = {self.time.newton} must be at least {LEAST_NEWTON_OF_WRINKLES} with "
+                        f"soft_bodies.{name}.membranes.{key}.tension_only, better 10"
+                    )
         return self
 
     @model_validator(mode="after")

@@ -47,7 +47,7 @@ class Recording:
         body_names: names of all bodies in the order of the scene, by which contacts number them.
         frames: what carried bodies, the base first, by which `column("frame_pose")` and `column("frame_wrench")` are
             numbered.
-        surfaces: everything with triangles: soft bodies with their cavities, membranes and fibres, rigid bodies, obstacles.
+        surfaces: everything with triangles: soft bodies with cavities, membranes and fibres, rigid bodies, obstacles.
         planes: the infinite obstacles.
     """
 

@@ -7,6 +7,11 @@ E = (f_i . f_j - delta_ij) / 2 and the tensions S = C E, linear in it, the energ
 Green's strain knows no rotation, however large, and threads are so stiff that their strains stay small. Of compression
 nothing is left in the second part of K, so that K has no negative eigenvalue (Teran et al. 2005, Robust quasistatic
 finite elements and flesh simulation); this does not change where the iterations end.
+
+A part that slackens has the relaxed energy, the least that it has with any wrinkles, which shorten it (Pipkin 1986, The
+relaxed energy density for isotropic elastic membranes). A thread is slack where E along it is negative. A sheet with
+principal strains e1 > e2 is slack where e1 < 0, taut where e2 > -ratio e1, and in between wrinkled along its axis m of
+e1: S = Et e1 m m^T. As S has no negative eigenvalue, the energy is convex in the positions; its C is the slope of S.
 """
 
 from typing import NamedTuple
@@ -15,6 +20,9 @@ from taichisoft.bodies.kernels.domain_deformation import DomainSums, Movement
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.symmetric import TINY
 from taichisoft.runtime.taichi_start import Integers, Scalars, ScalarTable, Vectors, mat3, ti, vec3
+
+STIFF, THREAD, SHEET = 0, 1, 2
+"""What a part does where it would be compressed: resist, hang loose, or wrinkle as an isotropic sheet does."""
 
 
 class ReinforcementParts(NamedTuple):
@@ -26,6 +34,7 @@ class ReinforcementParts(NamedTuple):
         gradient: g along the two axes of the part, and 0 [1/mm], shape (entry_count, 3).
         measure: area [mm^2] or length [mm], shape (part_count,).
         stiffness: C of the strains 11, 22 and 12 twice: 00, 01, 02, 11, 12, 22 [mN/mm] or [mN], (part_count, 6).
+        slackening: STIFF, THREAD or SHEET, shape (part_count,).
         lag: s + b [s], 0 where there are no velocities before the step, shape (part_count,).
         factor: of K in A, shape (part_count,).
         undamped: share of lag and factor without damping, shape (part_count,).
@@ -36,6 +45,7 @@ class ReinforcementParts(NamedTuple):
     gradient: Vectors
     measure: Scalars
     stiffness: ScalarTable
+    slackening: Integers
     lag: Scalars
     factor: Scalars
     undamped: Scalars
@@ -66,25 +76,47 @@ class PartStates(NamedTuple):
     Attributes:
         first, second: f_1 and f_2, shape (part_count, 3).
         tension: the tensions 11, 22 and 12 without compression, shape (part_count, 3).
+        stiffness: C of a part as taut as it is, laid out as that of `ReinforcementParts`, shape (part_count, 6).
         force: of the part on the node of each entry [mN], shape (entry_count, 3).
     """
 
     first: Vectors
     second: Vectors
     tension: Vectors
+    stiffness: ScalarTable
     force: Vectors
 
 
 @func
-def stiffness_of(p: ti.i32, parts: ReinforcementParts) -> mat3:
+def stiffness_of(p: ti.i32, table: ti.template()) -> mat3:
     """C of a part."""
     return ti.Matrix(
         [
-            [parts.stiffness[p, 0], parts.stiffness[p, 1], parts.stiffness[p, 2]],
-            [parts.stiffness[p, 1], parts.stiffness[p, 3], parts.stiffness[p, 4]],
-            [parts.stiffness[p, 2], parts.stiffness[p, 4], parts.stiffness[p, 5]],
+            [table[p, 0], table[p, 1], table[p, 2]],
+            [table[p, 1], table[p, 3], table[p, 4]],
+            [table[p, 2], table[p, 4], table[p, 5]],
         ]
     )
+
+
+@func
+def wrinkled(stiffness: mat3, strain: vec3):
+    """Tension of an isotropic sheet, and its slope."""
+    ratio = stiffness[0, 1] / stiffness[0, 0]
+    modulus = stiffness[0, 0] * (1.0 - ratio * ratio)
+    mean, half, shear = 0.5 * (strain[0] + strain[1]), 0.5 * (strain[0] - strain[1]), 0.5 * strain[2]
+    radius = ti.sqrt(half * half + shear * shear)
+    tension, slope = stiffness @ strain, stiffness
+    if mean + radius <= 0.0:
+        tension, slope = vec3(0.0), ti.Matrix.zero(ti.f64, 3, 3)
+    elif mean - radius < -ratio * (mean + radius):
+        cosine, sine = half / radius, shear / radius  # of twice the angle of m
+        along = 0.5 * vec3(1.0 + cosine, 1.0 - cosine, sine)
+        turning = 0.5 * vec3(-sine, sine, cosine)
+        tension = modulus * (mean + radius) * along
+        turn = modulus * (mean + radius) / radius
+        slope = modulus * along.outer_product(along) + turn * turning.outer_product(turning)
+    return tension, slope
 
 
 @func
@@ -116,11 +148,16 @@ def stretch_part(p: ti.i32, parts: ReinforcementParts, movement: Movement, state
         f2 += g[1] * x
         d1 += g[0] * v
         d2 += g[1] * v
-    stiffness = stiffness_of(p, parts)
+    slope = stiffness_of(p, parts.stiffness)
     strain = vec3(0.5 * (f1.dot(f1) - 1.0), 0.5 * (f2.dot(f2) - 1.0), f1.dot(f2))
     rate = vec3(f1.dot(d1), f2.dot(d2), f1.dot(d2) + f2.dot(d1))
-    kept = without_compression(stiffness @ strain)
-    tension = stiffness @ (strain + parts.lag[p] * rate)
+    elastic = slope @ strain
+    if parts.slackening[p] == SHEET:
+        elastic, slope = wrinkled(slope, strain)
+    elif parts.slackening[p] == THREAD and elastic[0] + elastic[1] <= 0.0:
+        elastic, slope = vec3(0.0), ti.Matrix.zero(ti.f64, 3, 3)
+    kept = without_compression(elastic)
+    tension = elastic + parts.lag[p] * (slope @ rate)
     # A tension that turns with the body is no strain: damping does not resist it.
     ahead = parts.undamped[p] * parts.lag[p]
     along1 = tension[0] * f1 + tension[2] * f2 + ahead * (kept[0] * d1 + kept[2] * d2)
@@ -129,6 +166,9 @@ def stretch_part(p: ti.i32, parts: ReinforcementParts, movement: Movement, state
         g = parts.gradient[c]
         states.force[c] = -parts.measure[p] * (g[0] * along1 + g[1] * along2)
     states.first[p], states.second[p], states.tension[p] = f1, f2, kept
+    for i in ti.static(range(3)):
+        for j in ti.static(range(i, 3)):
+            states.stiffness[p, 3 * i - i * (i + 1) // 2 + j] = slope[i, j]
 
 
 @func
@@ -155,7 +195,7 @@ def add_reinforcements(
                 row[0] * (kept[0] * column[0] + kept[2] * column[1])
                 + row[1] * (kept[2] * column[0] + kept[1] * column[1])
             )
-            whole = of_row.transpose() @ stiffness_of(p, parts) @ of_column
+            whole = of_row.transpose() @ stiffness_of(p, states.stiffness) @ of_column
             whole += turning * ti.Matrix.identity(ti.f64, 3)
             stiffness += parts.factor[p] * parts.measure[p] * whole
             force += states.force[blocks.row[k]]
