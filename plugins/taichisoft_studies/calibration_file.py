@@ -58,6 +58,10 @@ class Experiment(Table):
     """Changes of the scene for this experiment."""
     duration: Positive | None = None
     """Simulated time [s]; the study's when it is not given."""
+    quasi_static: bool | None = None
+    """Whether every step of the run is an equilibrium (`time.dynamics = "static"`), so that neither inertia nor damping
+    nor the rate of a ramp enter. When it is not given: yes where nothing here is of time or a velocity, no parameter is
+    a damping, and the scene can."""
     over: str = "time"
     """Expression of what the curves are drawn over in the run: time [s], or a pressure that only rises."""
     over_column: str = "time"
@@ -96,11 +100,13 @@ class Measurement:
         over: what the curves are drawn over, shape (row_count,).
         curves: measured quantities, shape (curve_count, row_count), relative ones less their first value.
         scales: what differences are divided by, shape (curve_count,).
+        noise: that of the data, from how neighbours differ, shape (curve_count,): at most what scatters about a line.
     """
 
     over: np.ndarray
     curves: np.ndarray
     scales: np.ndarray
+    noise: np.ndarray
 
 
 def read_measurement(experiment: Experiment, file: Path, key: str) -> Measurement:
@@ -129,7 +135,22 @@ def read_measurement(experiment: Experiment, file: Path, key: str) -> Measuremen
     ]
     if not all(scales):
         raise StudyError(f"{file}: {key}.curves.{scales.index(0.0)} is constant; give it a scale")
-    return Measurement(over[kept], values, np.array(scales))
+    known = [
+        math.hypot(curve.scale or 0.0, float(slope)) for curve, slope in zip(experiment.curves, slopes, strict=True)
+    ]
+    return Measurement(over[kept], values, np.array(scales), np.maximum(known, _noise(over[kept], values)))
+
+
+def _noise(over: np.ndarray, curves: np.ndarray) -> np.ndarray:
+    """Standard deviation of the errors of each curve, by the distance of each row from the line through its neighbours
+    (Gasser, Sroka and Jennen-Steinmetz, Biometrika 73, 1986); 0 of fewer than three rows."""
+    order = np.argsort(over, kind="stable")
+    x, y = over[order], curves[:, order]
+    span = x[2:] - x[:-2]
+    before = np.divide(x[2:] - x[1:-1], span, out=np.full(len(span), 0.5), where=span > 0.0)
+    off = before * y[:, :-2] + (1.0 - before) * y[:, 2:] - y[:, 1:-1]
+    squares = off**2 / (before**2 + (1.0 - before) ** 2 + 1.0)
+    return np.sqrt(squares.sum(axis=1) / max(1, squares.shape[1]))
 
 
 def _rows(file: Path) -> list[dict[str, object]]:

@@ -1,22 +1,28 @@
 """Calibration: parameters whose runs repeat measured curves, by least squares on the runs of a study."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from taichisoft.errors import SceneError
 from taichisoft_studies.calibration_file import Calibration, Measurement, Parameter
 from taichisoft_studies.curves_output import read_curves
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.run_folder import COMPLETED
 from taichisoft_studies.run_job import RunJob
-from taichisoft_studies.sweep_runs import job_for, make_missing
+from taichisoft_studies.scene_keys import scene_with
+from taichisoft_studies.study_expressions import Expression
+from taichisoft_studies.sweep_runs import fixed_overrides, job_for, make_missing
 from taichisoft_studies.workers import Workers
 
 CONFIDENCE = 0.95
 OVER = "over"
+FAR, SMALL = 3.0, 0.01
+"""A residual above so many times the noise, and this part of the range of the data, has another cause than noise."""
+STATIC = {"time.dynamics": "static", "time.theta": 1.0}
 STEP = 1e-4
 """Change of the parameters, as a share of their ranges, at which the fit has converged."""
 
@@ -108,6 +114,18 @@ def calibrate(
     return CalibrationFit(_values(study, found.x), intervals, residual, modelled, evaluations, correlation)
 
 
+def misfits(study: Calibration, measurements: Sequence[Measurement], fit: CalibrationFit) -> Iterator[str]:
+    """A sentence for each curve whose residual is so far above the noise that it has another cause."""
+    for experiment, data, residuals in zip(study.experiments, measurements, fit.residuals, strict=True):
+        ranges = np.ptp(data.curves, axis=1)
+        for curve, noise, extent, residual in zip(experiment.curves, data.noise, ranges, residuals, strict=True):
+            if residual > max(FAR * noise, SMALL * extent):
+                yield (
+                    f"hint: {curve.column[:40]}: the residual, {residual:.3g}, is far above the noise, {noise:.2g}: "
+                    "the scene leaves something out (mesh, law, clamp, geometry), and the values make up for it"
+                )
+
+
 def _residuals(
     study: Calibration,
     measurements: Sequence[Measurement],
@@ -132,6 +150,34 @@ def _residuals(
     return found
 
 
+def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
+    """What makes every step of an experiment an equilibrium, for `set`, and a sentence that says so, or why not.
+
+    Raises:
+        SceneError, StudyError: it is asked for, and the scene cannot; or the scene is not valid.
+    """
+    experiment, where = study.experiments[index], f"experiments.{index}"
+    texts = [experiment.over, *(one.quantity for one in experiment.curves)]
+    names = {name for text in texts for name in Expression(text, where).names}
+    of_rates = any(part in name for name in names for part in ("time", "velocit", "flow"))
+    of_rates |= any(key.rpartition(".")[2].startswith("rayleigh_") for key in study.parameters)
+    if experiment.quasi_static is False or (experiment.quasi_static is None and of_rates):
+        return (), ""
+    own = fixed_overrides(study.model_copy(update={"set": (*study.set, *experiment.set)}))
+    own |= {key: one.start for key, one in study.parameters.items()}
+    scene_with(study.scene, own, study.controller)
+    try:
+        scene = scene_with(study.scene, {**STATIC, **own}, study.controller)
+    except SceneError as error:
+        if experiment.quasi_static:
+            raise
+        return (), f"{where}: a motion, since no step can be an equilibrium: {error}; ramp slowly"
+    if scene.time.dynamics != "static":  # the study says otherwise
+        return (), ""
+    texts = tuple(f"{key}={value}" for key, value in STATIC.items())
+    return texts, f"{where}: every step is an equilibrium; quasi_static = false brings inertia and damping"
+
+
 def experiment_job(study: Calibration, index: int, values: Mapping[str, float], folder: Path) -> RunJob:
     """The run that stands for an experiment, with values of the parameters.
 
@@ -140,7 +186,10 @@ def experiment_job(study: Calibration, index: int, values: Mapping[str, float], 
     """
     experiment = study.experiments[index]
     changed = study.model_copy(
-        update={"set": (*study.set, *experiment.set), "duration": experiment.duration or study.duration}
+        update={
+            "set": (*statics(study, index)[0], *study.set, *experiment.set),
+            "duration": experiment.duration or study.duration,
+        }
     )
     watch = {OVER: experiment.over, **{str(n): one.quantity for n, one in enumerate(experiment.curves)}}
     return job_for(changed, values, folder, study.seed, watch=watch)

@@ -28,6 +28,11 @@ class Expression:
         except ExpressionError as error:
             raise StudyError(f"{self._where}: {error}") from error
 
+    @property
+    def names(self) -> set[str]:
+        """The names in it."""
+        return {part.id for part in ast.walk(self._tree) if isinstance(part, ast.Name)}
+
     def __call__(self, names: Mapping[str, Any]) -> float:
         """Its value, with these values of names.
 

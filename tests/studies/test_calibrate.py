@@ -9,12 +9,14 @@ import pytest
 from conftest import Figures
 from studies import PLUGIN, Here
 
+from taichisoft.errors import SceneError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_studies.calibration_file import Calibration, Measurement, read_measurement
+from taichisoft.scenes.file import scene_from_toml
+from taichisoft_studies.calibration_file import Calibration, Experiment, Measurement, read_measurement
 from taichisoft_studies.curves_output import read_curves
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.least_squares import calibrate
+from taichisoft_studies.least_squares import CalibrationFit, calibrate, experiment_job, misfits, statics
 from taichisoft_studies.study_file import check_study
 from taichisoft_studies.sweep_runs import job_for, make_missing
 
@@ -114,6 +116,77 @@ def test_a_calibration_that_is_wrong_is_told_by_its_key(
 
 
 def test_data_that_outlast_the_run_are_an_error(tmp_path: Path, taichisoft_plugins: Any) -> None:
-    data = Measurement(np.array([0.0, 5.0]), np.array([[0.0, 1.0]]), np.ones(1))
+    data = Measurement(np.array([0.0, 5.0]), np.array([[0.0, 1.0]]), np.ones(1), np.zeros(1))
     with pytest.raises(StudyError, match=r"experiments.0: the data lie from 0 to 5, and the run from 0.01 to 0.02"):
         calibrate(calibration_of(tmp_path, duration=0.02), [data], tmp_path, Here(), lambda values, cost: None)
+
+
+PAD = """
+controller = { name = "scripted", settings = { script = "inflate", pressure = 6.0 } }
+time = { step = 0.05, duration = 0.2, theta = 0.5 }
+[soft_bodies.left]
+mesh = "MESH"
+density = 1e-6
+young_modulus = 100.0
+poisson_ratio = 0.3
+tip = { box = [[-1000.0, -1000.0, -1000.0], [1000.0, 1000.0, 1000.0]] }
+cavities = { cavity = { group = "cavity" } }
+"""
+OVER_PRESSURE = {"over": "pressures['left.cavity']", "curves": [{"column": "x", "quantity": TIP}]}
+
+
+@pytest.mark.parametrize(
+    ("experiment", "parameter", "anchored", "dynamics", "said"),
+    [
+        (OVER_PRESSURE, MODULUS, True, "static", "every step is an equilibrium; quasi_static = false"),
+        ({**OVER_PRESSURE, "over": "time"}, MODULUS, True, "inertial", ""),
+        (OVER_PRESSURE, DAMPING, True, "inertial", ""),
+        ({**OVER_PRESSURE, "quasi_static": False}, MODULUS, True, "inertial", ""),
+        ({**OVER_PRESSURE, "set": ["time.dynamics=inertial"]}, MODULUS, True, "inertial", ""),
+        (OVER_PRESSURE, MODULUS, False, "inertial", "no step can be an equilibrium: "),
+        ({**OVER_PRESSURE, "quasi_static": True}, MODULUS, False, None, "needs anchors of every soft body"),
+    ],
+)
+def test_runs_for_data_without_rates_are_equilibria(
+    tmp_path: Path,
+    taichisoft_plugins: Any,
+    experiment: dict[str, Any],
+    parameter: str,
+    anchored: bool,
+    dynamics: str | None,
+    said: str,
+) -> None:
+    """And one for data over time, for a damping, or where the study says so, is a motion."""
+    text = PAD.replace("MESH", str(TINY_GRIPPER.parent / "pad.msh"))
+    (tmp_path / "pad.toml").write_text(text + 'anchors = [{ group = "base" }]' * anchored)
+    study = check_study(
+        Calibration,
+        {
+            "scene": str(tmp_path / "pad.toml"),
+            "parameters": {parameter: {"start": 0.1, "low": 0.05, "high": 400.0}},
+            "experiments": [experiment],
+        },
+        "study",
+    )
+    if dynamics is None:
+        with pytest.raises(SceneError, match=said):
+            statics(study, 0)
+        return
+    assert said in statics(study, 0)[1] and bool(said) == bool(statics(study, 0)[1])
+    job = experiment_job(study, 0, {parameter: 100.0}, tmp_path)
+    assert scene_from_toml(job.scene, "job").time.dynamics == dynamics
+
+
+def test_a_residual_far_above_the_noise_is_told_and_one_as_large_as_it_is_not(tmp_path: Path) -> None:
+    """The noise of a parabola with errors of 0.1 is found within a third, whatever the distances of its rows."""
+    random = np.random.default_rng(3)
+    over = np.sort(random.uniform(0.0, 10.0, 200))
+    (tmp_path / "d.csv").write_text(
+        "p,y\n" + "".join(f"{p},{p**2 + 0.1 * e}\n" for p, e in zip(over, random.standard_normal(200), strict=True))
+    )
+    experiment = Experiment.model_validate({"over_column": "p", "curves": [{"column": "y", "quantity": "1"}]})
+    data = read_measurement(experiment, tmp_path / "d.csv", "experiments.0")
+    assert data.noise[0] == pytest.approx(0.1, rel=0.3)
+    study = Calibration.model_construct(experiments=(experiment,))
+    fits = [CalibrationFit({}, {}, [[residual]], [], 1, 0.0) for residual in (0.1, 0.9, 5.0)]
+    assert [len(list(misfits(study, [data], fit))) for fit in fits] == [0, 0, 1], "1 % of the range is 1"

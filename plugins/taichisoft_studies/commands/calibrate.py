@@ -33,6 +33,7 @@ def calibrate(
     from taichisoft.running import print_line
     from taichisoft_studies.calibration_file import Calibration, read_measurement
     from taichisoft_studies.least_squares import calibrate as fit_parameters
+    from taichisoft_studies.least_squares import misfits, statics
     from taichisoft_studies.study_file import check_study, find_study, read_tables
 
     path = find_study(study)
@@ -47,6 +48,9 @@ def calibrate(
         for index, (experiment, file) in enumerate(zip(asked.experiments, files, strict=True))
     ]
     console = Console()
+    for index in range(len(measured)):
+        if said := statics(asked, index)[1]:
+            print_line(console, said)
 
     def tried(values: Mapping[str, float], cost: float) -> None:
         said = ", ".join(f"{key} = {value:.6g}" for key, value in values.items())
@@ -60,6 +64,8 @@ def calibrate(
         print_line(console, f"{key} = {value:.6g} (95 %: {low:.6g} to {high:.6g})")
     for file, residuals in zip(files, fit.residuals, strict=True):
         print_line(console, f"{file.name}: residual {', '.join(f'{one:.4g}' for one in residuals)}")
+    for hint in misfits(asked, measured, fit):
+        print_line(console, f"{hint}; look at {PICTURE}")
     found = {
         "parameters": {key: {"value": value, "interval_95": fit.intervals[key]} for key, value in fit.values.items()},
         "residuals": {str(file): residuals for file, residuals in zip(files, fit.residuals, strict=True)},
