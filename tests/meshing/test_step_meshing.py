@@ -65,6 +65,22 @@ def test_curved_faces_are_meshed_as_fine_as_their_curvature(folder: Path) -> Non
     assert len(rough.nodes) < len(mesh.nodes)
 
 
+def test_the_volume_of_a_bore_converges_with_the_edges_around_it(tmp_path: Path) -> None:
+    """An inscribed polygon of n sides lacks 1 - n sin(2 pi / n) / 2 pi of the circle, 1 / n^2: hardly more is missing, and
+    a third of it at least, since no edge is much shorter than asked for."""
+
+    def plate(occ: Any) -> None:
+        occ.cut([(3, occ.addBox(0, 0, 0, 20, 20, 6))], [(3, occ.addCylinder(10, 10, -1, 0, 0, 8, 3))])
+
+    write_step(tmp_path / "plate.step", plate)
+    bore = np.pi * 9 * 6
+    for sides in (8, 32):
+        mesh = body(tmp_path, "plate.step", mesh={"largest": 6, "curvature": sides}).mesh()
+        missing = (tetrahedron_volumes(mesh.nodes, mesh.elements).sum() - (2400 - bore)) / bore
+        polygon = 1 - sides / (2 * np.pi) * np.sin(2 * np.pi / sides)
+        assert polygon / 3 < missing < 1.25 * polygon
+
+
 def test_smaller_elements_at_the_cavity(folder: Path) -> None:
     even = body(folder, "flat.step", mesh={"largest": 8}).mesh()
     graded = body(folder, "flat.step", mesh={"largest": 8, "smallest": 2}).mesh()

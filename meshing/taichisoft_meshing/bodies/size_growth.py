@@ -16,7 +16,9 @@ from taichisoft_meshing.quality.walls import find_walls
 from taichisoft_meshing.size_search import GROWTH, refuse_too_many
 
 FINEST = 0.25
-"""Least size on curves, such as that of a tiny fillet, over the smallest size that was asked for [-]."""
+"""Least size on curves, such as that of a tiny fillet, over the smallest size that was asked for, with up to USUAL edges
+around a full turn; with more of them less in proportion [-]."""
+USUAL = 16
 
 SAMPLES = 20  # points along each curve and surface, to which distances are measured
 
@@ -25,7 +27,7 @@ def set_sizes(gmsh: Any, sizes: FittedSizes, cavity_surfaces: Sequence[int]) -> 
     """Tell gmsh the sizes; `cavity_surfaces` are gmsh's numbers of the surfaces of the cavities."""
     largest, smallest = sizes.largest, sizes.smallest
     gmsh.option.setNumber("Mesh.MeshSizeMax", largest)
-    gmsh.option.setNumber("Mesh.MeshSizeMin", FINEST * smallest)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", _finest(sizes))
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", sizes.curvature)
     if smallest < largest and cavity_surfaces:
@@ -88,8 +90,12 @@ def follow_walls(gmsh: Any, sizes: FittedSizes, ratio: float, source: str) -> No
     except ValueError as error:
         raise MeshError(f"{source}: {error}") from error
     gmsh.model.mesh.clear()
-    gmsh.option.setNumber("Mesh.MeshSizeMin", min(FINEST * sizes.smallest, wanted.min()))
+    gmsh.option.setNumber("Mesh.MeshSizeMin", min(_finest(sizes), wanted.min()))
     _add_sizes(gmsh, _size_rows(wanted, nodes, boundary_triangles(elements)))
+
+
+def _finest(sizes: FittedSizes) -> float:
+    return FINEST * sizes.smallest * min(1.0, USUAL / max(1, sizes.curvature))
 
 
 def _add_sizes(gmsh: Any, rows: np.ndarray) -> None:
