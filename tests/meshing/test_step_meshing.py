@@ -66,8 +66,8 @@ def test_curved_faces_are_meshed_as_fine_as_their_curvature(folder: Path) -> Non
 
 
 def test_the_volume_of_a_bore_converges_with_the_edges_around_it(tmp_path: Path) -> None:
-    """An inscribed polygon of n sides lacks 1 - n sin(2 pi / n) / 2 pi of the circle, 1 / n^2: hardly more is missing, and
-    a third of it at least, since no edge is much shorter than asked for."""
+    """An inscribed polygon of n sides lacks 1 - n sin(2 pi / n) / 2 pi of the circle: hardly more is missing, and a
+    third of it at least, since no edge is much shorter than asked for."""
 
     def plate(occ: Any) -> None:
         occ.cut([(3, occ.addBox(0, 0, 0, 20, 20, 6))], [(3, occ.addCylinder(10, 10, -1, 0, 0, 8, 3))])

@@ -16,9 +16,9 @@ from taichisoft_meshing.quality.walls import find_walls
 from taichisoft_meshing.size_search import GROWTH, refuse_too_many
 
 FINEST = 0.25
-"""Least size on curves, such as that of a tiny fillet, over the smallest size that was asked for, with up to USUAL edges
-around a full turn; with more of them less in proportion [-]."""
+"""Least size on curves, such as that of a tiny fillet, over the smallest size that was asked for [-]."""
 USUAL = 16
+"""Edges around a full turn; where more are asked for, the least size is smaller in proportion."""
 
 SAMPLES = 20  # points along each curve and surface, to which distances are measured
 
