@@ -183,7 +183,7 @@ def test_a_figure_is_plotted_over_another_one_of_the_same_body(
         assert (curve.label, curve.body) == (name, name)
         np.testing.assert_allclose(curve.x, [seen.pressures[f"{name}.cavity"] for seen in observed], atol=1e-9)
         np.testing.assert_allclose(curve.y, [seen.tip_positions[name][1] for seen in observed], atol=SINGLE)
-    assert b"PNG" in draw_plots(recording, "png", ["bending"], "pressure").picture[:8]
+    assert b"PNG" in draw_plots(recording, "png", ["bending"], "pressure").pictures[0][:8]
     with pytest.raises(PlotError, match="--x heat: there are: pressure"):
         draw_plots(recording, "png", ["bending"], "heat")
     with pytest.raises(PlotError, match="tips-side is a path"):

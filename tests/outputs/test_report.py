@@ -80,9 +80,9 @@ def plots_drawn_once() -> Iterator[None]:
     """Many tests make a page, and its plots take the most time; those of one recording do for all."""
     drawn: list[Plots] = []
 
-    def draw_once(recording: Recording, format: str) -> Plots:
+    def draw_once(recording: Recording, format: str, columns_apart: bool) -> Plots:
         if not drawn:
-            drawn.append(draw_plots(recording, format))
+            drawn.append(draw_plots(recording, format, columns_apart=columns_apart))
         return drawn[0]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -247,3 +247,18 @@ def test_what_is_smaller_than_the_accuracy_is_nothing(folder: Path) -> None:
     page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
     assert "<b>0</b> mm" in page and "<b>29.5</b> mm" in page
     assert "e-13" not in page
+
+
+def test_quantities_have_the_units_of_the_plots_and_points_their_brackets() -> None:
+    metrics = {
+        "final_volumes_mm3": {"a.cavity": 13350.0},
+        "final_contact_areas_mm2": {"a|cube": 61.0},
+        "final_tip_positions_mm": {"a": [1.5, -2.0, 1e-9]},
+        "steps": 3,
+    }
+    assert list(report_page._rows(metrics)) == [
+        ("final volumes [cm³]", "a.cavity: 13.35"),
+        ("final contact areas [mm²]", "a|cube: 61"),
+        ("final tip positions [mm]", "a: (1.5, -2, 0)"),
+        ("steps", "3"),
+    ]

@@ -75,15 +75,15 @@ def pieces(time: np.ndarray) -> list[tuple[int, int]]:
     return list(pairwise([0, *(np.flatnonzero(np.diff(time) < 0.0) + 1).tolist(), len(time)]))
 
 
-def draw_figure(panels: Sequence[Panel], bodies: Sequence[str]) -> "Figure":
-    """A figure with all panels; `bodies` get their colours in this order."""
+def draw_figure(panels: Sequence[Panel], bodies: Sequence[str], columns: int = COLUMNS) -> "Figure":
+    """A figure with all panels, in rows of so many columns; `bodies` get their colours in this order."""
     require("a plot", "matplotlib")
     import matplotlib
     from matplotlib.figure import Figure
 
     colours = {body: COLOURS[index % len(COLOURS)] for index, body in enumerate(bodies)}
     with matplotlib.rc_context(_style()):
-        columns = min(COLUMNS, len(panels))
+        columns = min(columns, len(panels))
         rows = -(-len(panels) // columns)
         figure = Figure(figsize=(columns * PANEL_SIZE[0], rows * PANEL_SIZE[1]), layout="constrained")
         figure.get_layout_engine().set(w_pad=0.1, h_pad=0.04)  # type: ignore[union-attr, call-arg]

@@ -47,5 +47,5 @@ def plot(
     path = (output or run.parent) / f"{stem}.{format}"
     with atomic_file(path, PlotError) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(plots.picture)
+        partial.write_bytes(plots.pictures[0])
     say(path)

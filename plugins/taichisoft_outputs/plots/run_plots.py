@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
-from taichisoft_outputs.plots.figure import Panel, draw_figure, figure_bytes
+from taichisoft_outputs.plots.figure import COLUMNS, Panel, draw_figure, figure_bytes
 from taichisoft_outputs.plots.panels import RunCurves, against, expected, panels_of
 from taichisoft_outputs.recording.reader import Recording
 
@@ -22,19 +22,27 @@ class Plots:
     """The plots of a run.
 
     Attributes:
-        picture: content of the file, in the format that was asked for.
+        pictures: content of the file, in the format that was asked for; or of one for each column.
         shown: names of the panels in it.
         left_out: names of the panels without data in this run; panels of cables are listed only where the run has
             cables, or where they were chosen.
     """
 
-    picture: bytes
+    pictures: tuple[bytes, ...]
     shown: tuple[str, ...]
     left_out: tuple[str, ...]
 
 
-def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = None, over: str | None = None) -> Plots:
+def draw_plots(
+    recording: Recording,
+    format: str,
+    only: Sequence[str] | None = None,
+    over: str | None = None,
+    columns_apart: bool = False,
+) -> Plots:
     """Draw the panels called `only`, or all that there is something for; over time, or over the panel called `over`.
+
+    With `columns_apart` each column is a picture of its own, so that a narrow page can put one below the other.
 
     Raises:
         PlotError: the format or panel is unknown, or nothing is to be drawn.
@@ -61,8 +69,12 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     shown = {name: panel for name, panel in panels.items() if panel.curves}
     if not shown:
         raise PlotError(f"{recording.path}: nothing to plot: this run has nothing of {', '.join(left_out)}")
-    figure = draw_figure(list(shown.values()), _bodies(recording))
-    return Plots(figure_bytes(figure, format), tuple(shown), left_out)
+    drawn, bodies = list(shown.values()), _bodies(recording)
+    if columns_apart:
+        figures = [draw_figure(drawn[one::COLUMNS], bodies, 1) for one in range(min(COLUMNS, len(drawn)))]
+    else:
+        figures = [draw_figure(drawn, bodies)]
+    return Plots(tuple(figure_bytes(figure, format) for figure in figures), tuple(shown), left_out)
 
 
 def _with_something_in_it(panel: Panel) -> Panel:

@@ -39,7 +39,7 @@ class ReportContents:
         recording: the recording, which stays open.
         pictures, videos: files in the order in which they are shown.
         metrics: figures of metrics.json by name.
-        plots: content of an SVG file; empty if there is none.
+        plots: content of an SVG file for each column of plots.
         missing: sentences about what the folder lacks.
     """
 
@@ -47,7 +47,7 @@ class ReportContents:
     pictures: list[MediaFile] = field(default_factory=list)
     videos: list[MediaFile] = field(default_factory=list)
     metrics: dict[str, Any] = field(default_factory=dict)
-    plots: str = ""
+    plots: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
 
 
@@ -68,11 +68,11 @@ def collect(recording: Recording, began: float | None = None) -> ReportContents:
 
 def _add_plots(contents: ReportContents) -> None:
     try:
-        plots = draw_plots(contents.recording, "svg")
+        plots = draw_plots(contents.recording, "svg", columns_apart=True)
     except TaichisoftError as error:
         contents.missing.append(f"There are no plots: {error}.")
         return
-    contents.plots = plots.picture.decode()
+    contents.plots = [picture.decode() for picture in plots.pictures]
     contents.missing += [f"No plot of {name}: this run has no such data." for name in plots.left_out]
 
 

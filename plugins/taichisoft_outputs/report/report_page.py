@@ -20,10 +20,11 @@ EMBEDDED_BYTES = 20_000_000
 """Size of pictures and videos up to which they are embedded; larger ones are linked."""
 
 UNITS = {
-    **{unit: unit for unit in ("mm", "mN", "s", "ms", "kPa", "kg", "degrees")},
-    "mm3": "mm³",
+    **{unit: (unit, 1.0) for unit in ("mm", "mN", "s", "ms", "kPa", "kg", "degrees")},
+    "mm2": ("mm²", 1.0),
+    "mm3": ("cm³", 1e-3),
 }
-"""Units that stand at the end of a metric's name, and how the page writes them: as the plots do."""
+"""Units that stand at the end of a metric's name; how the page writes them, as the plots do, and the factor to that."""
 
 HEADLINES = (
     *("object_lift_mm", "object_slip_mm", "object_distance_mm", "object_pushed_away_mm", "object_creep_mm"),
@@ -56,7 +57,7 @@ def report_page(contents: ReportContents, folder: Path) -> str:
             "Pictures": [_figure(one, folder) for one in contents.pictures],
             "Video": [_figure(one, folder) for one in contents.videos],
         },
-        plots=svg_element(contents.plots) if contents.plots else "",
+        plots=[svg_element(one) for one in contents.plots],
         signals=list(_signals(recording)),
         metrics=list(_rows(metrics)),
         missing=contents.missing,
@@ -93,8 +94,8 @@ def _headlines(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Words, value and unit of each headline metric."""
     for name in HEADLINES:
         if isinstance(metrics.get(name), int | float):
-            words, unit = _words(name)
-            yield words, _short(metrics[name], unit), unit
+            words, unit, factor = _words(name)
+            yield words, _short(factor * metrics[name], unit), unit
 
 
 def _short(value: float, unit: str) -> str:
@@ -125,24 +126,25 @@ def _figure(media: MediaFile, folder: Path) -> dict[str, Any]:
 
 def _rows(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for name, value in metrics.items():
-        words, unit = _words(name)
-        small = isinstance(value, float) and abs(value) < ACCURACY.get(unit, 0.0)
-        yield f"{words} [{unit}]" if unit else words, "0" if small else _value(value)
+        words, unit, factor = _words(name)
+        yield f"{words} [{unit}]" if unit else words, _value(value, factor, ACCURACY.get(unit, 0.0))
 
 
-def _words(name: str) -> tuple[str, str]:
-    """The words of a metric's name, and its unit: "object_lift_mm" is the object lift in mm."""
+def _words(name: str) -> tuple[str, str, float]:
+    """The words of a metric's name, its unit and the factor to that: "object_lift_mm" is the object lift in mm."""
     words, _, last = name.rpartition("_")
-    return (words.replace("_", " "), UNITS[last]) if last in UNITS and words else (name.replace("_", " "), "")
+    return (words.replace("_", " "), *UNITS[last]) if last in UNITS and words else (name.replace("_", " "), "", 1.0)
 
 
-def _value(value: Any) -> str:
+def _value(value: Any, factor: float, least: float) -> str:
+    """A value as text; numbers times a factor, and 0 below the least that is no noise."""
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
     if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+        value *= factor
+        return "0" if abs(value) < least else f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
     if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {_value(one)}" for name, one in value.items())
+        return ", ".join(f"{name}: {_value(one, factor, least)}" for name, one in value.items())
     if isinstance(value, list):
-        return ", ".join(map(_value, value))
+        return f"({', '.join(_value(one, factor, least) for one in value)})"
     return str(value)
