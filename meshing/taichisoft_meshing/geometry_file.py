@@ -23,6 +23,11 @@ ROUNDING = 1e-9
 AnyTable = TypeVar("AnyTable", bound=BaseModel)
 
 
+def is_geometry(file: str) -> bool:
+    """Whether a scene's mesh is a geometry to be meshed, not a mesh, by the end of its file's name."""
+    return Path(file).suffix.lower() in (".toml", *STEP_SUFFIXES)
+
+
 class _CommonTables(BaseModel):
     """The part of a geometry file that is the same for every kind."""
 

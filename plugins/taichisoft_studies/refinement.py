@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from taichisoft.scenes import GEOMETRY_SUFFIX, Scene, scene_from_toml, scene_to_toml
+from taichisoft.scenes import Scene, scene_from_toml, scene_to_toml
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import make_run
 from taichisoft_studies.results_table import flat
@@ -197,13 +197,13 @@ def physical_figures(metrics: Mapping[str, Any]) -> dict[str, float]:
 
 def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     """The change of the table `mesh` of a body, what follows its name; empty where nothing finer is known."""
+    from taichisoft_meshing.geometry_file import is_geometry, read_geometry, read_tables
+
     path = Path(file)
-    if path.suffix.lower() != GEOMETRY_SUFFIX:
+    if not is_geometry(file):
         name, _, size = path.stem.rpartition("-")
         finer = path.with_name(f"{name}-{PRESETS.get(size)}{path.suffix}")
         return f"={toml_value(str(finer))}" if size in PRESETS and finer.is_file() else ""
-    from taichisoft_meshing.geometry_file import read_geometry, read_tables
-
     if "nodes" in request:
         return f".nodes={round(request['nodes'] / FINER**3)}"
     presets, preset = read_geometry(path).presets, request.get("preset", "")

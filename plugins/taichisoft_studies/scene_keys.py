@@ -6,7 +6,7 @@ from typing import Any
 
 from taichisoft.building import load_scene
 from taichisoft.errors import nearest
-from taichisoft.scenes import GEOMETRY_SUFFIX, Scene
+from taichisoft.scenes import Scene
 from taichisoft_studies.errors import StudyError
 
 
@@ -53,10 +53,12 @@ def toml_value(value: Any) -> str:
 
 def _geometry_overrides(name: str, scene: Scene, values: Mapping[str, Any]) -> list[str]:
     """Overrides "soft_bodies.NAME.mesh=..." that lay values over the geometry of each body that they are for."""
+    from taichisoft_meshing.geometry_file import is_geometry
+
     meshes = {
         body: table.mesh.model_dump(mode="json", exclude_none=True)
         for body, table in scene.soft_bodies.items()
-        if table.mesh.file.lower().endswith(GEOMETRY_SUFFIX)
+        if is_geometry(table.mesh.file)
     }
     for key, value in values.items():
         body, separator, path = key.rpartition(":")
@@ -65,12 +67,16 @@ def _geometry_overrides(name: str, scene: Scene, values: Mapping[str, Any]) -> l
         if not meshes:
             tables = ", ".join(Scene.model_fields)
             raise StudyError(
-                f"{key}: is not a key of a scene ({tables}), and no soft body of {name} is meshed from a geometry file"
+                f"{key}: is not a key of a scene ({tables}), and no soft body of {name} is meshed from a geometry file "
+                "(.toml, .step)"
             )
         for mesh in [meshes[body]] if separator else meshes.values():
             place = mesh.setdefault("set", {})
+            if path == "mesh.largest":  # which a size that the scene asks for would take the place of
+                mesh.update(dict.fromkeys(("size", "preset", "nodes")))
             *tables_above, last = path.split(".")
             for table in tables_above:
                 place = place.setdefault(table, {})
             place[last] = value
-    return [f"soft_bodies.{body}.mesh={toml_value(mesh)}" for body, mesh in meshes.items()]
+    given = {body: {key: one for key, one in mesh.items() if one is not None} for body, mesh in meshes.items()}
+    return [f"soft_bodies.{body}.mesh={toml_value(mesh)}" for body, mesh in given.items()]

@@ -79,7 +79,7 @@ def check_geometries(jobs: Sequence[RunJob]) -> None:
         MeshError: as of the first run.
     """
     from taichisoft.scenes import scene_from_toml
-    from taichisoft_meshing.geometry_file import make_geometry, read_tables
+    from taichisoft_meshing.geometry_file import is_geometry, make_geometry, read_tables
     from taichisoft_meshing.scene_meshes import merge_tables
 
     first: MeshError | None = None
@@ -88,7 +88,7 @@ def check_geometries(jobs: Sequence[RunJob]) -> None:
         try:
             for body in scene.soft_bodies.values():
                 file = Path(body.mesh.file)
-                if file.suffix.lower() == ".toml":
+                if is_geometry(body.mesh.file):
                     kind, tables = read_tables(file)
                     make_geometry(kind, merge_tables(tables, body.mesh.request.get("set", {})), file)
             return

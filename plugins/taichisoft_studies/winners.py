@@ -8,7 +8,7 @@ from typing import Any
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.scenes import scene_from_toml
-from taichisoft_meshing.geometry_file import read_tables
+from taichisoft_meshing.geometry_file import is_geometry, read_tables
 from taichisoft_meshing.mesh_job import MeshJob
 from taichisoft_meshing.mesh_process import write_mould_apart
 from taichisoft_meshing.scene_meshes import merge_tables
@@ -95,7 +95,7 @@ def draw_winner(job: RunJob, folder: Path) -> list[str]:
     lines = []
     for name, body in scene_from_toml(job.scene, job.source).soft_bodies.items():
         file = Path(body.mesh.file)
-        if file.suffix.lower() == ".toml":
+        if is_geometry(body.mesh.file):
             kind, tables = read_tables(file)
             try:
                 (folder / name).mkdir(parents=True, exist_ok=True)

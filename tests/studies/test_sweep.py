@@ -151,6 +151,20 @@ def test_geometry_keys_reach_every_body_with_a_geometry() -> None:
         scene_with("gripper", {"contact.frction": 0.3}, None)
 
 
+def test_sizes_of_a_step_file_are_keys_as_those_of_a_geometry(tmp_path: Path) -> None:
+    """The size that a scene asks for gives way to a varied one; nothing else of its table does."""
+    (tmp_path / "finger.step").write_text("")
+    mesh = '{ file = "finger.step", size = 9.0, set = { close_inlets = true, mesh = { wall_ratio = 1.5 } } }'
+    body = "density = 1e-6, young_modulus = 100.0, poisson_ratio = 0.3"
+    (tmp_path / "scene.toml").write_text(f"soft_bodies = {{ finger = {{ mesh = {mesh}, {body} }} }}")
+    for values, asked, sizes in (
+        ({"mesh.largest": 6.0}, {}, {"largest": 6.0, "wall_ratio": 1.5}),
+        ({"finger:mesh.curvature": 24}, {"size": 9.0}, {"curvature": 24, "wall_ratio": 1.5}),
+    ):
+        request = scene_with(str(tmp_path / "scene.toml"), values, None).soft_bodies["finger"].mesh.request
+        assert request == {**asked, "set": {"close_inlets": True, "mesh": sizes}}
+
+
 def test_a_dimension_that_no_geometry_has_is_refused_before_anything_runs(
     tmp_path: Path, taichisoft_plugins: Any
 ) -> None:
