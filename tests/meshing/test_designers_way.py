@@ -1,53 +1,118 @@
-"""A designer's way by commands: a STEP finger of two solids, its datasheet, and what its negative cannot cast."""
+"""A designer's way: a STEP finger of two solids, its datasheet, a search over two scenes, a gripper, and a mould."""
 
 import csv
+import json
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 from solid_shapes import write_step
-from test_step_solids import finger
+from test_step_solids import HEIGHT, LAYER, LENGTH, WIDTH, finger
 
 from taichisoft.command_line import main
 from taichisoft.plugin_system import plugins
+from taichisoft_studies.make_run import make_run
+from taichisoft_studies.optimisation_file import Optimisation
+from taichisoft_studies.optimiser import best_trials, open_study
+from taichisoft_studies.run_job import RunJob
+from taichisoft_studies.study_file import check_study
+from taichisoft_studies.trials import optimise
 
-SCENE = """
+FINGER = """
 gravity = [0.0, 0.0, 0.0]
-time = { step = 0.01, duration = 0.05 }
-controller = { name = "scripted", settings = { script = "inflate", pressure = 8.0 } }
+time = { step = 0.02, duration = 0.1 }
+controller = { name = "scripted", settings = { script = "inflate", pressure = 30.0 } }
+limits = { pressure_rate = 400.0 }
 
 [soft_bodies.finger]
 mesh = { file = "finger.step", size = 10.0, set = { close_inlets = true } }
-element = "linear"
 density = 1.1e-6
 young_modulus = 100.0
 poisson_ratio = 0.3
+rayleigh_stiffness = 0.05
 regions = [{ group = "solid_2", young_modulus = 1000.0 }]
 anchors = [{ group = "base" }]
 cavities = { cavity_0 = { group = "cavity_0" }, cavity_1 = { group = "cavity_1" } }
 """
+GRIPPER = """
+pattern = { count = 3, axis = "x", centre = [0.0, 6.0, -7.0] }
+
+[rigid_bodies.cube]
+box = [8.0, 8.0, 8.0]
+mass = 0.0005
+position = [33.0, 6.0, -7.0]
+"""
+STIFFNESS = "soft_bodies.finger.young_modulus"
+SEARCH = {
+    "scene": "finger.toml",
+    "scenes": {"free": {}, "soft": {"set": ["controller.settings.pressure=10"]}},
+    "variables": {STIFFNESS: [100.0, 150.0, 300.0]},
+    "objectives": {"bend": {"maximise": "free['final_bending_angles_degrees']['finger']"}},
+    "constraints": {"still": "soft['largest_stretch']['finger'] <= 1.02"},
+    "trials": 3,
+}
 
 
-def test_from_a_step_file_to_a_datasheet_and_a_negative(
+def upper_part(occ: Any) -> None:
+    """The upper part as it is cast: its chambers are open below, and the duct is pierced afterwards."""
+    upper = (3, occ.addBox(0, 0, LAYER, LENGTH, WIDTH, HEIGHT - LAYER))
+    occ.cut([upper], [(3, occ.addBox(4, 3, LAYER, 12, 6, 7)), (3, occ.addBox(22, 3, LAYER, 14, 6, 7))])
+
+
+class OneAfterTheOther:
+    """Workers that are this process."""
+
+    count, about = 1, "here"
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[str, str]] = []
+
+    def submit(self, key: str, task: Any, text: str) -> None:
+        self.waiting.append((key, text))
+
+    def next_done(self) -> tuple[str, dict[str, Any] | None]:
+        key, text = self.waiting.pop(0)
+        return key, make_run(RunJob.from_json(text))
+
+
+def test_from_a_step_file_to_a_gripper_a_datasheet_and_a_mould(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """tests/studies has the search over several scenes, tests/meshing/test_mould.py the mould of a finger."""
-
-    def taichisoft(*words: str) -> tuple[int, str]:
+    def taichisoft(*words: str) -> str:
         monkeypatch.setattr(sys, "argv", ["taichisoft", *words])
         with plugins.separate_registry(), pytest.raises(SystemExit) as left:
             main()
-        return int(left.value.code or 0), "".join(capfd.readouterr())
+        said = "".join(capfd.readouterr())
+        assert not left.value.code, said
+        return said
 
     monkeypatch.chdir(tmp_path)
     write_step(tmp_path / "finger.step", finger)
-    (tmp_path / "finger.toml").write_text(SCENE)
-    code, said = taichisoft("characterise", "finger.toml", "--pressure", "8", "--steps", "2", "--bends", "1", "-o", "c")
-    assert code == 0, said
-    with (tmp_path / "c" / "characteristics.csv").open(newline="") as file:
+    (tmp_path / "finger.toml").write_text(FINGER)
+    taichisoft("characterise", "finger.toml", "--pressure", "8", "--steps", "2", "--bends", "1", "-o", "sheet")
+    with (tmp_path / "sheet" / "characteristics.csv").open(newline="") as file:
         bends = [float(row["bending [degrees]"]) for row in csv.DictReader(file)]
     assert len(bends) == 3 and bends == sorted(bends) and bends[-1] > 0.1
-    assert (tmp_path / "c" / "datasheet.html").stat().st_size > 1000
-    code, said = taichisoft("mould", "finger.step", "-o", "m")
-    assert code == 1, "its chambers are undercuts of a mould of two halves"
-    assert "undercut" in said and "a cavity of 588 mm^3 is closed" in said
+    assert (tmp_path / "sheet" / "datasheet.html").stat().st_size > 1000
+
+    study = check_study(Optimisation, SEARCH, "study")
+    trials = open_study(study, tmp_path / "search")
+    trials.set_user_attr("folder", str(tmp_path / "search"))
+    optimise(study, tmp_path / "search", trials, OneAfterTheOther(), lambda trial, record: None)  # type: ignore[arg-type]
+    (best,) = best_trials(trials, 1)
+    assert best.params[STIFFNESS] == "150.0", "100 kPa bends further, but breaks the rule for the other scene"
+
+    (tmp_path / "gripper.toml").write_text(FINGER + GRIPPER)
+    chosen = [f"{STIFFNESS}={best.params[STIFFNESS]}", "controller.settings.pressure=45", "time.duration=0.3"]
+    chosen = [f"--set={one}" for one in chosen]
+    taichisoft("run", "gripper.toml", "--outputs", "recording,metrics,pictures", "--image", *chosen, "-o", "grip")
+    forces = json.loads((tmp_path / "grip" / "metrics.json").read_text())["final_normal_forces_mN"]
+    assert all(forces[f"finger{number}|cube"] > 1.0 for number in (1, 2, 3)), "they hold the cube"
+    red, _, blue = np.asarray(Image.open(tmp_path / "grip" / "after.png").convert("RGB"), dtype=int).transpose(2, 0, 1)
+    assert (blue - red > 80).sum() > 500, "the cube is seen"
+
+    write_step(tmp_path / "upper.step", upper_part)
+    assert "fill the block" in taichisoft("mould", "upper.step", "--parting", "z=10", "-o", "mould")
