@@ -72,7 +72,10 @@ def trust_line(first: Characteristics, second: Characteristics | None, change: s
         return "There is no second mesh, so nothing is known of the error of this one."
     bend = _largest_difference(first.bending, second.bending)
     force = _largest_difference(first.forces, second.forces)
-    return f"With {change}, bending differs by up to {bend:.1%} of its largest value, and forces by up to {force:.1%}."
+    return (
+        f"With {change}, bending differs by up to {100 * bend:.1f} % of its largest value, and forces by up to "
+        f"{100 * force:.1f} %."
+    )
 
 
 def _largest_difference(first: np.ndarray, second: np.ndarray) -> float:
@@ -84,7 +87,7 @@ def _columns(found: Characteristics) -> dict[str, np.ndarray]:
         f"force held at {found.pressures[number]:g} kPa [mN]": forces
         for number, forces in zip(found.blocked, found.forces, strict=True)
     }
-    free = {"bending [degrees]": found.bending, "way of the tip [mm]": found.way, "volume [mm^3]": found.volumes}
+    free = {"bending [degrees]": found.bending, "way of the tip [mm]": found.way, "volume [cm³]": found.volumes / 1e3}
     return {PRESSURE: found.pressures, **free, **held, "stiffness [mN/mm]": found.stiffness}
 
 

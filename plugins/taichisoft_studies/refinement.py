@@ -214,6 +214,8 @@ def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     sizes = [float(one) for one in known if one is not None]
     if not sizes:
         return ""
+    if "size" in request and not preset:
+        return f".size={FINER * sizes[0]:g}"
     others = {key: value for key, value in request.items() if key != "preset"}
     return f"={toml_value({'file': file, **others, 'size': FINER * sizes[0]})}"
 

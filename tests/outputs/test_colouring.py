@@ -10,6 +10,7 @@ from PIL import Image
 
 from taichisoft.actuators.names import ActuatorNames
 from taichisoft.bodies.rotations import rotation_from_degrees
+from taichisoft.meshes.plane_section import SectionPlane
 from taichisoft.meshes.surface_files import read_surface, write_stl
 from taichisoft_outputs.drawing.arrows import ForceArrows
 from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, displacement, strain, stress
@@ -124,7 +125,7 @@ def test_there_is_no_bar_for_what_cannot_be_seen(gripper, tmp_path):
     with read_recording(tmp_path / "recording.h5") as start:  # without any pressure or contact
         assert Colouring(start, Style(), [0], start.surfaces).scales == ()
         assert caption_parts(start, 0) == ["0.00 s", "pressure 0.0 kPa", "cube raised 0.0 mm"]
-        ForceArrows(start, [0], 10.0).paint(None, None, 0)  # would fail if it tried to paint
+        ForceArrows(start, [0], 10.0).paint(None, None, 0, None)  # would fail if it tried to paint
 
 
 def test_a_colour_scale_is_linear_and_holds_its_ends():
@@ -179,6 +180,22 @@ def test_twice_the_force_is_twice_the_arrow(gripper):
         ForceArrows(gripper, FRAMES, radius).paint_scale(picture, camera, (0.0, 0.0, 0.0), 9.0)
         lengths.append(np.ptp(np.nonzero(np.asarray(picture).any(axis=2))[1]))
     assert lengths[1] == pytest.approx(2 * lengths[0], abs=2)
+
+
+def test_a_force_on_what_is_cut_off_has_no_arrow(gripper):
+    """The camera looks along -x at what is left of x < 1000 or x < -1000 mm, which is all or nothing."""
+    from taichisoft_outputs.drawing.camera import PictureCamera
+
+    points, forces = gripper.contacts(2)
+    middle = points.mean(axis=0)
+    camera = PictureCamera(middle + np.array([2000.0, 0.0, 0.0]), middle, np.array([0.0, 0.0, 1.0]))
+    assert np.linalg.norm(forces[:, 1:], axis=1).max() > 0.0, "across the view"
+    painted = []
+    for section in (None, "x<1000", "x<-1000"):
+        picture, plane = Image.new("RGB", (64, 36)), SectionPlane.parse(section) if section else None
+        ForceArrows(gripper, FRAMES, 500.0).paint(picture, camera, 2, plane)
+        painted.append(int(np.asarray(picture).any(axis=2).sum()))
+    assert painted[0] == painted[1] > 0 == painted[2]
 
 
 def test_a_finer_surface_moves_with_the_elements(gripper, tmp_path):

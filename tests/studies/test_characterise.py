@@ -57,7 +57,7 @@ def test_table_picture_and_page_say_the_same(found, tmp_path):
     assert float(rows[2]["force held at 12 kPa [mN]"]) == pytest.approx(curves.forces[1, 2], rel=1e-4)
     assert rows[0]["bending [degrees]"] == "0" and rows[0]["force held at 12 kPa [mN]"] == ""
     said = trust_line(curves, finer, "a finer mesh")
-    assert said == "With a finer mesh, bending differs by up to 9.1% of its largest value, and forces by up to 25.0%."
+    assert said == "With a finer mesh, bending differs by up to 9.1 % of its largest value, and forces by up to 25.0 %."
     assert said in page.read_text(encoding="utf-8")
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "nothing is known of the error" in trust_line(curves, None, "")

@@ -15,6 +15,8 @@ SIZE = (900, 640)
 """Width and height of each of the two views [pixels]."""
 PRINTED, SILICONE, HELD, THIN = (0.55, 0.66, 0.76), (0.86, 0.80, 0.68), (0.80, 0.10, 0.10), (0.95, 0.60, 0.05)
 """Colours of what is printed and of silicone, of what an undercut holds, and of walls too thin to print."""
+INK, LETTERS = (0.1, 0.12, 0.14), 22.0
+"""Colour [-] and height [pixels] of the letters."""
 TIME_LIMIT = 300.0
 """Longest time that the pictures may take [s]."""
 
@@ -37,10 +39,15 @@ def draw_parts(parts: Sequence[CheckedPart]) -> list[Path]:
         )
     except (WorkerLost, OSError, RuntimeError) as error:
         raise MeshError(f"the parts cannot be drawn: {error}; `taichisoft doctor` says what is missing") from error
+    from taichisoft_outputs.drawing.overlay import paint_caption
+
     files = [part.file.with_suffix(".png") for part in parts]
-    for image, file in zip(images, files, strict=True):
+    for image, file, part in zip(images, files, parts, strict=True):
+        picture = Image.fromarray(image)
+        size = " x ".join(f"{length:.1f}" for length in np.ptp(part.corners, axis=(0, 1)))
+        paint_caption(picture, [file.stem, f"{size} mm", "from above and from below"], INK, LETTERS)
         with atomic_file(file, MeshError) as partial:
-            Image.fromarray(image).save(partial, format="png")
+            picture.save(partial, format="png")
     return files
 
 

@@ -184,7 +184,7 @@ def _draw_mesh(figure: Any, mesh: VolumeMesh, quality: MeshQuality, title: str, 
     size = " x ".join(f"{length:.4g}" for length in np.ptp(mesh.nodes, axis=0))
     counts = f"{size} mm, {len(mesh.nodes)} nodes, {len(mesh.elements)} tetrahedra"
     figure.suptitle(f"{plain_label(textwrap.fill(title, 90))}\ncut at {cut.plane}; {counts}{walls}", fontsize=12)
-    figure.colorbar(shapes, ax=plots.tolist(), label="radius ratio on the cut", shrink=0.8, pad=0.01)
+    figure.colorbar(shapes, ax=plots.tolist(), label="radius ratio on the cut", shrink=0.8, pad=0.01, panchor=False)
     figure.legend(handles=handles, loc="outside lower left", frameon=False, ncols=min(len(handles), 5))
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.meshes import SectionPlane
 from taichisoft_outputs.drawing.camera import PictureCamera, project
 from taichisoft_outputs.drawing.painting import Colour, paint_arrow, paint_text
 from taichisoft_outputs.drawing.scales import round_down, sample_frames
@@ -53,10 +54,13 @@ class ForceArrows:
         self._length = LONGEST * radius / self._strongest if self._strongest else 0.0  # [mm/mN]
         self.tails = np.concatenate([np.zeros((0, 3)), *(point - self._length * force for point, force in contacts)])
 
-    def paint(self, picture: Any, camera: PictureCamera, frame: int) -> None:
-        """Paint a frame's arrows, which end where the forces act, into a Pillow image."""
+    def paint(self, picture: Any, camera: PictureCamera, frame: int, section: SectionPlane | None) -> None:
+        """Paint a frame's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
         if self._strongest:
             points, forces = self._recording.contacts(frame)
+            if section is not None:
+                kept = section.facing(camera.eye).height(points) <= 0.0
+                points, forces = points[kept], forces[kept]
             _paint_arrows(picture, camera, points - self._length * forces, points, FORCE_WIDTH, [self._colour])
 
     def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour, letters: float) -> None:

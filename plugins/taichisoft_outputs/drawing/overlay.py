@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
+from taichisoft.meshes import SectionPlane
 from taichisoft_outputs.drawing.arrows import AXIS_COLOURS, ON_DARK, ForceArrows, paint_axes, paint_body_axes
 from taichisoft_outputs.drawing.camera import PictureCamera, project
 from taichisoft_outputs.drawing.colouring import body_colours
@@ -53,6 +54,7 @@ class Overlay:
         self._recording, self._style, self._scales = recording, style, scales
         behind = [np.array(style.background_colour), *body_colours(recording.scene).values()]
         self._arrows = ForceArrows(recording, frames, radius, behind) if style.arrows else None
+        self._section = SectionPlane.parse(style.section) if style.section else None
         self._ink = text_colour(style.background_colour)
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
@@ -68,7 +70,7 @@ class Overlay:
 
         image, letters = Image.fromarray(picture), letters_of(self._style)
         if self._arrows is not None:
-            self._arrows.paint(image, camera, frame)
+            self._arrows.paint(image, camera, frame, self._section)
         if self._style.body_axes:
             paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
         paint_marks(image, camera, marks)
