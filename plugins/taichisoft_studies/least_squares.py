@@ -174,8 +174,8 @@ def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
         return (), f"{where}: a motion, since no step can be an equilibrium: {error}; ramp slowly"
     if scene.time.dynamics != "static":  # the study says otherwise
         return (), ""
-    texts = tuple(f"{key}={value}" for key, value in STATIC.items())
-    return texts, f"{where}: every step is an equilibrium; quasi_static = false brings inertia and damping"
+    changes = tuple(f"{key}={value}" for key, value in STATIC.items())
+    return changes, f"{where}: every step is an equilibrium; quasi_static = false brings inertia and damping"
 
 
 def experiment_job(study: Calibration, index: int, values: Mapping[str, float], folder: Path) -> RunJob:
