@@ -3,7 +3,6 @@ from .elastic_law import LAW_NAMES as LAW_NAMES
 from .elastic_law import Law as Law
 from .elastic_law import initial_shear_modulus as initial_shear_modulus
 from .elastic_law import lame_parameters as lame_parameters
-from .file import GEOMETRY_SUFFIX as GEOMETRY_SUFFIX
 from .file import scene_from_dict as scene_from_dict
 from .file import scene_from_toml as scene_from_toml
 from .file import scene_to_toml as scene_to_toml
