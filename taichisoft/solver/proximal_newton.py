@@ -31,19 +31,17 @@ STILL = 2e-7
 
 
 class Outcome(NamedTuple):
-    """Result of a Newton step.
+    """Result of Newton steps with one center.
 
     Attributes:
-        miss: largest violation of a block's law at its end, pull included [mm/s, of a volume mm^3/s].
+        miss: largest violation of a block's law at their end, pull included [mm/s, of a volume mm^3/s].
         found: residual of a sweep from there, in the same units.
-        moved: largest change of an impulse by the step [mN s, of a volume kPa s].
-        largest: largest impulse at its end [mN s, of a volume kPa s].
+        taken: number of steps.
     """
 
     miss: float
     found: float
-    moved: float
-    largest: float
+    taken: int
 
 
 class ProximalNewton:
@@ -63,7 +61,7 @@ class ProximalNewton:
         self.point, self.swept = (Iterate(np.empty(rows), np.empty(rows)) for _ in range(2))
         self.proximal = ProximalTerm(np.empty(rows), np.empty(rows), np.empty(1))
         self.system = make_linear_system(rows)
-        self._outcome = np.zeros(4)
+        self._outcome = np.zeros(3)
 
     def begin(self, answer: Iterate, share: float) -> None:
         """Start at `answer`, with a pull towards it by `share` of each row's own compliance."""
@@ -73,12 +71,12 @@ class ProximalNewton:
         weight[:rows] = self._problem.compliance[: rows * rows : rows + 1]
         self.proximal.share[0] = share
 
-    def step(self, moves: bool = True) -> Outcome:
-        """Take a Newton step, unless `moves` is False, and a sweep from its end."""
-        kernels.step_and_sweep(
-            self._problem, self.point, self.swept, self.proximal, self.system, self._outcome, int(moves), 1
-        )
-        return Outcome(*self._outcome.tolist())
+    def steps(self, bound: float, most: int, least: int = 0, still: float = 0.0) -> Outcome:
+        """Take Newton steps with the present center, and a sweep from their end; see `step_and_sweep`."""
+        parts = (self._problem, self.point, self.swept, self.proximal, self.system, self._outcome)
+        kernels.step_and_sweep(*parts, bound, still, least, most, 1)
+        miss, found, taken = self._outcome.tolist()
+        return Outcome(miss, found, int(taken))
 
     def move_center(self) -> None:
         """Move the center of the pull to the end of the last step."""
@@ -110,14 +108,11 @@ class ProximalNewton:
         while steps < most_steps and best >= tolerance:
             stop_if_asked()
             bound = max(SHARE_OF_TOLERANCE * tolerance, SHARE_OF_RESIDUAL * at_center)
-            outcome, taken = self.step(moves=False), 0
-            while taken < LONGEST and outcome.miss >= bound:
-                outcome = self.step()
-                taken += 1
+            outcome = self.steps(bound, LONGEST)
             if outcome.miss < bound:
                 at_center = outcome.found
                 self.move_center()
-                if taken <= QUICK:
+                if outcome.taken <= QUICK:
                     proximal.share[0] = max(WEAKER * proximal.share[0], WEAKEST)
             else:
                 if outcome.found < at_center:
@@ -127,7 +122,7 @@ class ProximalNewton:
             if outcome.found < best:
                 best = outcome.found
                 self.set_solution(answer)
-            steps += max(taken, 1)
+            steps += max(outcome.taken, 1)
             self.point.impulse[:rows] = proximal.center[:rows]
         return best, steps
 
@@ -147,13 +142,10 @@ class ProximalNewton:
             The residual of the new `answer`.
         """
         self.begin(answer, share)
-        self.step(moves=False)
+        self.steps(np.inf, 0)  # for the velocities
         self._aim_at_zero(tolerance)
         bound = max(SHARE_OF_TOLERANCE * tolerance, SHARE_OF_RESIDUAL * residual)
-        for _ in range(LONGEST):
-            outcome = self.step()
-            if outcome.miss < bound and outcome.moved <= STILL * outcome.largest:
-                break
+        outcome = self.steps(bound, LONGEST, least=1, still=STILL)
         if outcome.miss < bound and outcome.found < tolerance:
             self.set_solution(answer)
             return outcome.found

@@ -1,7 +1,7 @@
-"""A Newton step with a proximal term, its residual, and a sweep from its end.
+"""Newton steps with a proximal term, their residual, and a sweep from their end.
 
-`solver/proximal_newton.py` takes the steps and moves the center of the pull. Step and check are one kernel, because the
-Newton step is among the slowest to compile.
+`solver/proximal_newton.py` moves the center of the pull. All steps with one center are one launch, which takes as long as
+a step of a few contacts; steps and check are one kernel, because the Newton step is among the slowest to compile.
 """
 
 from taichisoft.runtime.launch import func, kernel
@@ -20,9 +20,9 @@ from taichisoft.solver.kernels.newton_step import ProximalTerm, newton_step, pre
 from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS, ROLLING, SPINNING
 from taichisoft.solver.kernels.sweep import largest_of_two, largest_tangential, sweep
 
-# Entries of `outcome`: natural residual at the end of the step, pull included; residual of a sweep from there; largest
-# change of an impulse by the step; largest impulse.
-MISS, FOUND, MOVED, LARGEST = range(4)
+# Entries of `outcome`: natural residual at the end of the last step, pull included; residual of a sweep from there; and
+# number of steps.
+MISS, FOUND, TAKEN = range(3)
 
 
 @func
@@ -83,26 +83,33 @@ def step_and_sweep(
     proximal: ProximalTerm,
     system: LinearSystem,
     outcome: Scalars,
-    moves: ti.i32,
+    bound: ti.f64,
+    still: ti.f64,
+    least: ti.i32,
+    most: ti.i32,
     one: ti.i32,
 ):
-    """Move `point` by a Newton step if `moves` is not 0, then sweep once from `point` to `swept`.
+    """Move `point` by Newton steps, then sweep once from there to `swept`.
 
-    If it moves, the velocities of `point` must belong to its impulses; they are recomputed after the step.
+    `least` to `most` steps are taken, until the natural residual is below `bound` [mm/s] and, where `still` is not 0,
+    the last step changed no impulse by more than `still` times the largest one.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        rows = row_count(problem)
-        moved, largest = 0.0, 0.0
-        if moves != 0:
-            newton_step(problem, point, proximal, system, swept, one)
-            for k in range(rows):
-                moved = ti.max(moved, ti.abs(swept.impulse[k] - point.impulse[k]))
-                largest = ti.max(largest, ti.abs(swept.impulse[k]))
-                point.impulse[k] = swept.impulse[k]
-        measure_velocity(problem, point)
-        outcome[MISS] = natural_residual(problem, point, proximal)
+        rows, taken, goes_on = row_count(problem), -1, 1
+        while goes_on == 1:
+            taken += 1
+            moved, largest = 0.0, 0.0
+            if taken > 0:
+                newton_step(problem, point, proximal, system, swept, one)
+                for k in range(rows):
+                    moved = ti.max(moved, ti.abs(swept.impulse[k] - point.impulse[k]))
+                    largest = ti.max(largest, ti.abs(swept.impulse[k]))
+                    point.impulse[k] = swept.impulse[k]
+            measure_velocity(problem, point)
+            outcome[MISS] = natural_residual(problem, point, proximal)
+            moves = outcome[MISS] >= bound or (still > 0.0 and moved > still * largest)
+            goes_on = ti.cast(taken < least or (taken < most and moves), ti.i32)
         copy_iterate(rows, point, swept)
         outcome[FOUND] = sweep(problem, swept)
-        outcome[MOVED] = moved
-        outcome[LARGEST] = largest
+        outcome[TAKEN] = taken
