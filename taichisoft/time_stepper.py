@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -102,9 +101,8 @@ class TimeStepper:
         self._divergence_check.check(start, end)
         end = self._observer.with_samples(end, start)
         self.state = end
-        self.report = self._make_report(problem, solution, shift, end, control, started)
-        if gradient is not None:
-            self.report = replace(self.report, find_imbalance=self._imbalance_of(start, end, solution, gradient))
+        find_imbalance = dict if gradient is None else self._imbalance_of(start, end, solution, gradient)
+        self.report = self._make_report(problem, solution, shift, end, control, find_imbalance, started)
         return self.report
 
     def derivative(self, control: Control) -> StepDerivative:
@@ -232,6 +230,7 @@ class TimeStepper:
         shift: Shift | None,
         end: State,
         control: Control,
+        find_imbalance: Callable[[], dict[str, float]],
         started: float,
     ) -> StepReport:
         settings, names, contacts = self.model.scene, self.model.body_names, problem.contacts
@@ -256,4 +255,5 @@ class TimeStepper:
             inverted_elements=self._divergence_check.inverted,
             linearisations=solution.linearisations,
             newton_residual=solution.newton_residual,
+            find_imbalance=find_imbalance,
         )

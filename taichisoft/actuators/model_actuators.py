@@ -73,6 +73,7 @@ class Actuators(ActuatorNames):
         self.takes_effort = np.concatenate([one.takes_effort for one in sets])
         self.has_law = np.concatenate([one.has_law for one in sets])
         self.always_has_rows = stops | rubs | over_rigid | self.has_law
+        self._further = np.setdiff1d(np.arange(self.count), self.first_coordinate[:-1])
 
     @property
     def count(self) -> int:
@@ -124,7 +125,7 @@ class Actuators(ActuatorNames):
             effort: of all coordinates, shape (coordinate_count,).
         """
         own = self.first_coordinate[:-1]
-        return effort[own], np.delete(effort, own)
+        return effort[own], effort[self._further]
 
     def joined(self, effort: np.ndarray, loss: np.ndarray) -> np.ndarray:
         """Efforts of all coordinates, (coordinate_count,), of what `split` gives."""
@@ -158,6 +159,8 @@ class ActuatorGeometry:
     def __init__(self, actuators: Actuators, node_count: int):
         """Make room."""
         self._coordinates = coordinates = actuators.coordinates
+        starts = coordinates.entry_start, coordinates.rigid_start
+        self._of_soft, self._of_rigid = (np.repeat(np.arange(actuators.count), np.diff(start)) for start in starts)
         self.gradient = Gradient(
             soft=np.zeros((len(coordinates.entry_node), 3)), rigid=np.zeros((len(coordinates.rigid_body), 6))
         )
@@ -191,7 +194,7 @@ class ActuatorGeometry:
 
     def steepness(self) -> np.ndarray:
         """Norms of the gradients last measured by the soft nodes, [mm^2] and [-], 1 where none, (coordinate_count,)."""
-        squares = self._sums(self._coordinates.entry_start, (self.gradient.soft**2).sum(axis=1))
+        squares = self._sums(self._of_soft, (self.gradient.soft**2).sum(axis=1))
         return np.where(squares > 0.0, np.sqrt(squares), 1.0)
 
     def rates(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
@@ -204,9 +207,8 @@ class ActuatorGeometry:
         coordinates, gradient = self._coordinates, self.gradient
         of_soft = (gradient.soft * node_velocity[coordinates.entry_node]).sum(axis=1)
         of_rigid = (gradient.rigid * rigid_velocity[coordinates.rigid_body]).sum(axis=1)
-        return self._sums(coordinates.entry_start, of_soft) + self._sums(coordinates.rigid_start, of_rigid)
+        return self._sums(self._of_soft, of_soft) + self._sums(self._of_rigid, of_rigid)
 
-    def _sums(self, start: np.ndarray, entries: np.ndarray) -> np.ndarray:
-        """Sums of the entries of each coordinate, shape (coordinate_count,)."""
-        count = len(start) - 1
-        return np.bincount(np.repeat(np.arange(count), np.diff(start)), entries, count)
+    def _sums(self, coordinate: np.ndarray, entries: np.ndarray) -> np.ndarray:
+        """Sums of entries by the coordinate of each, shape (coordinate_count,)."""
+        return np.bincount(coordinate, entries, len(self.grip))

@@ -1,7 +1,7 @@
 """Frames that move as they are asked to, and carry what is anchored to them or follows them; the base is the first."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -42,13 +42,28 @@ class MovingFrames:
     names: tuple[str, ...]
     parent: np.ndarray
     pivot: np.ndarray
+    _last: list[tuple[np.ndarray, FramePlaces]] = field(default_factory=list, repr=False, compare=False)
 
     def numbers(self, names: Iterable[str | None]) -> np.ndarray:
         """Numbers of frames by name, -1 for None."""
         return np.array([-1 if name is None else self.names.index(name) for name in names], dtype=np.int32)
 
     def places(self, pose: np.ndarray) -> FramePlaces:
-        """Where the frames are, by their translations [mm] and rotation vectors [rad], shape (frame_count, 2, 3)."""
+        """Where the frames are, by their translations [mm] and rotation vectors [rad], shape (frame_count, 2, 3).
+
+        Of poses that cannot change, such as those of a `State`, the last one is remembered: a step asks several times.
+        """
+        for known, places in self._last:
+            if known is pose:
+                return places
+        found = self._find(pose)
+        if not pose.flags.writeable:
+            found.turn.setflags(write=False)
+            found.shift.setflags(write=False)
+            self._last[:] = [(pose, found)]
+        return found
+
+    def _find(self, pose: np.ndarray) -> FramePlaces:
         count = len(self.names)
         turn, shift = np.empty((count, 3, 3)), np.empty((count, 3))
         for number, (translation, rotation) in enumerate(pose):

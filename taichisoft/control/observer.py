@@ -160,7 +160,7 @@ class Observer:
         """Rates of all actuators' values [mm^3/s] or [mm/s], shape (actuator_count,)."""
         model, actuators = self._model, self._model.actuators
         self._geometry.update(state, model.placed_pull_points(state))
-        rigid_velocity = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
+        rigid_velocity = np.concatenate([state.rigid_velocity, state.rigid_angular_velocity], axis=1)
         rates = self._geometry.rates(state.velocity, rigid_velocity)
         return actuators.sign * rates[actuators.first_coordinate[:-1]]
 

@@ -256,7 +256,10 @@ class Scene(Table):
     def all_frames(self) -> dict[str, FrameSettings]:
         """The base and all other frames, each behind the frame that carries it."""
         limits = self.limits
-        base = FrameSettings(pivot=self.base_pivot, speed=limits.base_speed, turning_speed=limits.base_turning_speed)
+        # Every step asks for them, and these values have been validated.
+        base = FrameSettings.model_construct(
+            pivot=self.base_pivot, speed=limits.base_speed, turning_speed=limits.base_turning_speed
+        )
         found = {BASE: base}
         while len(found) <= len(self.frames):  # no frame carries itself, or this would not end
             found |= {name: one for name, one in self.frames.items() if one.follows is None or one.follows in found}

@@ -53,16 +53,19 @@ class DivergenceCheck:
         """Allocate the work space."""
         soft, rigid = model.soft_bodies, model.rigid_bodies
         self._bodies = soft
-        node_starts = [*(body.nodes.start for body in soft), model.node_count]
         self._time_step = model.scene.time.step
         self._actuators = model.actuators
         self._advice = [ADVICE if (body.laws.kind == HOOKE).all() else RUBBER_ADVICE for body in soft]
-        shapes = [body.rest_position for body in soft]
-        self._soft = _Leaps([body.name for body in soft], shapes, node_starts, self._advice)
-        centres = list(range(len(rigid) + 1))
+        self._names = [body.name for body in (*soft, *rigid)]
         # What frames press together gives way to nothing.
-        advice = [CRUSHED if any(body.follows is not None for body in rigid) else ADVICE for _ in rigid]
-        self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres, advice)
+        crushed = CRUSHED if any(body.follows is not None for body in rigid) else ADVICE
+        self._advice += [crushed] * len(rigid)
+        shapes = [*(body.rest_position for body in soft), *(body.vertices for body in rigid)]
+        self._furthest = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
+        starts = [*(body.nodes.start for body in soft), *(model.node_count + np.arange(len(rigid) + 1))]
+        before, velocity, after = (np.empty((model.node_count + len(rigid), 3)) for _ in range(3))
+        largest = np.empty(len(shapes))
+        self._points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), largest)
         counts = [len(body.elements) for body in soft]
         # Laws of rubber can restore inverted elements, however many.
         follows_hooke = np.array([bool((body.laws.kind == HOOKE).any()) for body in soft])
@@ -85,13 +88,38 @@ class DivergenceCheck:
             SimulationDiverged: a value is not finite, a body explodes, too many of its elements are inverted, or an
                 actuator fails, such as a cavity whose walls have gone through each other.
         """
-        step = before.step
-        self._rigid.refuse_not_finite(after.rigid_rotation, step)
-        self._soft.check(before.position, before.velocity, after.position, step, self._time_step)
-        self._rigid.check(before.rigid_position, before.rigid_velocity, after.rigid_position, step, self._time_step)
-        if self._soft.names:
+        step, points, count = before.step, self._points, len(after.position)
+        self._refuse_not_finite(after.rigid_rotation, step, len(self._bodies))
+        points.before[:count], points.before[count:] = before.position, before.rigid_position
+        points.velocity[:count], points.velocity[count:] = before.velocity, before.rigid_velocity
+        points.after[:count], points.after[count:] = after.position, after.rigid_position
+        self._refuse_not_finite(points.after, step)
+        self._check_leaps(step)
+        if self._bodies:
             self._check_inverted(before, step)
         self._check_actuators(after.actuator_value, step)
+
+    def _refuse_not_finite(self, values: np.ndarray, step: int, first_body: int = 0) -> None:
+        """Raise SimulationDiverged for the first body with a value that is not finite; a row belongs to each point."""
+        if np.isfinite(np.add.reduce(values, axis=None)):  # not finite if any value is not
+            return
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            point = self._points.body_start[first_body] + np.argmin(finite)
+            body = int(np.searchsorted(self._points.body_start, point, side="right")) - 1
+            raise SimulationDiverged(self._names[body], step, "has a position that is not finite", self._advice[body])
+
+    def _check_leaps(self, step: int) -> None:
+        """Raise SimulationDiverged if a point is too far away."""
+        points = self._points
+        kernels.largest_leaps(self._time_step, points)
+        leaps = points.largest > self._furthest
+        if leaps.any():
+            body = int(np.argmax(leaps))
+            some = slice(points.body_start[body], points.body_start[body + 1])
+            move = np.abs(points.after[some] - points.before[some]).max()
+            cause = f"exploded: it would move {move:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
+            raise SimulationDiverged(self._names[body], step, cause, self._advice[body])
 
     def _check_actuators(self, value: np.ndarray, step: int) -> None:
         for kind in ACTUATOR_KINDS:
@@ -102,14 +130,14 @@ class DivergenceCheck:
                 raise SimulationDiverged(name.partition(".")[0], step, cause, advice)
 
     def _check_inverted(self, before: State, step: int) -> None:
-        kernels.count_inverted(self._inverted, self._domains, self._soft.points.after)
+        kernels.count_inverted(self._inverted, self._domains, self._points.after)
         self.inverted = int(self._inverted.count.sum())
         bad = self._inverted.count > self._largest_inverted
         if bad.any():
             body = int(np.argmax(bad))
             count = f"{self._inverted.count[body]} of {self._element_counts[body]}"
             cause = f"has {count} elements turned inside out{self._beyond_its_law(body, before)}"
-            raise SimulationDiverged(self._soft.names[body], step, cause, self._advice[body])
+            raise SimulationDiverged(self._names[body], step, cause, self._advice[body])
 
     def _beyond_its_law(self, number: int, state: State) -> str:
         """Note for the message, if the body was stretched beyond the range of its law before the step."""
@@ -129,42 +157,3 @@ def _integration_points(elasticity: Elasticity, shapes: Sequence[tuple[int, ...]
     some = np.flatnonzero(quadratic[element])[:: kernels.POINTS]
     first_point[element[some]] = some
     return elasticity.domains.data, first_point
-
-
-class _Leaps:
-    """Check of bodies whose points must not leap in a step."""
-
-    def __init__(self, names: list[str], shapes: Sequence[np.ndarray], starts: list[int], advice: list[str]):
-        """Prepare for bodies with rest positions `shapes` [mm], each (count, 3), and indices `starts` of first points.
-
-        `advice` has the corrections to suggest for each body.
-        """
-        self.names, self._advice = names, advice
-        self._limit = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
-        before, velocity, after = (np.empty((starts[-1], 3)) for _ in range(3))
-        self.points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), np.empty(len(names)))
-
-    def check(self, before: np.ndarray, velocity: np.ndarray, after: np.ndarray, step: int, time_step: float) -> None:
-        """Raise SimulationDiverged if a point is not finite or too far away."""
-        if not self.names:
-            return
-        self.refuse_not_finite(after, step)
-        points = self.points
-        points.before[:], points.velocity[:], points.after[:] = before, velocity, after
-        kernels.largest_leaps(time_step, points)
-        leaps = points.largest > self._limit
-        if leaps.any():
-            body = int(np.argmax(leaps))
-            some = slice(points.body_start[body], points.body_start[body + 1])
-            move = np.abs(after[some] - before[some]).max()
-            cause = f"exploded: it would move {move:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
-            raise SimulationDiverged(self.names[body], step, cause, self._advice[body])
-
-    def refuse_not_finite(self, values: np.ndarray, step: int) -> None:
-        """Raise SimulationDiverged for the first body with a value that is not finite; a row belongs to each point."""
-        if np.isfinite(np.add.reduce(values, axis=None)):  # not finite if any value is not
-            return
-        finite = np.isfinite(values).all(axis=1)
-        if not finite.all():
-            body = int(np.searchsorted(self.points.body_start, np.argmin(finite), side="right")) - 1
-            raise SimulationDiverged(self.names[body], step, "has a position that is not finite", self._advice[body])

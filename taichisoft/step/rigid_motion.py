@@ -62,7 +62,7 @@ class RigidMotion:
     def begin(self, state: State) -> None:
         """Begin a step with the poses and velocities of `state`; compute the velocities after it without impulses."""
         rigid = self.state
-        self._before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
+        self._before = np.concatenate([state.rigid_velocity, state.rigid_angular_velocity], axis=1)
         if not len(rigid.position):
             return
         rigid.position[:], rigid.quaternion[:] = state.rigid_position, state.rigid_rotation
@@ -87,7 +87,7 @@ class RigidMotion:
     @property
     def velocity(self) -> np.ndarray:
         """Linear [mm/s] and angular [rad/s] velocities, shape (rigid_count, 6)."""
-        return np.hstack([self.state.linear, self.state.angular])
+        return np.concatenate([self.state.linear, self.state.angular], axis=1)
 
     def moving_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """The velocities along which the step moves the bodies that have others after it, shape (rigid_count, 6)."""

@@ -1,7 +1,7 @@
 """Newton steps with a proximal term, their residual, and a sweep from their end.
 
-`solver/proximal_newton.py` moves the center of the pull. All steps with one center are one launch, which takes as long as
-a step of a few contacts; steps and check are one kernel, because the Newton step is among the slowest to compile.
+`solver/proximal_newton.py` moves the center of the pull. All steps with one center are one launch, which takes as long
+as a step of a few contacts; steps and check are one kernel, because the Newton step is among the slowest to compile.
 """
 
 from taichisoft.runtime.launch import func, kernel
