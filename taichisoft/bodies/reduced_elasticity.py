@@ -27,7 +27,7 @@ class ReducedElasticity:
     Attributes:
         bodies: the reduced ones among the soft bodies.
         modes: what kernels read of the modes, with each body's frame at the start.
-        node_rest, node_mass: see `mode_motion.FrameMotion`.
+        blocks: the modes of eight nodes at a time, with their rest positions and masses.
         data: the chosen domains, whose volumes have their weights.
         domains: where they lie.
         element: an element of each domain, among those of all soft bodies, shape (domain_count,).
@@ -74,10 +74,12 @@ class ReducedElasticity:
 
     def _lay_out_modes(self) -> None:
         start, body_of_node = (np.full(self.node_count, -1, dtype=np.int32) for _ in range(2))
-        self.node_rest, self.node_mass = np.zeros((self.node_count, 3)), np.zeros(self.node_count)
         tables: dict[tuple[str | None, str], int] = {}
         shapes: list[np.ndarray] = []
+        blocks: list[np.ndarray] = []
         tiles, threes, size = [], [], 0
+        block_starts: dict[tuple[str | None, str], int] = {}
+        block_start = []
         for number, body in enumerate(self.bodies):
             assert body.modes is not None
             mode_count = body.modes.mode_count
@@ -88,9 +90,11 @@ class ReducedElasticity:
                 tables[key] = size
                 shapes.append(padded(body.modes.modes, TILE * tiles[-1]).reshape(-1, TILE))
                 size += len(shapes[-1])
+                blocks.append(in_blocks(padded(body.modes.modes, 3 * threes[-1]).transpose(0, 2, 1)))
+                block_starts[key] = sum(map(len, blocks[:-1]))
             start[body.nodes] = tables[key] + 3 * tiles[-1] * np.arange(len(body.mesh.nodes))
+            block_start.append(block_starts[key])
             body_of_node[body.nodes] = number
-            self.node_rest[body.nodes], self.node_mass[body.nodes] = body.mesh.nodes, body.node_mass
         turns = [rotation_from_degrees(body.settings.rotation) for body in self.bodies]
         self.modes = mode_motion.ModeShapes(
             start=start,
@@ -101,6 +105,16 @@ class ReducedElasticity:
             threes=np.array(threes, dtype=np.int32),
             axes=np.array(turns),
             origin=np.array([body.settings.translation for body in self.bodies], dtype=float),
+        )
+        mass = [in_blocks(body.node_mass[:, None]) for body in self.bodies]
+        rest = np.vstack([in_blocks(body.mesh.nodes) for body in self.bodies])
+        self.blocks = mode_motion.NodeBlocks(
+            start=np.array(block_start, dtype=np.int32),
+            shape=_aligned_copy(np.vstack(blocks)),
+            first=np.cumsum([0, *map(len, mass)]).astype(np.int32),
+            rest=_aligned_copy(rest),
+            mass=_aligned_copy(np.vstack(mass)),
+            displacement=aligned(len(rest), TILE),
         )
 
     def _lay_out_domains(self, first_element: np.ndarray, lag: np.ndarray, factor: np.ndarray, step: float) -> None:
@@ -229,6 +243,14 @@ def padded(modes: np.ndarray, width: int) -> np.ndarray:
     wide = np.zeros((*modes.shape[:2], width))
     wide[..., : modes.shape[2]] = modes
     return wide
+
+
+def in_blocks(values: np.ndarray) -> np.ndarray:
+    """Values of nodes, shape (node_count, ...), in columns of eight nodes, padded with zeros."""
+    flat = values.reshape(len(values), -1)
+    blocks = np.zeros((-(-len(flat) // TILE) * TILE, flat.shape[1]))
+    blocks[: len(flat)] = flat
+    return blocks.reshape(-1, TILE, flat.shape[1]).transpose(0, 2, 1).reshape(-1, TILE)
 
 
 def no_modes(node_count: int) -> mode_motion.ModeShapes:

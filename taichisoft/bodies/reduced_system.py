@@ -37,17 +37,21 @@ class ReducedSystem:
             position,
             velocity,
             total,
+            scalars=total.reshape(-1),
+            sums=aligned(TILE * int(start[-1]), TILE),
+            other_sums=aligned(TILE * int(start[-1]), TILE),
             moment=aligned(3 * int(start[-1]), TILE),
             drag=elasticity.drag,
             gravity=np.empty((1, 3)),
         )
         moments = [_moment(body, int(width)) for body, width in zip(elasticity.bodies, widths, strict=True)]
         self._amplitudes.moment[:] = np.vstack(moments)
-        self._all_nodes = np.arange(elasticity.node_count, dtype=np.int32)
         self.is_reduced = own.start[:, None] >= 0
-        self._nodes = mode_motion.FrameMotion(
-            rest=elasticity.node_rest, mass=elasticity.node_mass, displacement=np.zeros((elasticity.node_count, 3))
-        )
+        shared = elasticity.blocks
+        self._blocks = shared._replace(displacement=aligned(*shared.displacement.shape))
+        self._node_factor = np.ones((elasticity.node_count, 1))
+        for body in elasticity.bodies:
+            self._node_factor[body.nodes, 0] = body.node_mass
         self._data = elasticity.data._replace(modulus=elasticity.data.modulus.copy())
         self._undamped_data = undamped_data(self._data)
         places = zip(elasticity.bodies, own.threes.tolist(), strict=True)
@@ -97,10 +101,8 @@ class ReducedSystem:
         self._follow(turn, shift)
         self._amplitudes.gravity[0] = gravity
         movement = self._movement
-        mode_motion.find_amplitudes(self.modes, self._nodes, movement.position, movement.velocity, self._amplitudes, 1)
-        mode_motion.find_reference(
-            time_step, float(has_inertia), self.modes, self._nodes, self._amplitudes, movement.velocity, 1
-        )
+        moving = (self._amplitudes, movement.position, movement.velocity)
+        mode_motion.find_reference(time_step, float(has_inertia), self.modes, self._blocks, *moving, 1)
 
     def _follow(self, turn: np.ndarray, shift: np.ndarray) -> None:
         """Let the bodies' own axes follow the frames."""
@@ -156,36 +158,35 @@ class ReducedSystem:
             found[place] = self._stiffness.force[start : start + -(-count // TILE)].reshape(-1)[:count].reshape(-1, 3)
         return found
 
-    def right_hand_side(self, node_impulse: np.ndarray, loaded: np.ndarray, time_step: float) -> np.ndarray:
+    def right_hand_side(self, node_impulse: np.ndarray, time_step: float) -> np.ndarray:
         """Impulses on the unknowns in a step, shape (node_count, 3): on the nodes of full bodies as they are.
 
         Args:
             node_impulse: on the nodes [mN s], without weight and drag of reduced bodies, shape (node_count, 3).
-            loaded: the nodes of reduced bodies among which are all with an impulse, shape (count,).
             time_step: time step h [s].
         """
         self._impulse[:] = self._unknown[:] = node_impulse
         force = self._stiffness.force
         mode_motion.project_impulses(
-            time_step, self.modes, loaded, self._impulse, force, self._amplitudes, self._unknown, 1
+            time_step, self.modes, self._blocks, self._impulse, force, self._amplitudes, self._unknown, 1
         )
         return self._unknown
 
     def on_unknowns(self, node_impulse: np.ndarray) -> np.ndarray:
         """Impulses on the unknowns by these on the nodes alone [mN s], shape (node_count, 3) each."""
-        found = self.right_hand_side(node_impulse, self._all_nodes, 0.0)
+        found = self.right_hand_side(node_impulse, 0.0)
         for body, place in zip(self._elasticity.bodies, self._places, strict=True):
             found[place.stop : body.nodes.stop] = 0.0  # where no amplitude has its place
         return found.copy()
 
     def rates(self, node_velocity: np.ndarray) -> np.ndarray:
         """Rates of the unknowns that are nearest to velocities of the nodes [mm/s], shape (node_count, 3) each."""
-        return self.on_unknowns(np.where(self.is_reduced, self._nodes.mass[:, None], 1.0) * node_velocity)
+        return self.on_unknowns(self._node_factor * node_velocity)
 
     def node_velocity(self, unknown: np.ndarray) -> np.ndarray:
         """Velocities of the nodes [mm/s] by rates of the unknowns, shape (node_count, 3) each."""
         self._velocity[:] = self._unknown[:] = unknown
-        mode_motion.expand_velocities(self.modes, self._unknown, self._amplitudes, self._velocity, 1)
+        mode_motion.expand_velocities(self.modes, self._blocks, self._unknown, self._amplitudes, self._velocity, 1)
         return self._velocity.copy()
 
 

@@ -100,7 +100,7 @@ class SoftMotion:
             known_velocity = np.where(self.system.modes.start[:, None] >= 0, known_velocity, 0.0)
         impulse, reduced = self.nodes.impulse, self.system.reduced
         if reduced is not None:
-            impulse = reduced.right_hand_side(impulse, self.nodes.loaded, self._time_step)
+            impulse = reduced.right_hand_side(impulse, self._time_step)
         self.factorise(state, impulse, known_velocity)
 
     def end_velocity(self, moving: np.ndarray, after: np.ndarray) -> np.ndarray:
