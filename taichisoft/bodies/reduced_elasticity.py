@@ -120,7 +120,7 @@ class ReducedElasticity:
     def _lay_out_domains(self, first_element: np.ndarray, lag: np.ndarray, factor: np.ndarray, step: float) -> None:
         parts: list[Domains] = []
         tables: dict[tuple[str | None, str], tuple[IntegrationDomains, np.ndarray, int]] = {}
-        slopes, slope_start, body_of_domain, element = [], [], [], []
+        slopes, slope_start, element = [], [], []
         size = 0
         for number, body in enumerate(self.bodies):
             assert body.modes is not None
@@ -136,7 +136,6 @@ class ReducedElasticity:
             data = domain_data(domains, body.laws, lag[own], factor[own], step)
             parts.append(data._replace(node=data.node + body.nodes.start, volume=data.volume * weight[:, None]))
             slope_start.append(first_slope + 9 * tiles * np.arange(len(weight)))
-            body_of_domain.append(np.full(len(weight), number))
             element.append(domains.element + first_element[number])
         entry = np.cumsum([0, *(len(part.node) for part in parts)])
         starts = [part.start[:-1] + first for part, first in zip(parts, entry[:-1], strict=True)]
@@ -150,18 +149,21 @@ class ReducedElasticity:
         rows = np.where(is_hooke, VOLUME_ROWS * dilated, RUBBER_ROWS)
         skew_rows = SKEW_ROWS * (is_hooke & shaped)
         body_start = np.cumsum([0, *(len(part.law) for part in parts)])
-        row_start, skew_start, body_rows = [], [], []
+        row_start, further_row_start, body_rows = [], [], []
         for a, b in pairwise(body_start):
-            row_start.append(np.cumsum(rows[a:b]) - rows[a:b])
-            skew_start.append(rows[a:b].sum() + np.cumsum(skew_rows[a:b]) - skew_rows[a:b])
-            body_rows += [rows[a:b].sum(), (rows + skew_rows)[a:b].sum()]
+            own, skew = rows[a:b], skew_rows[a:b]
+            body_rows += [own.sum(), (own + skew).sum()]
+            first, first_skew = np.cumsum(own) - own, own.sum() + np.cumsum(skew) - skew
+            row_start.append(np.where(own > 0, first, body_rows[-1]))
+            further_row_start.append(
+                np.where(own == RUBBER_ROWS, first + 1, np.where(skew > 0, first_skew, body_rows[-1]))
+            )
         self.domains = reduced_domains.ReducedDomains(
-            body=np.concatenate(body_of_domain).astype(np.int32),
             body_start=body_start.astype(np.int32),
             slope_start=np.concatenate(slope_start).astype(np.int32),
             slope=_aligned_copy(np.vstack(slopes)),
             row_start=np.concatenate(row_start).astype(np.int32),
-            skew_start=np.concatenate(skew_start).astype(np.int32),
+            further_row_start=np.concatenate(further_row_start).astype(np.int32),
             body_rows=np.array(body_rows, dtype=np.int32),
         )
 

@@ -24,31 +24,32 @@ from taichisoft.bodies.kernels.mode_motion import Amplitudes, ModeShapes
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Matrices, ti
+from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, mat3, ti
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque
+
+# Shares of an entry of B: in the force, and in each row of S.
+HOOKE_SHARES, RUBBER_SHARES = 5, 10
 
 
 class ReducedDomains(NamedTuple):
     """Beside the domains' own arrays, whose gradients are in the frame of the mesh.
 
     Attributes:
-        body: number among the reduced bodies of each domain, shape (domain_count,).
         body_start: first domain of each body, shape (body_count + 1,).
         slope_start: where a domain's B begins in `slope`, shape (domain_count,).
         slope: B of eight modes after the other: entry 00 of the deformation gradient, then 01, and so on.
         row_start: first row of each domain in S of its body, shape (domain_count,): nine under laws of rubber, under
             Hooke's law one where energy of volume counts.
-        skew_start: first of its three rows that are subtracted, which follow after all others of the body, shape
-            (domain_count,); without a meaning where there are none.
+        further_row_start: its second row; under Hooke's law the first of its three rows that are subtracted, which
+            follow after all others of the body, shape (domain_count,). Rows that a domain does not need are behind all.
         body_rows: rows of S of each body, and with those that are subtracted, shape (2 body_count,).
     """
 
-    body: Integers
     body_start: Integers
     slope_start: Integers
     slope: Columns
     row_start: Integers
-    skew_start: Integers
+    further_row_start: Integers
     body_rows: Integers
 
 
@@ -57,6 +58,7 @@ class ReducedStiffness(NamedTuple):
 
     Attributes:
         rows: S of a body, in columns of eight modes.
+        share: of an entry of a domain's B in its force and in its rows of S, entry by entry, shape (90,).
         force: on the amplitudes, in columns of eight.
         square_start: where the matrix of each body begins in `square`, shape (body_count,).
         constant: what never changes in A, row by row in columns of eight: mass, damping, anchors, and 2 mu B : B.
@@ -68,6 +70,7 @@ class ReducedStiffness(NamedTuple):
     """
 
     rows: Columns
+    share: Scalars
     force: Columns
     square_start: Integers
     constant: Columns
@@ -90,96 +93,78 @@ def safe_root(pivot: ti.f64):
 
 
 @func
-def strain_under_hooke(
-    d: ti.i32,
-    modes: ModeShapes,
-    reduced: ReducedDomains,
-    domains: Domains,
-    movement: Movement,
-    amplitudes: Amplitudes,
-    stiffness: ReducedStiffness,
-    one: ti.i32,
-):
-    """Add a domain's force on the amplitudes, and fill its rows of S."""
-    deformation, rate = deformation_and_rate(d, domains, movement)
-    b = reduced.body[d]
-    to_mesh = modes.axes[b].transpose()
-    deformation, rate = to_mesh @ deformation, to_mesh @ rate
+def fill_hooke(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains, share: Scalars):
+    """Shares of the entries of B in the force and in four rows of S: of the trace, and of skew(Z)."""
     rotation, stress = corotated_stress(d, deformation, rate, domains)
     first = domains.volume[d, DILATION] * domains.modulus[d, LAMBDA]
     second = domains.volume[d, SHAPE] * domains.modulus[d, MU]
     of_volume, of_shape = ti.sqrt(domains.factor[d] * first), ti.sqrt(domains.factor[d] * second)
-    tiles, start = modes.tiles[b], amplitudes.start[b]
-    slope_start = opaque(reduced.slope_start[d], one)
-    row, skew_row = opaque(reduced.row_start[d] * tiles, one), opaque(reduced.skew_start[d] * tiles, one)
-    t = 0
-    while t < tiles:
-        slope = opaque(slope_start + 9 * t, one)
-        s = [reduced.slope[slope + n] for n in range(9)]
-        force, trace = Column(0.0), Column(0.0)
-        for i, j in ti.static(ti.ndrange(3, 3)):
-            force += stress[i, j] * s[3 * i + j]
-            trace += rotation[i, j] * s[3 * i + j]
-        own = opaque(start + t, one)
-        stiffness.force[own] = stiffness.force[own] - force
-        if first > 0.0:
-            stiffness.rows[opaque(row + t, one)] = of_volume * trace
-        if second > 0.0:
-            for i, j, k in ti.static([(1, 2, 0), (2, 0, 1), (0, 1, 2)]):
-                skew = Column(0.0)
-                for n in ti.static(range(3)):
-                    skew += rotation[n, i] * s[3 * n + j] - rotation[n, j] * s[3 * n + i]
-                stiffness.rows[opaque(skew_row + k * tiles + t, one)] = of_shape * skew
-        t = advance(t, 1, one)
+    for i, j in ti.static(ti.ndrange(3, 3)):
+        place = HOOKE_SHARES * (3 * i + j)
+        share[place] = stress[i, j]
+        share[place + 1] = of_volume * rotation[i, j]
+        for k in ti.static(range(3)):
+            share[place + 2 + k] = 0.0
+            if ti.static(j == (k + 2) % 3):
+                share[place + 2 + k] = of_shape * rotation[i, (k + 1) % 3]
+            if ti.static(j == (k + 1) % 3):
+                share[place + 2 + k] = -of_shape * rotation[i, (k + 2) % 3]
 
 
 @func
-def strain_under_rubber(
-    d: ti.i32,
-    modes: ModeShapes,
-    reduced: ReducedDomains,
-    domains: Domains,
-    movement: Movement,
-    amplitudes: Amplitudes,
-    stiffness: ReducedStiffness,
-    one: ti.i32,
-):
-    """Add a domain's force on the amplitudes, and fill its rows of S."""
-    deformation, rate = deformation_and_rate(d, domains, movement)
-    b = reduced.body[d]
-    to_mesh = modes.axes[b].transpose()
-    stress, left, right, hessian, same, swapped = respond_by_stretches(
-        d, to_mesh @ deformation, to_mesh @ rate, domains
-    )
+def fill_rubber(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains, share: Scalars):
+    """Shares of the entries of B in the force and in nine rows of S: of Z along the axes of the tangent."""
+    stress, left, right, hessian, same, swapped = respond_by_stretches(d, deformation, rate, domains)
     r00, i00 = safe_root(hessian[0, 0])
     r10, r20 = hessian[1, 0] * i00, hessian[2, 0] * i00
     r11, i11 = safe_root(hessian[1, 1] - r10 * r10)
     r21 = (hessian[2, 1] - r20 * r10) * i11
     r22, _ = safe_root(hessian[2, 2] - r20 * r20 - r21 * r21)
-    tiles, start = modes.tiles[b], amplitudes.start[b]
-    first, row = opaque(reduced.slope_start[d], one), opaque(reduced.row_start[d] * tiles, one)
+    for k, l in ti.static(ti.ndrange(3, 3)):
+        place = RUBBER_SHARES * (3 * k + l)
+        z = [left[k, n // 3] * right[l, n % 3] for n in range(9)]
+        share[place] = stress[k, l]
+        share[place + 1] = r00 * z[0] + r10 * z[4] + r20 * z[8]
+        share[place + 2] = r11 * z[4] + r21 * z[8]
+        share[place + 3] = r22 * z[8]
+        for i, j, n in ti.static([(1, 2, 0), (2, 0, 1), (0, 1, 2)]):
+            root, inverse = safe_root(same[i, j])
+            cross = swapped[n] * inverse
+            rest, _ = safe_root(same[j, i] - cross * cross)
+            share[place + 4 + n] = root * z[3 * i + j] + cross * z[3 * j + i]
+            share[place + 7 + n] = rest * z[3 * j + i]
+
+
+@func
+def multiply_slopes(
+    d: ti.i32,
+    count: ti.template(),
+    tiles: ti.i32,
+    start: ti.i32,
+    reduced: ReducedDomains,
+    stiffness: ReducedStiffness,
+    one: ti.i32,
+):
+    """Subtract a domain's force on the amplitudes, and fill its rows of S: the products of shares and slopes.
+
+    The shares come from memory and the loop over them is not unrolled, or LLVM takes the columns apart: twice the time.
+    """
+    slope, row = opaque(reduced.slope_start[d], one), opaque(reduced.row_start[d] * tiles, one)
+    further_row = opaque(reduced.further_row_start[d] * tiles, one)
     t = 0
     while t < tiles:
-        slope = opaque(first + 9 * t, one)
-        s = [reduced.slope[slope + n] for n in range(9)]
-        force, turned, z = Column(0.0), [Column(0.0) for _ in range(9)], [Column(0.0) for _ in range(9)]
-        for i, j in ti.static(ti.ndrange(3, 3)):
-            force += stress[i, j] * s[3 * i + j]
-            for k in ti.static(range(3)):
-                turned[3 * i + j] += left[k, i] * s[3 * k + j]
+        total = [Column(0.0) for _ in range(count)]
+        n = 0
+        while n < 9:
+            column = reduced.slope[slope]
+            for r in ti.static(range(count)):
+                total[r] += stiffness.share[count * n + r] * column
+            n, slope = advance(n, 1, one), advance(slope, 1, one)
         own = opaque(start + t, one)
-        stiffness.force[own] = stiffness.force[own] - force
-        for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
-            z[3 * i + j] += turned[3 * i + k] * right[k, j]
-        stiffness.rows[opaque(row + t, one)] = r00 * z[0] + r10 * z[4] + r20 * z[8]
-        stiffness.rows[opaque(row + tiles + t, one)] = r11 * z[4] + r21 * z[8]
-        stiffness.rows[opaque(row + 2 * tiles + t, one)] = r22 * z[8]
-        for i, j, k in ti.static([(1, 2, 0), (2, 0, 1), (0, 1, 2)]):
-            root, inverse = safe_root(same[i, j])
-            cross = swapped[k] * inverse
-            rest, _ = safe_root(same[j, i] - cross * cross)
-            stiffness.rows[opaque(row + (3 + k) * tiles + t, one)] = root * z[3 * i + j] + cross * z[3 * j + i]
-            stiffness.rows[opaque(row + (6 + k) * tiles + t, one)] = rest * z[3 * j + i]
+        stiffness.force[own] = stiffness.force[own] - total[0]
+        stiffness.rows[opaque(row + t, one)] = total[1]
+        for r in ti.static(range(2, count)):
+            stiffness.rows[opaque(further_row + (r - 2) * tiles + t, one)] = total[r]
         t = advance(t, 1, one)
 
 
@@ -221,10 +206,16 @@ def assemble_reduced(
         for t in range(amplitudes.start[b], amplitudes.start[b + 1]):
             stiffness.force[t] = Column(0.0)
         for d in range(reduced.body_start[b], reduced.body_start[b + 1]):
+            deformation, rate = deformation_and_rate(d, domains, movement)
+            to_mesh = modes.axes[b].transpose()
+            deformation, rate = to_mesh @ deformation, to_mesh @ rate
+            tiles, start = modes.tiles[b], amplitudes.start[b]
             if domains.law[d] == HOOKE:
-                strain_under_hooke(d, modes, reduced, domains, movement, amplitudes, stiffness, one)
+                fill_hooke(d, deformation, rate, domains, stiffness.share)
+                multiply_slopes(d, HOOKE_SHARES, tiles, start, reduced, stiffness, one)
             else:
-                strain_under_rubber(d, modes, reduced, domains, movement, amplitudes, stiffness, one)
+                fill_rubber(d, deformation, rate, domains, stiffness.share)
+                multiply_slopes(d, RUBBER_SHARES, tiles, start, reduced, stiffness, one)
         square_rows(b, reduced, modes.tiles[b], stiffness, one)
     ti.loop_config(serialize=True)
     for n in range(stiffness.block.shape[0]):
