@@ -24,11 +24,13 @@ from taichisoft.bodies.kernels.mode_motion import Amplitudes, ModeShapes
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, mat3, ti
+from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, mat3, ti, vec3
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque
 
 # Shares of an entry of B: in the force, and in each row of S.
 HOOKE_SHARES, RUBBER_SHARES = 5, 10
+# Two axes, and the one across them.
+PAIRS = ((1, 2, 0), (2, 0, 1), (0, 1, 2))
 
 
 class ReducedDomains(NamedTuple):
@@ -120,19 +122,21 @@ def fill_rubber(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains, shar
     r11, i11 = safe_root(hessian[1, 1] - r10 * r10)
     r21 = (hessian[2, 1] - r20 * r10) * i11
     r22, _ = safe_root(hessian[2, 2] - r20 * r20 - r21 * r21)
-    for k, l in ti.static(ti.ndrange(3, 3)):
-        place = RUBBER_SHARES * (3 * k + l)
-        z = [left[k, n // 3] * right[l, n % 3] for n in range(9)]
-        share[place] = stress[k, l]
+    root, cross, rest = vec3(0.0), vec3(0.0), vec3(0.0)
+    for i, j, n in ti.static(PAIRS):
+        root[n], inverse = safe_root(same[i, j])
+        cross[n] = swapped[n] * inverse
+        rest[n], _ = safe_root(same[j, i] - cross[n] * cross[n])
+    for k, m in ti.static(ti.ndrange(3, 3)):
+        place = RUBBER_SHARES * (3 * k + m)
+        z = [left[k, n // 3] * right[m, n % 3] for n in range(9)]
+        share[place] = stress[k, m]
         share[place + 1] = r00 * z[0] + r10 * z[4] + r20 * z[8]
         share[place + 2] = r11 * z[4] + r21 * z[8]
         share[place + 3] = r22 * z[8]
-        for i, j, n in ti.static([(1, 2, 0), (2, 0, 1), (0, 1, 2)]):
-            root, inverse = safe_root(same[i, j])
-            cross = swapped[n] * inverse
-            rest, _ = safe_root(same[j, i] - cross * cross)
-            share[place + 4 + n] = root * z[3 * i + j] + cross * z[3 * j + i]
-            share[place + 7 + n] = rest * z[3 * j + i]
+        for i, j, n in ti.static(PAIRS):
+            share[place + 4 + n] = root[n] * z[3 * i + j] + cross[n] * z[3 * j + i]
+            share[place + 7 + n] = rest[n] * z[3 * j + i]
 
 
 @func
