@@ -1,8 +1,6 @@
 """Where contacts press a soft body's surface: contact areas, pressures, and forces on the patches of tactile arrays."""
 
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -142,37 +140,3 @@ def _barycentric(point: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray)
     found = np.maximum(np.stack([1.0 - second - third, second, third], axis=-1), 0.0)
     weights: np.ndarray = found / found.sum(axis=-1, keepdims=True)
     return weights
-
-
-class LazyMapping(Mapping[Any, Any]):
-    """A mapping that is worked out when somebody looks: few controllers want pressures, and they cost time."""
-
-    def __init__(self, make: Callable[[], Mapping[Any, Any]]):
-        self._make: Callable[[], Mapping[Any, Any]] | None = make
-        self._made: Mapping[Any, Any] = {}
-
-    def _all(self) -> Mapping[Any, Any]:
-        make = self._make
-        if make is not None:
-            self._made, self._make = make(), None
-        return self._made
-
-    def __getitem__(self, name: Any) -> Any:
-        """The value of a name."""
-        return self._all()[name]
-
-    def __iter__(self) -> Iterator[Any]:
-        """The names."""
-        return iter(self._all())
-
-    def __len__(self) -> int:
-        """Number of names."""
-        return len(self._all())
-
-    def __repr__(self) -> str:
-        """The mapping as a dictionary."""
-        return repr(dict(self._all()))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """For other processes it is a dictionary."""
-        return dict, (dict(self._all()),)

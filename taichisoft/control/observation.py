@@ -1,7 +1,7 @@
 """What a controller sees."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -118,7 +118,7 @@ class Observation:
     contact_areas: Mapping[Pair, float] = field(default_factory=dict)
     peak_pressures: Mapping[Pair, float] = field(default_factory=dict)
     tactile: Mapping[str, np.ndarray] = field(default_factory=dict)
-    clipped: tuple[str, ...] = ()
+    clipped: tuple[str, ...] = field(default_factory=tuple)
     cameras: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     exact: "Observation | None" = field(default=None, repr=False)
     state: State | None = field(default=None, repr=False, compare=False)
@@ -127,3 +127,35 @@ class Observation:
     def truth(self) -> "Observation":
         """The observation without the disturbances of the scene's sensors."""
         return self if self.exact is None else self.exact
+
+    @classmethod
+    def worked_out_by(cls, work_out: Callable[[str], Mapping[str, Any]], **known: Any) -> "Observation":
+        """An observation of which all but what is known is worked out when somebody looks: nobody looks at all of it.
+
+        Args:
+            work_out: gives a field by its name, with others that come with it.
+            known: fields that are known.
+        """
+        self = object.__new__(cls)
+        vars(self).update(known, _work_out=work_out)
+        return self
+
+    def changed(self, **changes: Any) -> "Observation":
+        """Copy with other values of some fields; as `dataclasses.replace`, but nothing is worked out for it."""
+        other = object.__new__(type(self))
+        vars(other).update(vars(self), **changes)
+        return other
+
+    def __getattr__(self, name: str) -> Any:
+        """A field at which nobody has looked yet."""
+        work_out = vars(self).get("_work_out")
+        if work_out is None or name.startswith("_"):
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+        vars(self).update({**work_out(name), **vars(self)})
+        if name not in vars(self):
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+        return vars(self)[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All fields, for copies and other processes."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}

@@ -1,7 +1,6 @@
 """What a controller sees, worked out from a state."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from threading import Lock
 from types import MappingProxyType
@@ -13,7 +12,7 @@ from taichisoft.actuators.cavities import CAVITIES
 from taichisoft.actuators.kind import ActuatorFigure
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.model_actuators import ActuatorGeometry
-from taichisoft.control.contact_patches import ContactPatches, LazyMapping
+from taichisoft.control.contact_patches import ContactPatches
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.frame_motion import observed_frames
@@ -24,31 +23,20 @@ from taichisoft.control.sensor_chain import Sensors
 from taichisoft.model import Model
 from taichisoft.state import State
 
-ARRAYS_BY_NAME = (
-    "tip_positions",
-    "tip_velocities",
-    "object_positions",
-    "object_rotations",
-    "object_velocities",
-    "object_angular_velocities",
-    "contact_points",
-    "contact_forces",
-    "tactile",
-    "frame_translations",
-    "frame_rotations",
-    "frame_forces",
-    "frame_torques",
-)
-"""Fields of an observation that hold arrays by name."""
-ARRAYS_OF_BASE = (
-    "base_translation",
-    "base_rotation",
-    "base_force",
-    "base_torque",
-    "base_force_in_base",
-    "base_torque_in_base",
-)
-"""Fields that hold an array."""
+PARTS = {
+    "tips": ("tip_positions", "tip_velocities", "bending_angles"),
+    "objects": tuple(f"object_{kind}" for kind in ("positions", "rotations", "velocities", "angular_velocities")),
+    "contacts": (
+        *("contact_counts", "contact_points", "contact_forces"),
+        *("normal_forces", "friction_forces", "slip_speeds"),
+    ),
+    "patches": ("contact_areas", "peak_pressures"),
+    "tactile": ("tactile",),
+    "clipped": ("clipped",),
+    "rates": tuple(kind.rate.observed for kind in ACTUATOR_KINDS if kind.rate is not None),
+}
+"""Fields that are worked out together, by the part of an observation; all others are those of actuators and frames."""
+PART_OF = {field: part for part, names in PARTS.items() for field in names}
 
 
 class Observer:
@@ -68,10 +56,10 @@ class Observer:
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._fingertips = Fingertips(model.soft_bodies, model.frames)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
-        self._patches, self._sensors = ContactPatches(model), Sensors(model.scene)
+        self._contact_patches, self._sensors = ContactPatches(model), Sensors(model.scene)
         self.look: Callable[[State, str], Any] | None = None
         self._working = Lock()
-        self._last: tuple[State, Observation] | None = None
+        self._last: tuple[State, dict[str, dict[str, Any]]] | None = None
 
     def observe(self, state: State) -> Observation:
         """What a controller sees before the step that follows `state`, through the scene's sensors."""
@@ -79,14 +67,19 @@ class Observer:
         if not self._model.scene.sensors:
             return truth
         shown = self._sensors.readings(self._sensors.begin(state.sensor_memory, truth), truth)
-        return replace(truth, **shown, exact=truth)
+        return truth.changed(**shown, exact=truth)
 
     def truth(self, state: State) -> Observation:
-        """The exact observation of a state; worked out once, copied for who asks."""
-        with self._working:
-            if self._last is None or self._last[0] is not state:
-                self._last = state, self._work_out(state)
-            return _copied(self._last[1])
+        """The exact observation of a state; each part is worked out once, when somebody looks, and copied."""
+        return Observation.worked_out_by(
+            partial(self._work_out, state),
+            time=state.time,
+            step=state.step,
+            control_period=self._model.control_period,
+            cameras={} if self.look is None else LazyValues(self._model.scene.cameras, partial(self.look, state)),
+            exact=None,
+            state=state,
+        )
 
     def with_samples(self, state: State, start: State | None = None) -> State:
         """The state with what its sensors remember: from the one before the step, or as they begin without one."""
@@ -97,36 +90,60 @@ class Observer:
             return state.changed(sensor_memory=self._sensors.begin(state.sensor_memory, truth))
         return state.changed(sensor_memory=self._sensors.after(start.sensor_memory, truth))
 
-    def _work_out(self, state: State) -> Observation:
-        model, tips, contacts = self._model, self._fingertips, summarise_contacts(self._model, state)
-        tip_positions, tip_velocities, bending_angles = tips.observe(state)
-        patches = LazyMapping(lambda: self._patches.patches(state))
-        return Observation(
-            time=state.time,
-            step=state.step,
-            control_period=model.control_period,
-            **self._actuators(state),
-            tip_positions=_by_name(tips.names, tip_positions),
-            tip_velocities=_by_name(tips.names, tip_velocities),
-            bending_angles=_numbers(tips.names, bending_angles),
-            **observed_frames(model, state),
-            object_positions=_by_name(self._object_names, state.rigid_position),
-            object_rotations=_by_name(self._object_names, state.rigid_rotation),
-            object_velocities=_by_name(self._object_names, state.rigid_velocity),
-            object_angular_velocities=_by_name(self._object_names, state.rigid_angular_velocity),
-            contact_counts=MappingProxyType(contacts.counts),
-            normal_forces=MappingProxyType(contacts.normal_forces),
-            friction_forces=MappingProxyType(contacts.friction_forces),
-            slip_speeds=MappingProxyType(contacts.slip_speeds),
-            contact_points=contacts.points,
-            contact_forces=contacts.forces,
-            contact_areas=LazyMapping(lambda: {pair: patch.area for pair, patch in patches.items()}),
-            peak_pressures=LazyMapping(lambda: {pair: patch.peak for pair, patch in patches.items()}),
-            tactile=LazyMapping(lambda: self._patches.tactile(state)) if model.scene.tactile_arrays else {},
-            cameras={} if self.look is None else LazyValues(model.scene.cameras, partial(self.look, state)),
-            clipped=clipped(model, state),
-            state=state,
-        )
+    def _work_out(self, state: State, field: str) -> dict[str, Any]:
+        """A field of an observation, with those of its part; arrays are the caller's own, who may write to them."""
+        part = PART_OF.get(field, "frames" if field.startswith(("base_", "frame_")) else "actuators")
+        with self._working:
+            if self._last is None or self._last[0] is not state:
+                self._last = state, {}
+            known = self._last[1]
+            if part not in known:
+                known[part] = getattr(self, f"_{part}")(state)
+            return {name: _own(value) for name, value in known[part].items()}
+
+    def _tips(self, state: State) -> dict[str, Any]:
+        tips = self._fingertips
+        positions, velocities, angles = tips.observe(state)
+        return {
+            "tip_positions": _by_name(tips.names, positions),
+            "tip_velocities": _by_name(tips.names, velocities),
+            "bending_angles": _numbers(tips.names, angles),
+        }
+
+    def _frames(self, state: State) -> dict[str, Any]:
+        return observed_frames(self._model, state)
+
+    def _objects(self, state: State) -> dict[str, Any]:
+        return {
+            "object_positions": _by_name(self._object_names, state.rigid_position),
+            "object_rotations": _by_name(self._object_names, state.rigid_rotation),
+            "object_velocities": _by_name(self._object_names, state.rigid_velocity),
+            "object_angular_velocities": _by_name(self._object_names, state.rigid_angular_velocity),
+        }
+
+    def _contacts(self, state: State) -> dict[str, Any]:
+        contacts = summarise_contacts(self._model, state)
+        return {
+            "contact_counts": MappingProxyType(contacts.counts),
+            "normal_forces": MappingProxyType(contacts.normal_forces),
+            "friction_forces": MappingProxyType(contacts.friction_forces),
+            "slip_speeds": MappingProxyType(contacts.slip_speeds),
+            "contact_points": contacts.points,
+            "contact_forces": contacts.forces,
+        }
+
+    def _patches(self, state: State) -> dict[str, Any]:
+        patches = self._contact_patches.patches(state)
+        return {
+            "contact_areas": MappingProxyType({pair: patch.area for pair, patch in patches.items()}),
+            "peak_pressures": MappingProxyType({pair: patch.peak for pair, patch in patches.items()}),
+        }
+
+    def _tactile(self, state: State) -> dict[str, Any]:
+        return {"tactile": self._contact_patches.tactile(state) if self._model.scene.tactile_arrays else {}}
+
+    def _clipped(self, state: State) -> dict[str, Any]:
+        return {"clipped": clipped(self._model, state)}
 
     def _actuators(self, state: State) -> dict[str, Any]:
         """The fields of an observation that say how actuators are."""
@@ -139,8 +156,6 @@ class Observer:
                 (kind.coordinate, coordinates),
                 (kind.value, state.actuator_value),
             ]
-            if kind.rate is not None:
-                figures.append((kind.rate, self._rates(state) if names else coordinates))
             for figure, values in figures:
                 if figure.observed:
                     found[figure.observed] = _numbers(names, actuators.of(kind, values))
@@ -156,25 +171,22 @@ class Observer:
         driven = actuators.of(CAVITIES, is_driven).tolist()
         return MappingProxyType(dict(one for one, is_one in zip(targets, driven, strict=True) if is_one))
 
-    def _rates(self, state: State) -> np.ndarray:
-        """Rates of all actuators' values [mm^3/s] or [mm/s], shape (actuator_count,)."""
+    def _rates(self, state: State) -> dict[str, Any]:
+        """Rates of the actuators' values [mm^3/s] or [mm/s], of the kinds that show them."""
         model, actuators = self._model, self._model.actuators
         self._geometry.update(state, model.placed_pull_points(state))
         rigid_velocity = np.concatenate([state.rigid_velocity, state.rigid_angular_velocity], axis=1)
         rates = self._geometry.rates(state.velocity, rigid_velocity)
-        return actuators.sign * rates[actuators.first_coordinate[:-1]]
+        rates = actuators.sign * rates[actuators.first_coordinate[:-1]]
+        shown = [(kind, kind.rate) for kind in ACTUATOR_KINDS if kind.rate is not None]
+        return {rate.observed: _numbers(actuators.names_of(kind), actuators.of(kind, rates)) for kind, rate in shown}
 
 
-def _copied(seen: Observation) -> Observation:
-    """An observation with arrays of its own: compiled functions, such as scipy's of rotations, need writable ones."""
-    own: dict[str, Any] = {
-        name: MappingProxyType({key: values.copy() for key, values in getattr(seen, name).items()})
-        for name in ARRAYS_BY_NAME
-        if name != "tactile"
-    }
-    own["tactile"] = LazyMapping(lambda: {name: values.copy() for name, values in seen.tactile.items()})
-    own |= {name: getattr(seen, name).copy() for name in ARRAYS_OF_BASE}
-    return replace(seen, **own)
+def _own(value: Any) -> Any:
+    """A copy with arrays of its own: compiled functions, such as scipy's of rotations, need writable ones."""
+    if isinstance(value, dict):
+        return MappingProxyType({key: one.copy() for key, one in value.items()})
+    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def _by_name(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, np.ndarray]:

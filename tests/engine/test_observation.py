@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import get_type_hints
 
 import numpy as np
@@ -173,7 +173,8 @@ def test_objects_are_seen_with_pose_and_velocity(sliding: Simulation) -> None:
 def arrays(observation: Observation) -> dict[str, np.ndarray]:
     """All arrays of an observation, by field and name."""
     found = {}
-    for field, value in vars(observation).items():
+    for one in fields(observation):
+        field, value = one.name, getattr(observation, one.name)
         values = value if isinstance(value, Mapping) else {"": value}
         found |= {f"{field} {name}": one for name, one in values.items() if isinstance(one, np.ndarray)}
     return found
