@@ -1,6 +1,6 @@
 """What a controller sees."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -128,26 +128,11 @@ class Observation:
         """The observation without the disturbances of the scene's sensors."""
         return self if self.exact is None else self.exact
 
-    @classmethod
-    def worked_out_by(cls, work_out: Callable[[str], Mapping[str, Any]], **known: Any) -> "Observation":
-        """An observation of which all but what is known is worked out when somebody looks: nobody looks at all of it.
-
-        Args:
-            work_out: gives a field by its name, with others that come with it.
-            known: fields that are known.
-        """
-        self = object.__new__(cls)
-        vars(self).update(known, _work_out=work_out)
-        return self
-
-    def changed(self, **changes: Any) -> "Observation":
-        """Copy with other values of some fields; as `dataclasses.replace`, but nothing is worked out for it."""
-        other = object.__new__(type(self))
-        vars(other).update(vars(self), **changes)
-        return other
-
     def __getattr__(self, name: str) -> Any:
-        """A field at which nobody has looked yet."""
+        """A field at which nobody has looked yet, in an observation of a simulation: nobody looks at all of them.
+
+        `Observer` gives such an observation the function `_work_out`, which finds a field and others that come with it.
+        """
         work_out = vars(self).get("_work_out")
         if work_out is None or name.startswith("_"):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")

@@ -67,19 +67,14 @@ class Observer:
         if not self._model.scene.sensors:
             return truth
         shown = self._sensors.readings(self._sensors.begin(state.sensor_memory, truth), truth)
-        return truth.changed(**shown, exact=truth)
+        return _made_up({**vars(truth), **shown, "exact": truth})
 
     def truth(self, state: State) -> Observation:
         """The exact observation of a state; each part is worked out once, when somebody looks, and copied."""
-        return Observation.worked_out_by(
-            partial(self._work_out, state),
-            time=state.time,
-            step=state.step,
-            control_period=self._model.control_period,
-            cameras={} if self.look is None else LazyValues(self._model.scene.cameras, partial(self.look, state)),
-            exact=None,
-            state=state,
-        )
+        cameras = {} if self.look is None else LazyValues(self._model.scene.cameras, partial(self.look, state))
+        period, work_out = self._model.control_period, partial(self._work_out, state)
+        known = {"time": state.time, "step": state.step, "control_period": period, "exact": None, "state": state}
+        return _made_up({**known, "cameras": cameras, "_work_out": work_out})
 
     def with_samples(self, state: State, start: State | None = None) -> State:
         """The state with what its sensors remember: from the one before the step, or as they begin without one."""
@@ -180,6 +175,13 @@ class Observer:
         rates = actuators.sign * rates[actuators.first_coordinate[:-1]]
         shown = [(kind, kind.rate) for kind in ACTUATOR_KINDS if kind.rate is not None]
         return {rate.observed: _numbers(actuators.names_of(kind), actuators.of(kind, rates)) for kind, rate in shown}
+
+
+def _made_up(known: dict[str, Any]) -> Observation:
+    """An observation that works out all fields but those that are known when somebody looks at them."""
+    seen = object.__new__(Observation)
+    vars(seen).update(known)
+    return seen
 
 
 def _own(value: Any) -> Any:
