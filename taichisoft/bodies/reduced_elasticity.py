@@ -151,13 +151,12 @@ class ReducedElasticity:
         body_start = np.cumsum([0, *(len(part.law) for part in parts)])
         row_start, further_row_start, body_rows = [], [], []
         for a, b in pairwise(body_start):
-            own, skew = rows[a:b], skew_rows[a:b]
-            body_rows += [own.sum(), (own + skew).sum()]
-            first, first_skew = np.cumsum(own) - own, own.sum() + np.cumsum(skew) - skew
-            row_start.append(np.where(own > 0, first, body_rows[-1]))
-            further_row_start.append(
-                np.where(own == RUBBER_ROWS, first + 1, np.where(skew > 0, first_skew, body_rows[-1]))
-            )
+            added, skew = rows[a:b], skew_rows[a:b]
+            body_rows += [added.sum(), (added + skew).sum()]
+            first, first_skew = np.cumsum(added) - added, added.sum() + np.cumsum(skew) - skew
+            row_start.append(np.where(added > 0, first, body_rows[-1]))
+            further = np.where(skew > 0, first_skew, body_rows[-1])
+            further_row_start.append(np.where(added == RUBBER_ROWS, first + 1, further))
         self.domains = reduced_domains.ReducedDomains(
             body_start=body_start.astype(np.int32),
             slope_start=np.concatenate(slope_start).astype(np.int32),

@@ -56,7 +56,7 @@ class DivergenceCheck:
         self._time_step = model.scene.time.step
         self._actuators = model.actuators
         self._advice = [ADVICE if (body.laws.kind == HOOKE).all() else RUBBER_ADVICE for body in soft]
-        self._names = [body.name for body in (*soft, *rigid)]
+        self._names = [*(body.name for body in soft), *(body.name for body in rigid)]
         # What frames press together gives way to nothing.
         crushed = CRUSHED if any(body.follows is not None for body in rigid) else ADVICE
         self._advice += [crushed] * len(rigid)
