@@ -112,8 +112,14 @@ class TimeStepper:
         Raises:
             EquilibriumNotFound: see `taichisoft.equilibrium`.
         """
+
+        def move(state: State, tolerance: float) -> tuple[State, StepReport]:
+            if isinstance(self._solver, NonlinearStep):
+                self._solver.tolerance = tolerance
+            return self._move(state, Control(), 0.0)
+
         # Not kept: it would refer back to this object, which could not go as soon as nobody needs it.
-        return EquilibriumSearch(self.model, partial(self._move, control=Control(), started=0.0)).find(start, asked)
+        return EquilibriumSearch(self.model, move).find(start, asked)
 
     def derivative(self, control: Control) -> StepDerivative:
         """Solve the step that `step` would make, and linearise it; the state stays.

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
+
 from taichisoft_gym.baselines import POLICIES
 
 EPISODES = 20
@@ -54,20 +55,19 @@ def grasp(weights: np.ndarray, seen: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def carry(weights: np.ndarray, seen: dict[str, np.ndarray]) -> np.ndarray:
-    """As to grasp, and linear in the distance to the target, too.
+    """One pressure for all fingers, by whether the object has arrived; a speed upwards, by pressure and height.
 
     Across, the base goes to the object, and the more it grips the faster to the target.
     """
     way, pressures = seen["way to the target"], seen["pressure"]
-    grip, left = pressures.mean() / 100.0, np.linalg.norm(way)
-    about = [1.0, grip, seen["base"][2] / 30.0, seen["object"][2] / 30.0, left / 10.0, min(left / 5.0, 1.0)]
-    pressure, speed = weights[:12].reshape(2, 6) @ about
-    across = weights[12] * grip * way / 10.0 + weights[13] * (seen["object"] - seen["base"])[:2] / 10.0
+    grip, left = pressures.mean() / 100.0, min(np.linalg.norm(way) / 5.0, 1.0)
+    pressure, speed = weights[:2] @ [1.0, left], weights[2:5] @ [1.0, grip, seen["base"][2] / 30.0]
+    across = weights[5] * grip * way / 10.0 + weights[6] * (seen["object"] - seen["base"])[:2] / 10.0
     return np.array([pressure] * len(pressures) + [*across, speed])
 
 
-LEARNERS = {"Reach": (reach, 8), "Grasp": (grasp, 8), "Carry": (carry, 14)}
-"""Policies and how many weights they have."""
+LEARNERS = {"Reach": (reach, 8, 30), "Grasp": (grasp, 8, 120), "Carry": (carry, 7, 100)}
+"""Policies, how many weights they have, and control periods of an episode of the training."""
 
 
 def make(task: str, **arguments) -> gymnasium.Env:
@@ -91,7 +91,7 @@ def play(environment: gymnasium.Env, seed: int, act: Callable, watch: Callable =
 def begin_worker(task: str, reduced: str | None) -> None:
     """Make the environment of a process, which keeps it."""
     global environment
-    environment = make(task, reduced=reduced)
+    environment = make(task, reduced=reduced, max_episode_steps=LEARNERS[task][2])
 
 
 def fitness(task: str, trial: tuple[np.ndarray, list[int]]) -> float:
@@ -100,15 +100,16 @@ def fitness(task: str, trial: tuple[np.ndarray, list[int]]) -> float:
     return float(np.mean([play(environment, seed, partial(LEARNERS[task][0], weights))[0] for seed in seeds]))
 
 
-def train(task: str, folder: Path, generations: int, episodes: int, workers: int, seed: int, reduced: str | None):
+def train(told: argparse.Namespace) -> np.ndarray:
     """Find weights; writes the policy and the learning curve."""
     from cmaes import CMA
 
-    search = CMA(mean=np.zeros(LEARNERS[task][1]), sigma=0.5, seed=seed)
+    task, folder, episodes = told.task, told.folder, told.episodes
+    search = CMA(np.zeros(LEARNERS[task][1]), told.spread, seed=told.seed, population_size=told.population)
     rows, began = [], time.monotonic()
     spawn = multiprocessing.get_context("spawn")
-    with spawn.Pool(workers, begin_worker, (task, reduced)) as pool:
-        for generation in range(generations):
+    with spawn.Pool(told.processes, begin_worker, (task, told.reduced)) as pool:
+        for generation in range(told.generations):
             seeds = [generation * episodes + number for number in range(episodes)]
             asked = [search.ask() for _ in range(search.population_size)]
             returns = pool.map(partial(fitness, task), [(weights, seeds) for weights in asked], chunksize=1)
@@ -127,6 +128,11 @@ CURVE = ("episodes", "wall-clock time [s]", "worst return", "mean return", "best
 def write_policy(path: Path, task: str, weights: np.ndarray) -> None:
     """Write a policy as JSON."""
     path.write_text(json.dumps({"task": task, "weights": weights.tolist()}, indent=1) + "\n", encoding="utf-8")
+
+
+def read_policy(path: Path) -> np.ndarray:
+    """Weights of a policy that `write_policy` has written."""
+    return np.array(json.loads(path.read_text(encoding="utf-8"))["weights"])
 
 
 def write_rows(path: Path, header: tuple[str, ...], rows: list[tuple]) -> None:
@@ -187,19 +193,16 @@ def main() -> None:
     parser.add_argument("task", choices=list(LEARNERS))
     parser.add_argument("folder", type=Path, help="folder for the results")
     parser.add_argument("--generations", type=int, default=40)
+    parser.add_argument("--population", type=int, help="policies of a generation; else by the number of weights")
     parser.add_argument("--episodes", type=int, default=2, help="episodes of each policy of a generation")
+    parser.add_argument("--spread", type=float, default=0.5, help="standard deviation of the first weights, around 0")
     parser.add_argument("--processes", type=int, default=2, help="episodes side by side")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reduced", help="folder of `taichisoft reduce`, to train with reduced bodies")
     parser.add_argument("--policy", type=Path, help="a policy to evaluate, without training")
     told = parser.parse_args()
     told.folder.mkdir(parents=True, exist_ok=True)
-    if told.policy:
-        weights = np.array(json.loads(told.policy.read_text(encoding="utf-8"))["weights"])
-    else:
-        weights = train(
-            told.task, told.folder, told.generations, told.episodes, told.processes, told.seed, told.reduced
-        )
+    weights = read_policy(told.policy) if told.policy else train(told)
     evaluate(told.task, told.folder, weights)
 
 

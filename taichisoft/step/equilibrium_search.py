@@ -25,8 +25,13 @@ CONFIGURATION = (
 )
 """What of a state moves change; the rest is what is asked for, and the air at the start."""
 
-Move = Callable[[State], tuple[State, StepReport]]
-"""Makes a static step from a state with its loads."""
+ROUGH = 1e-3
+"""Newton's tolerance of the first moves of rigid bodies [mm], which later ones go on from."""
+FINER = 0.03
+"""Newton's tolerance of a move, over the way of the last one (inexact Newton: Dembo, Eisenstat and Steihaug 1982)."""
+
+Move = Callable[[State, float], tuple[State, StepReport]]
+"""Makes a static step from a state with its loads, to a tolerance of Newton's method [mm]."""
 
 
 @dataclass(frozen=True)
@@ -67,16 +72,17 @@ class EquilibriumSearch:
         """
         loads = _Loads(self._model, start, asked)
         state, share, increment, increments, linearisations, residual = start, 0.0, 1.0, 0, 0, 0.0
-        is_settled = False
+        finest = self._time.newton_tolerance
+        is_settled, tolerance = False, max(finest, ROUGH) if self._has_free else finest
         while share < 1.0:
             aim = min(1.0, share + increment)
             body = problem = ""
             try:
                 with np.errstate(over="ignore", invalid="ignore"):  # an end that is not finite is refused below
-                    end, report = self._move(loads.at(state, aim))
+                    end, report = self._move(loads.at(state, aim), tolerance)
                 linearisations += report.linearisations
                 residual = report.newton_residual or 0.0
-                body, problem = self._problem(state, end, report)
+                body, problem = self._problem(state, end, report, tolerance)
             except SimulationDiverged as error:
                 body, problem = error.body, error.cause
             if not problem:
@@ -90,40 +96,42 @@ class EquilibriumSearch:
                 raise EquilibriumNotFound(
                     body,
                     start.step,
-                    f"has no equilibrium at {start.time:.6g} s, beyond {share:.1%} of the change of the loads: {problem}",
+                    f"has no equilibrium at {start.time:.6g} s, beyond {share:.1%} of the change of loads: {problem}",
                     "smaller loads, or begin nearer to rest",
                 )
-        tolerance = STILL if self._has_free else self._time.newton_tolerance
+        still = STILL if self._has_free else finest
         for _ in range(MOST_MOVES if self._has_free else MOST_SEARCHES if len(state.contact_point) else 0):
             before = state
-            state, report = self._move(loads.at(before, 1.0))
+            state, report = self._move(loads.at(before, 1.0), tolerance)
             linearisations += report.linearisations
             way, body = self._way(before, state)
             residual = max(report.newton_residual or 0.0, way)
-            if way <= tolerance:
+            if way <= still and tolerance <= finest:
                 break
+            tolerance = max(finest, min(tolerance, FINER * way))
         else:
             if self._has_free:
                 raise EquilibriumNotFound(
                     body,
                     start.step,
                     f"does not come to rest at {start.time:.6g} s: after {MOST_MOVES} moves it still goes {way:.2g} mm "
-                    "at a time; nothing holds it, or it is heavy for what holds it",
-                    "a support or a grip that carries it",
+                    "at a time; nothing holds it, or not enough",
+                    "a support, a firmer grip, or less weight",
                 )
         return FoundEquilibrium(state, replace(report, linearisations=linearisations), increments, residual)
 
     def _settled(self, loads: "_Loads", state: State) -> tuple[State, int]:
         """Where bodies that do not rest at the start go under the loads there, in short moves; and linearisations."""
+        finest = self._time.newton_tolerance
         longest, linearisations = 0.5 * self._contact.alarm_distance, 0
         for _ in range(MOST_SETTLING):
             try:
-                end, report = self._move(loads.at(state, 0.0))
+                end, report = self._move(loads.at(state, 0.0), finest)
             except SimulationDiverged:
                 break
             way, _ = self._way(state, end)
             linearisations += report.linearisations
-            if not self._problem(state, end, report)[1]:
+            if not self._problem(state, end, report, finest)[1]:
                 return end, linearisations
             if not way > longest:
                 break
@@ -141,13 +149,13 @@ class EquilibriumSearch:
         ways = [(float(nodes[place].max()), name) for name, place in self._soft]
         return max(ways + list(zip(rigid.tolist(), self._rigid, strict=True)))
 
-    def _problem(self, before: State, after: State, report: StepReport) -> tuple[str, str]:
+    def _problem(self, before: State, after: State, report: StepReport, tolerance: float) -> tuple[str, str]:
         """A body, and why its end of a static step is not to be trusted, or nothing.
 
         Contacts are searched before a step, within the alarm distance: bodies that go farther may pass each other.
         """
         way, body = self._way(before, after)
-        if not (report.converged and (report.newton_residual or 0.0) <= self._time.newton_tolerance):
+        if not (report.residual < self._contact.tolerance and (report.newton_residual or 0.0) <= tolerance):
             return body, f"not solved after {report.linearisations} linearisations and {report.iterations} sweeps"
         if self._may_touch and way > 0.5 * self._contact.alarm_distance:
             return body, f"it would move by {way:.3g} mm at once, more than half of contact.alarm_distance"

@@ -15,7 +15,6 @@ from taichisoft.scenes.rigid_body import RigidSpringsSettings
 from taichisoft.state import State
 from taichisoft.step.solution import moving_velocity
 
-
 MOVE_TIME = 0.01
 """Longest time of a move to an equilibrium [s], in which inertia keeps free rigid bodies back."""
 FALL = 0.45
