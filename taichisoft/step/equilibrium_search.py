@@ -166,11 +166,8 @@ class _Loads:
     """What acts on the bodies, from a state to that which a control asks for."""
 
     def __init__(self, model: Model, start: State, asked: State):
-        self._asked = asked.changed(
-            velocity=np.zeros_like(start.velocity),
-            rigid_velocity=np.zeros_like(start.rigid_velocity),
-            rigid_angular_velocity=np.zeros_like(start.rigid_angular_velocity),
-        )
+        still = ("velocity", "rigid_velocity", "rigid_angular_velocity")
+        self._asked = asked.changed(**{name: np.zeros_like(getattr(start, name)) for name in still})
         acting = np.where(asked.actuator_imposed, model.actuators.own_coordinates(start), start.actuator_effort)
         self._ends = {"actuator_target": (acting, asked.actuator_target)}
         for name in ("frame_pose", "anchor_position", "gravity", "young_modulus", "pull_point"):
