@@ -19,13 +19,13 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
 
 from taichisoft_gym.baselines import POLICIES
 
-EPISODES = 20
 FIRST_SEED = 10_000
 """Seeds from here on are those of the evaluation."""
 SIZE = (640, 480)
@@ -77,13 +77,14 @@ From zeros Carry-v0 learns to hold the object over its target for ever; so it be
 and know nothing of moving."""
 
 
-def make(task: str, **arguments) -> gymnasium.Env:
+def make(task: str, **arguments: Any) -> Any:
     """The environment of a task; of the gripper with RANGES."""
-    ranges = {} if task == "Reach" else {"randomisation": RANGES}
-    return gymnasium.make(f"taichisoft_gym:taichisoft/{task}-v0", **ranges, **arguments)
+    if task != "Reach":
+        arguments["randomisation"] = RANGES
+    return gymnasium.make(f"taichisoft_gym:taichisoft/{task}-v0", **arguments)
 
 
-def play(environment: gymnasium.Env, seed: int, act: Callable, watch: Callable = lambda: None) -> tuple[float, dict]:
+def play(environment: Any, seed: int, act: Callable, watch: Callable = lambda: None) -> tuple[float, dict]:
     """Play an episode; `act` makes an action of readings by name. Returns the sum of the rewards and the last info."""
     readings, info = environment.reset(seed=seed)
     total, is_over = 0.0, False
@@ -95,16 +96,18 @@ def play(environment: gymnasium.Env, seed: int, act: Callable, watch: Callable =
     return total, info
 
 
+KEPT: dict[str, Any] = {}
+
+
 def begin_worker(task: str, reduced: str | None) -> None:
     """Make the environment of a process, which keeps it."""
-    global environment
-    environment = make(task, reduced=reduced, max_episode_steps=LEARNERS[task][2])
+    KEPT[task] = make(task, reduced=reduced, max_episode_steps=LEARNERS[task][2])
 
 
 def fitness(task: str, trial: tuple[np.ndarray, list[int]]) -> float:
     """Mean return of weights over episodes with some seeds."""
     weights, seeds = trial
-    return float(np.mean([play(environment, seed, partial(LEARNERS[task][0], weights))[0] for seed in seeds]))
+    return float(np.mean([play(KEPT[task], seed, partial(LEARNERS[task][0], weights))[0] for seed in seeds]))
 
 
 def train(told: argparse.Namespace) -> np.ndarray:
@@ -114,8 +117,9 @@ def train(told: argparse.Namespace) -> np.ndarray:
     task, folder, episodes = told.task, told.folder, told.episodes
     search = CMA(LEARNERS[task][1], told.spread, seed=told.seed, population_size=told.population)
     rows, began = [], time.monotonic()
-    spawn = multiprocessing.get_context("spawn")
-    with spawn.Pool(told.processes, begin_worker, (task, told.reduced)) as pool:
+    # Spawned: a process forked from one that has simulated cannot simulate.
+    pool = multiprocessing.get_context("spawn").Pool(told.processes, begin_worker, (task, told.reduced))
+    with pool:
         for generation in range(told.generations):
             seeds = [generation * episodes + number for number in range(episodes)]
             asked = [search.ask() for _ in range(search.population_size)]
@@ -166,7 +170,7 @@ def draw_curve(task: str, rows: list[tuple], path: Path) -> None:
     pyplot.close(figure)
 
 
-def evaluate(task: str, folder: Path, weights: np.ndarray) -> None:
+def evaluate(task: str, folder: Path, weights: np.ndarray, episodes: int) -> None:
     """Play new episodes with the full model; film the first, and print how policy and baseline fare."""
     import imageio_ffmpeg
 
@@ -174,7 +178,7 @@ def evaluate(task: str, folder: Path, weights: np.ndarray) -> None:
     fps = environment.metadata["render_fps"]
     video = imageio_ffmpeg.write_frames(str(folder / f"{task.lower()}.mp4"), SIZE, fps=fps)
     video.send(None)
-    for number in range(EPISODES):
+    for number in range(episodes):
         film = (lambda: video.send(np.ascontiguousarray(environment.render()))) if number == 0 else (lambda: None)
         total, info = play(environment, FIRST_SEED + number, partial(LEARNERS[task][0], weights), film)
         video.close()
@@ -190,8 +194,8 @@ def evaluate(task: str, folder: Path, weights: np.ndarray) -> None:
     environment.close()
     write_rows(folder / f"{task.lower()}-evaluation.csv", ("seed", "return", "success", "baseline", "success"), rows)
     _, returns, successes, others, theirs = zip(*rows, strict=True)
-    for name, total, count in (("learned", returns, sum(successes)), ("scripted", others, sum(theirs))):
-        print(f"{task}-v0, {name}: {count} of {EPISODES} succeed; return {np.mean(total):.1f}")
+    for name, sums, count in (("learned", returns, sum(successes)), ("scripted", others, sum(theirs))):
+        print(f"{task}-v0, {name}: {count} of {episodes} succeed; return {np.mean(sums):.1f}")
 
 
 def main() -> None:
@@ -206,11 +210,12 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2, help="episodes side by side")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reduced", help="folder of `taichisoft reduce`, to train with reduced bodies")
+    parser.add_argument("--trials", type=int, default=20, help="episodes of the evaluation")
     parser.add_argument("--policy", type=Path, help="a policy to evaluate, without training")
     told = parser.parse_args()
     told.folder.mkdir(parents=True, exist_ok=True)
     weights = read_policy(told.policy) if told.policy else train(told)
-    evaluate(told.task, told.folder, weights)
+    evaluate(told.task, told.folder, weights, told.trials)
 
 
 if __name__ == "__main__":
