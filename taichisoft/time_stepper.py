@@ -130,11 +130,6 @@ class TimeStepper:
         """
         if self.model.scene.time.theta < 1.0:
             raise SceneError("time.theta: derivatives are of implicit Euler's steps alone; leave it 1")
-        if self._is_static and (self.model.rigid_frame < 0).any() and control != Control():
-            raise SceneError(
-                "linearise: a static step with rigid bodies that no frame carries has no derivative here; take "
-                "taichisoft.equilibrium(simulation, control).linearise()"
-            )
         start = apply_control(self.model, self.state, control)
         problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)

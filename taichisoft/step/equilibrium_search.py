@@ -147,7 +147,7 @@ class EquilibriumSearch:
         turn = 2.0 * np.linalg.norm(after.rigid_rotation - before.rigid_rotation, axis=1)
         rigid = np.linalg.norm(after.rigid_position - before.rigid_position, axis=1) + turn * self._radius
         ways = [(float(nodes[place].max()), name) for name, place in self._soft]
-        return max(ways + list(zip(rigid.tolist(), self._rigid, strict=True)))
+        return max((*ways, *zip(rigid.tolist(), self._rigid, strict=True)), default=(0.0, ""))
 
     def _problem(self, before: State, after: State, report: StepReport, tolerance: float) -> tuple[str, str]:
         """A body, and why its end of a static step is not to be trusted, or nothing.

@@ -178,6 +178,8 @@ def test_bodies_that_are_not_held_are_said() -> None:
     ):
         simulation.step()
     assert simulation.state == before and simulation.observe().time == 0.0
+    with pytest.raises(SceneError, match=r"take taichisoft\.equilibrium\(simulation, control\)\.linearise\(\)"):
+        simulation.linearise(squeeze(1.0, base_translation=np.ones(3)))
     loose = (*WALL, "soft_bodies.left.anchors=[]")
     with pytest.raises(SceneError, match="an equilibrium needs anchors of every soft body; 'left' has none"):
         equilibrium(Simulation(load_scene(TINY_GRIPPER, loose)))
