@@ -165,7 +165,7 @@ def draw_curve(task: str, rows: list[tuple], path: Path) -> None:
     axes.fill_between(played, worst, best, color="0.85", label="worst to best of a generation")
     axes.plot(played, mean, label="mean of a generation")
     axes.set(xlabel=f"episodes of {task}-v0", ylabel="return")
-    axes.legend(loc="lower right")
+    axes.legend(loc="best", fontsize="small")
     figure.savefig(path, metadata={"Date": None})
     pyplot.close(figure)
 
