@@ -66,8 +66,8 @@ class SimulationDiverged(TaichisoftError):
         self.advice = advice
 
 
-class EquilibriumNotFound(TaichisoftError):
-    """Soft bodies have no equilibrium under their loads, or none that the search has found."""
+class EquilibriumNotFound(SimulationDiverged):
+    """Bodies have no equilibrium under their loads, or none that the search has found."""
 
 
 class ForkedProcess(TaichisoftError):

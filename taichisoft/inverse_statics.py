@@ -145,7 +145,7 @@ class _Search:
         inside = np.clip(now, low + room, high - room)
         places = [inside, np.clip(now, low, high), *(low + share * (high - low) for share in STARTS)]
         first: np.ndarray | None = None
-        problem = EquilibriumNotFound("no equilibrium within the bounds")
+        problem: EquilibriumNotFound | None = None
         for place in places:
             try:
                 residuals, rows = self.residuals(place), self.jacobian(place)
@@ -158,6 +158,7 @@ class _Search:
             if (rows != 0.0).any(axis=1)[np.abs(residuals) > REACHED].all():
                 return place
         if first is None:
+            assert problem is not None
             raise problem
         return first
 

@@ -183,12 +183,8 @@ class Model:
         """Make a variant whose steps are equilibria, whatever rates the scene limits; see `taichisoft.equilibrium`.
 
         Raises:
-            SceneError: the scene has no soft body, or one without anchors.
+            SceneError: a soft body has no anchors.
         """
-        if not self.soft_bodies:
-            raise SceneError(
-                "an equilibrium is one of soft bodies, perhaps with rigid ones; this scene has no soft body"
-            )
         names = [name for name in type(self.scene.limits).model_fields if name.endswith(("_rate", "_speed"))]
         limits = self.scene.limits.model_copy(update=dict.fromkeys(names))
         time = self.scene.time.model_copy(update={"dynamics": "static", "theta": 1.0})
@@ -198,8 +194,9 @@ class Model:
         other.scene = self.scene.model_copy(update={"time": time, "limits": limits, "frames": frames})
         for body in _loose(self.soft_bodies):
             raise SceneError(f"an equilibrium needs anchors of every soft body; '{body.name}' has none")
-        other.elasticity = Elasticity(list(self.soft_bodies), time)
-        _make_read_only(other.elasticity)
+        if self.soft_bodies:
+            other.elasticity = Elasticity(list(self.soft_bodies), time)
+            _make_read_only(other.elasticity)
         return other
 
     def placed_pull_points(self, state: State) -> np.ndarray:

@@ -20,6 +20,7 @@ from taichisoft.state import State
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.contact_prediction import ContactPrediction
 from taichisoft.step.divergence import DivergenceCheck
+from taichisoft.step.equilibrium_search import EquilibriumSearch, FoundEquilibrium
 from taichisoft.step.frame_wrenches import FrameWrenches
 from taichisoft.step.imbalance import Imbalance
 from taichisoft.step.nonlinear_step import NonlinearStep
@@ -57,6 +58,7 @@ class TimeStepper:
         self._observer = Observer(model)
         self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
         self._imbalance: Imbalance | None = None
+        self._is_static = model.scene.time.dynamics == "static"
         self.state = self._observer.with_samples(self.state)
 
     def restore(self, state: State) -> None:
@@ -88,22 +90,35 @@ class TimeStepper:
 
         Raises:
             ControlError: `control` requests something impossible; nothing has changed.
-            SimulationDiverged: the step failed; `state` is the state before it.
+            SimulationDiverged: the step failed; `state` is the state before it. Of static dynamics it is
+                EquilibriumNotFound where nothing holds a body.
         """
         started = time.perf_counter()
         control = Control() if control is None else control
         start = apply_control(self.model, self.state, control)
-        problem, solution = self._solve(start)
-        reported = self._constraint_solver.report(problem, solution)
-        shift = self._constraint_solver.find_shift(problem, solution)
-        gradient = self._geometry.gradient.soft.copy() if self._has_reduced_bodies else None
-        end = self._integrate(start, solution, shift, reported)
-        self._divergence_check.check(start, end)
-        end = self._observer.with_samples(end, start)
-        self.state = end
-        find_imbalance = dict if gradient is None else self._imbalance_of(start, end, solution, gradient)
-        self.report = self._make_report(problem, solution, shift, end, control, find_imbalance, started)
+        if self._is_static:
+            found = self.find_equilibrium(self.state, start)
+            taken = time.perf_counter() - started
+            self.state = found.state
+            self.report = replace(found.report, signals=dict(control.signals), step_time=taken)
+        else:
+            self.state, self.report = self._move(start, control, started)
         return self.report
+
+    def find_equilibrium(self, start: State, asked: State) -> FoundEquilibrium:
+        """Where the bodies of a state come to rest under what another asks for; of a model of static dynamics.
+
+        Raises:
+            EquilibriumNotFound: see `taichisoft.equilibrium`.
+        """
+
+        def move(state: State, tolerance: float) -> tuple[State, StepReport]:
+            if isinstance(self._solver, NonlinearStep):
+                self._solver.tolerance = tolerance
+            return self._move(state, Control(), 0.0)
+
+        # Not kept: it would refer back to this object, which could not go as soon as nobody needs it.
+        return EquilibriumSearch(self.model, move).find(start, asked)
 
     def derivative(self, control: Control) -> StepDerivative:
         """Solve the step that `step` would make, and linearise it; the state stays.
@@ -142,6 +157,19 @@ class TimeStepper:
         """What a controller sees in another state of the model."""
         return self._observer.observe(state)
 
+    def _move(self, start: State, control: Control, started: float) -> tuple[State, StepReport]:
+        """Solve the equations of a step once, and move everything."""
+        problem, solution = self._solve(start)
+        reported = self._constraint_solver.report(problem, solution)
+        shift = self._constraint_solver.find_shift(problem, solution)
+        gradient = self._geometry.gradient.soft.copy() if self._has_reduced_bodies else None
+        end = self._integrate(start, solution, shift, reported)
+        self._divergence_check.check(start, end)
+        end = self._observer.with_samples(end, start)
+        find_imbalance = dict if gradient is None else self._imbalance_of(start, end, solution, gradient)
+        report = self._make_report(problem, solution, shift, end, control, find_imbalance, started)
+        return end, report
+
     def _solve(self, start: State) -> tuple[StepProblem, StepSolution]:
         requests = self._request(start)
         self._begin_motion(start, requests)
@@ -171,13 +199,14 @@ class TimeStepper:
         moving = moving_velocity(self.model.scene.time.theta, start.velocity, solution.node_velocity)
         rigid_moving, velocity = self._rigid.moving_velocity(velocity), self._rigid.end_velocity(velocity)
         node_velocity = moving if self._soft is None else self._soft.end_velocity(moving, solution.node_velocity)
-        is_static = self.model.scene.time.dynamics == "static"
         position = time_step * moving
         position += start.position
         if shift is not None:
             position += time_step * shift.node_velocity
         velocities = (rigid_moving,) if shift is None else (rigid_moving, shift.rigid_velocity)
         rigid_position, rigid_rotation = self._rigid.end_poses(*velocities)
+        if self._is_static:
+            node_velocity, velocity = np.zeros_like(position), np.zeros_like(velocity)
         # Frames and so pull points have moved already: they are where the start of a step is asked to have them.
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
         cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, start.position)
@@ -190,7 +219,7 @@ class TimeStepper:
             time=(start.step + 1) * time_step,
             step=start.step + 1,
             position=position,
-            velocity=np.zeros_like(position) if is_static else node_velocity,
+            velocity=node_velocity,
             rigid_position=rigid_position,
             rigid_rotation=rigid_rotation,
             rigid_velocity=velocity[:, :3].copy(),

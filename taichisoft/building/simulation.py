@@ -106,8 +106,14 @@ class Simulation(TimeStepper):
             ControlError: `control` requests something impossible, or a name in `controls` is not that of something
                 which can be varied, such as the base of reduced bodies.
             SimulationDiverged: the step failed.
-            SceneError: a contact in the step has restitution, spinning or rolling friction.
+            SceneError: a contact in the step has restitution, spinning or rolling friction, or the scene is one of
+                static dynamics with rigid bodies, whose `taichisoft.equilibrium` has derivatives.
         """
+        if self.model.scene.time.dynamics == "static" and (self.model.rigid_frame < 0).any():
+            raise SceneError(
+                "linearise: a static step with rigid bodies has no derivative here; take "
+                "taichisoft.equilibrium(simulation, control).linearise()"
+            )
         return linearise(self, control, controls)
 
     def look(self, name: str, state: State | None = None, renderer: str = "open3d") -> CameraFrame:

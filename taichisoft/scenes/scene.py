@@ -317,11 +317,11 @@ class Scene(Table):
     @model_validator(mode="after")
     def _check_dynamics(self) -> Self:
         dynamics = self.time.dynamics
-        free = [name for name, one in self.rigid_bodies.items() if dynamics != "overdamped" or one.follows is None]
-        if dynamics != "inertial" and free:
+        free = [name for name, one in self.rigid_bodies.items() if one.follows is None]
+        if dynamics == "overdamped" and free:
             raise ValueError(
-                f"time.dynamics = '{dynamics}' is for soft bodies alone; remove the rigid body '{free[0]}', or leave "
-                "it 'inertial'"
+                f"time.dynamics = 'overdamped' is for soft bodies alone; remove the rigid body '{free[0]}', or take "
+                "'inertial' or 'static'"
             )
         for name, body in self.soft_bodies.items():
             if dynamics == "static" and not body.anchors:

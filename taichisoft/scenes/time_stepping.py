@@ -28,8 +28,9 @@ class Time(Table):
     """Duration of a run [s]."""
     dynamics: Literal["inertial", "overdamped", "static"] = "inertial"
     """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`, or
-    none: a static step leads to equilibrium, whatever its length. Soft bodies alone can move without inertia, in
-    statics with anchors; Rayleigh damping and their velocities at the start have no effect then."""
+    none: a static step leads to equilibrium, whatever its length, as `taichisoft.equilibrium` finds it; nothing has a
+    velocity then, and Rayleigh damping no effect. Soft bodies need anchors in statics; rigid bodies need inertia or
+    statics."""
     theta: Annotated[float, Field(ge=0.5, le=1.0)] = 1.0
     """Where in the step forces are taken: 1 is implicit Euler, which damps what swings; 0.5 is of second order in the
     step with `newton` above 1, and damps nothing. Contacts, and actuators that are solved for, obey their laws at the

@@ -35,6 +35,7 @@ class NonlinearStep:
     Attributes:
         geometry: geometry of the actuators where the bodies are.
         equations: the equations of the soft bodies.
+        tolerance: largest move of a node by another linearisation at which a step ends [mm].
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class NonlinearStep:
         self._soft, self._rigid, self._constraint_solver = soft, rigid, constraint_solver
         self._time_step, self._most = model.scene.time.step, model.scene.time.most_linearisations
         self._time, self._stage, self._theta = model.scene.time, model.scene.time.stage, model.scene.time.theta
-        self._tolerance = model.scene.time.newton_tolerance
+        self.tolerance = model.scene.time.newton_tolerance
         self._is_static = model.scene.time.dynamics == "static"
 
     def solve(self, problem: StepProblem) -> StepSolution:
@@ -91,7 +92,7 @@ class NonlinearStep:
                     mixing.forget()
                 solution = self._line_search(before, solution, force)
                 residual = self._missing(solution, first, aim)
-            if not residual > self._tolerance or linearisations == self._most:
+            if not residual > self.tolerance or linearisations == self._most:
                 return replace(solution, iterations=iterations, linearisations=linearisations, newton_residual=residual)
             values, rates = self.geometry.values(), self._rates(solution)
             impulse = solution.effort[first.coordinates] * self._time_step

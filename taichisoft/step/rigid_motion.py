@@ -1,5 +1,7 @@
 """Motion of the rigid bodies in a step: free motion, impulses, and integration."""
 
+import math
+
 import numpy as np
 
 from taichisoft.bodies.kernels import rigid_integration as kernels
@@ -12,6 +14,11 @@ from taichisoft.model import Model
 from taichisoft.scenes.rigid_body import RigidSpringsSettings
 from taichisoft.state import State
 from taichisoft.step.solution import moving_velocity
+
+MOVE_TIME = 0.01
+"""Longest time of a move to an equilibrium [s], in which inertia keeps free rigid bodies back."""
+FALL = 0.45
+"""Longest free fall in such a move, in parts of the alarm distance: contacts are searched within half of it."""
 
 
 class RigidMotion:
@@ -26,6 +33,8 @@ class RigidMotion:
         """Allocate the work space."""
         count = len(model.rigid_bodies)
         self._time_step, self._theta = model.scene.time.step, model.scene.time.theta
+        self._longest_fall = FALL * model.scene.contact.alarm_distance
+        self._is_static = model.scene.time.dynamics == "static"
         self.carried = CarriedBodies(model)
         bodies = enumerate(model.rigid_bodies)
         self._springs = [BodySprings(model, i, one.springs) for i, one in bodies if one.springs is not None]
@@ -55,9 +64,25 @@ class RigidMotion:
 
     def set_masses(self, model: Model) -> None:
         """Set the masses of a model, this one or a variant of it."""
-        self._bodies.mass[:], self._bodies.inertia[:] = model.rigid_mass, model.rigid_inertia
-        self._bodies.inverse_inertia[:] = np.linalg.inv(model.rigid_inertia)
+        self._mass, self._inertia = model.rigid_mass, model.rigid_inertia
+        self._set_inertia(1.0)
         self._external_forces = _external_forces(model)
+
+    def _set_inertia(self, factor: float) -> None:
+        """Set masses and inertias to a multiple of those of the bodies."""
+        self._bodies.mass[:], self._bodies.inertia[:] = factor * self._mass, factor * self._inertia
+        self._bodies.inverse_inertia[:] = np.linalg.inv(self._bodies.inertia)
+
+    def _inertia_factor(self, state: State) -> float:
+        """What masses count in a static step, whose own length means nothing: there are no motions in a move.
+
+        A move of time t from rest with the inertia M is one of a step h with (h / t)^2 M, under the same forces.
+        """
+        if not self._is_static:
+            return 1.0
+        gravity = float(np.linalg.norm(state.gravity))
+        move_time = MOVE_TIME if gravity == 0.0 else min(MOVE_TIME, math.sqrt(self._longest_fall / gravity))
+        return (self._time_step / move_time) ** 2
 
     def begin(self, state: State) -> None:
         """Begin a step with the poses and velocities of `state`; compute the velocities after it without impulses."""
@@ -68,14 +93,17 @@ class RigidMotion:
         rigid.position[:], rigid.quaternion[:] = state.rigid_position, state.rigid_rotation
         rigid.linear[:], rigid.angular[:] = state.rigid_velocity, state.rigid_angular_velocity
         rigid.impulse[:] = 0.0
-        self._bodies.gravity[0] = state.gravity
+        factor = self._inertia_factor(state)
+        if self._is_static:
+            self._set_inertia(factor)
+        self._bodies.gravity[0] = state.gravity / factor
         kernels.solve_free_motion(self._time_step, self._bodies, rigid)
         if self._theta < 1.0:
             kernels.solve_free_turning(self._time_step, self._theta, self._bodies, rigid)
         self.carried.begin(state, self._time_step, self._theta, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:
-                rigid.free[body, :3] += self._time_step * acceleration
+                rigid.free[body, :3] += self._time_step / factor * acceleration
         for springs in self._springs:
             springs.pull(state, self._time_step, self._theta, rigid)
 

@@ -15,6 +15,9 @@ WINDOW = 20.0
 MOST_POINTS = 300
 """Most points that are drawn at once."""
 
+DECIMALS = 4
+"""What figures are rounded to: a plot of something at rest would show its round-off, as large as its frame."""
+
 LABEL_WIDTH = 64
 """Width of the numbers beside a plot [pixels]: room for "-100,000"."""
 
@@ -126,8 +129,9 @@ class Curves:
         """Draw rows of `plotted_row`, shape (count, columns), and signals over times [s], shape (count,)."""
         if len(times) < 2:
             return
+        shown = np.round(rows.T, DECIMALS) + 0.0  # no -0
         for columns, plot in self._plots:
-            plot.data = (times, *rows.T[columns])
+            plot.data = (times, *shown[columns])
         for name, values in (signals or {}).items():
             if name not in self._signals:
                 if self._folder is None:
@@ -160,6 +164,7 @@ def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
         scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
         axes=(uplot.Axis(), uplot.Axis(size=LABEL_WIDTH)),
         title=title,
-        legend=uplot.Legend(show=False),
+        legend=uplot.Legend(show=len(names) > 1, live=False),
         aspect=2.2,
+        padding=(12, 10, 0, 0),  # room for half of the highest number
     )

@@ -1,0 +1,182 @@
+"""Search for an equilibrium: static steps with growing loads, then moves until nothing moves any more."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taichisoft.errors import EquilibriumNotFound, SimulationDiverged
+from taichisoft.model import Model
+from taichisoft.state import State
+from taichisoft.step.report import StepReport
+
+SMALLEST_INCREMENT = 2.0**-8
+"""Smallest part of the change of the loads that is tried at once [-]."""
+MOST_SETTLING = 100
+"""Most moves from a start at which the bodies do not rest."""
+STILL, MOST_MOVES = 1e-6, 300
+"""Way in a move below which rigid bodies count as at rest [mm], and most moves."""
+MOST_SEARCHES = 10
+"""Most searches for contacts at the end: each moves the bodies to where the last one would have them touch."""
+CONFIGURATION = (
+    *("position", "rigid_position", "rigid_rotation", "frame_wrench"),
+    *("actuator_effort", "actuator_value", "actuator_loss"),
+    *("contact_body_pair", "contact_point", "contact_normal", "contact_impulse", "contact_slip"),
+)
+"""What of a state moves change; the rest is what is asked for, and the air at the start."""
+
+ROUGH = 1e-3
+"""Newton's tolerance of the first moves of rigid bodies [mm], which later ones go on from."""
+FINER = 0.03
+"""Newton's tolerance of a move, over the way of the last one (inexact Newton: Dembo, Eisenstat and Steihaug 1982)."""
+
+Move = Callable[[State, float], tuple[State, StepReport]]
+"""Makes a static step from a state with its loads, to a tolerance of Newton's method [mm]."""
+
+
+@dataclass(frozen=True)
+class FoundEquilibrium:
+    """What a search found.
+
+    Attributes:
+        state: the state at rest, at the end of a time step.
+        report: that of the last move, with the linearisations of all.
+        increments: number of parts in which the loads were changed.
+        residual: largest move of a node by another linearisation, or by another move [mm].
+    """
+
+    state: State
+    report: StepReport
+    increments: int
+    residual: float
+
+
+class EquilibriumSearch:
+    """Finds equilibria of a model of static dynamics; see `taichisoft.equilibrium`."""
+
+    def __init__(self, model: Model, move: Move):
+        """Prepare for a model whose static steps `move` makes."""
+        self._move, self._contact, self._time = move, model.scene.contact, model.scene.time
+        self._soft = [(body.name, body.nodes) for body in model.soft_bodies]
+        self._rigid = [body.name for body in model.rigid_bodies]
+        self._radius = np.array([body.radius for body in model.rigid_bodies])
+        self._has_free = bool((model.rigid_frame < 0).any())
+        self._may_touch = bool(model.surfaces.may_touch.any())
+        self._model = model
+
+    def find(self, start: State, asked: State) -> FoundEquilibrium:
+        """The equilibrium under what is asked for, from a state on.
+
+        Raises:
+            EquilibriumNotFound: the loads cannot be carried, or nothing holds a rigid body.
+        """
+        loads = _Loads(self._model, start, asked)
+        state, share, increment, increments, linearisations, residual = start, 0.0, 1.0, 0, 0, 0.0
+        finest = self._time.newton_tolerance
+        is_settled, tolerance = False, max(finest, ROUGH) if self._has_free else finest
+        while share < 1.0:
+            aim = min(1.0, share + increment)
+            body = problem = ""
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):  # an end that is not finite is refused below
+                    end, report = self._move(loads.at(state, aim), tolerance)
+                linearisations += report.linearisations
+                residual = report.newton_residual or 0.0
+                body, problem = self._problem(state, end, report, tolerance)
+            except SimulationDiverged as error:
+                body, problem = error.body, error.cause
+            if not problem:
+                state, share, increment, increments = end, aim, 2.0 * increment, increments + 1
+                continue
+            increment *= 0.5
+            if increment < SMALLEST_INCREMENT and share == 0.0 and not is_settled:
+                state, more = self._settled(loads, state)
+                is_settled, increment, linearisations = True, 1.0, linearisations + more
+            if increment < SMALLEST_INCREMENT:
+                raise EquilibriumNotFound(
+                    body,
+                    start.step,
+                    f"has no equilibrium at {start.time:.6g} s, beyond {share:.1%} of the change of loads: {problem}",
+                    "smaller loads, or begin nearer to rest",
+                )
+        still = STILL if self._has_free else finest
+        for _ in range(MOST_MOVES if self._has_free else MOST_SEARCHES if len(state.contact_point) else 0):
+            before = state
+            state, report = self._move(loads.at(before, 1.0), tolerance)
+            linearisations += report.linearisations
+            way, body = self._way(before, state)
+            residual = max(report.newton_residual or 0.0, way)
+            if way <= still and tolerance <= finest:
+                break
+            tolerance = max(finest, min(tolerance, FINER * way))
+        else:
+            if self._has_free:
+                raise EquilibriumNotFound(
+                    body,
+                    start.step,
+                    f"does not come to rest at {start.time:.6g} s: after {MOST_MOVES} moves it still goes {way:.2g} mm "
+                    "at a time; nothing holds it, or not enough",
+                    "a support, a firmer grip, or less weight",
+                )
+        return FoundEquilibrium(state, replace(report, linearisations=linearisations), increments, residual)
+
+    def _settled(self, loads: "_Loads", state: State) -> tuple[State, int]:
+        """Where bodies that do not rest at the start go under the loads there, in short moves; and linearisations."""
+        finest = self._time.newton_tolerance
+        longest, linearisations = 0.5 * self._contact.alarm_distance, 0
+        for _ in range(MOST_SETTLING):
+            try:
+                end, report = self._move(loads.at(state, 0.0), finest)
+            except SimulationDiverged:
+                break
+            way, _ = self._way(state, end)
+            linearisations += report.linearisations
+            if not self._problem(state, end, report, finest)[1]:
+                return end, linearisations
+            if not way > longest:
+                break
+            moved = {name: getattr(state, name) for name in ("position", "rigid_position", "rigid_rotation")}
+            moved = {name: before + longest / way * (getattr(end, name) - before) for name, before in moved.items()}
+            moved["rigid_rotation"] /= np.linalg.norm(moved["rigid_rotation"], axis=1, keepdims=True)
+            state = end.changed(**moved)
+        return state, linearisations
+
+    def _way(self, before: State, after: State) -> tuple[float, str]:
+        """Longest way of a node, or of a point of a rigid body [mm], and the body's name."""
+        nodes = np.linalg.norm(after.position - before.position, axis=1)
+        turn = 2.0 * np.linalg.norm(after.rigid_rotation - before.rigid_rotation, axis=1)
+        rigid = np.linalg.norm(after.rigid_position - before.rigid_position, axis=1) + turn * self._radius
+        ways = [(float(nodes[place].max()), name) for name, place in self._soft]
+        return max((*ways, *zip(rigid.tolist(), self._rigid, strict=True)), default=(0.0, ""))
+
+    def _problem(self, before: State, after: State, report: StepReport, tolerance: float) -> tuple[str, str]:
+        """A body, and why its end of a static step is not to be trusted, or nothing.
+
+        Contacts are searched before a step, within the alarm distance: bodies that go farther may pass each other.
+        """
+        way, body = self._way(before, after)
+        if not (report.residual < self._contact.tolerance and (report.newton_residual or 0.0) <= tolerance):
+            return body, f"not solved after {report.linearisations} linearisations and {report.iterations} sweeps"
+        if self._may_touch and way > 0.5 * self._contact.alarm_distance:
+            return body, f"it would move by {way:.3g} mm at once, more than half of contact.alarm_distance"
+        return body, ""
+
+
+class _Loads:
+    """What acts on the bodies, from a state to that which a control asks for."""
+
+    def __init__(self, model: Model, start: State, asked: State):
+        still = ("velocity", "rigid_velocity", "rigid_angular_velocity")
+        self._asked = asked.changed(**{name: np.zeros_like(getattr(start, name)) for name in still})
+        acting = np.where(asked.actuator_imposed, model.actuators.own_coordinates(start), start.actuator_effort)
+        self._ends = {"actuator_target": (acting, asked.actuator_target)}
+        for name in ("frame_pose", "anchor_position", "gravity", "young_modulus", "pull_point"):
+            self._ends[name] = (getattr(start, name), getattr(asked, name))
+
+    def at(self, state: State, share: float) -> State:
+        """The bodies of a state, at rest, with the loads after a share of the change."""
+        bodies = {name: getattr(state, name) for name in CONFIGURATION}
+        if share == 1.0:
+            return self._asked.changed(**bodies)
+        loads = {name: first + share * (last - first) for name, (first, last) in self._ends.items()}
+        return self._asked.changed(**bodies, **loads)
