@@ -114,9 +114,13 @@ class TimeStepper:
         """
 
         def move(state: State, tolerance: float) -> tuple[State, StepReport]:
-            if isinstance(self._solver, NonlinearStep):
-                self._solver.tolerance = tolerance
-            return self._move(state, Control(), 0.0)
+            if not isinstance(self._solver, NonlinearStep):
+                return self._move(state, Control(), 0.0)
+            self._solver.tolerance = tolerance
+            try:
+                return self._move(state, Control(), 0.0)
+            finally:
+                self._solver.tolerance = self.model.scene.time.newton_tolerance
 
         # Not kept: it would refer back to this object, which could not go as soon as nobody needs it.
         return EquilibriumSearch(self.model, move).find(start, asked)

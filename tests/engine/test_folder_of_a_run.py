@@ -68,7 +68,7 @@ def test_the_command_refuses_the_folder_of_a_run_and_ends_when_its_own_is_remove
     _, complaint = second.communicate(timeout=PATIENCE)
     assert (second.returncode, complaint.count("\n")) == (2, 1)
     assert f"--output {folder}: a run is going on there (process {first.pid} on " in complaint
-    shutil.rmtree(folder)
+    shutil.rmtree(folder.rename(tmp_path / "removed"))  # at once: what the run writes meanwhile is not in the way
     _, complaint = first.communicate(timeout=PATIENCE)
     assert first.returncode == 2
     assert complaint == (
