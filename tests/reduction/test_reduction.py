@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft import Control, Simulation, make_model, scene_from_dict
 from taichisoft.bodies import Modes
-from taichisoft.bodies.elasticity import internal_force
+from taichisoft.bodies.elasticity import ElasticSystem, internal_force
 from taichisoft.bodies.moving_frames import FramePlaces
 from taichisoft_reduction.basis import Basis
 from taichisoft_reduction.body_shapes import RelativeMotion, body_shapes
@@ -20,6 +20,7 @@ from taichisoft_reduction.comparison import compare, error_per_imbalance, larges
 from taichisoft_reduction.cubature import MotionCriterion, NonNegativeSearch, choose_domains
 from taichisoft_reduction.domain_forces import DomainForces
 from taichisoft_reduction.errors import ReductionError
+from taichisoft_reduction.pressing import presses
 from taichisoft_reduction.reduce_command import reduce
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
 from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
@@ -84,6 +85,29 @@ def test_spin_forces_are_those_of_the_frozen_stiffness(block):
     expected = forces.stiffness(state)[:, 1]
     assert forces.spin_forces(state, spin).sum(axis=0) == pytest.approx(expected, rel=1e-9, abs=1e-9 * expected[1])
     assert expected[1] > 0.0
+
+
+def test_rubber_is_not_damped_where_it_spins(block):
+    """A stretched beam that spins with w: the engine's force is that at rest, turned ahead by h w, to squares of it;
+    domains say so, and under Hooke's law both see a damping."""
+    spin, tension = np.array([0.3, -0.5, 0.8]), np.diag([1.1, 1.02, 0.97])
+    resists = {}
+    for law in ("hooke", "neo-hookean"):
+        scene = beam(block, element="linear", young_modulus=100.0, law=law, rayleigh_stiffness=0.1)
+        model = make_model(scene)
+        (body,) = model.soft_bodies
+        system = ElasticSystem(model.elasticity)
+        system.position[:] = body.rest_position @ tension
+        system.assemble()
+        at_rest = system.force.copy()
+        system.velocity[:] = 1e-3 * np.cross(spin, system.position)
+        system.assemble()
+        turned = at_rest + np.cross(1e-3 * scene.time.step * spin, at_rest)
+        resists[law] = bool(np.abs(system.force - turned).max() > 1e-7 * np.abs(at_rest).max())
+        forces = DomainForces(body, random_modes(body, 3))
+        assert forces.resists_spin == resists[law]
+        assert forces.spin_forces(np.array([3.0, -2.0, 1.0]), spin).any() == resists[law]
+    assert resists == {"hooke": True, "neo-hookean": False}
 
 
 def test_modes_are_orthonormal_in_the_mass_and_hold_the_training():
@@ -241,6 +265,28 @@ def test_the_full_model_beside_the_reduced_one_says_where_they_part(block, tmp_p
     assert json.loads((tmp_path / "reduced_check.json").read_text())["quantities"][0]["largest"] == found.largest
     with pytest.raises(ReductionError, match="--reduced-check: no soft body of the scene is reduced"):
         ReducedCheckOutput(tmp_path).begin(full.model, full.state)
+
+
+def test_every_place_of_the_pad_is_pressed_by_something_that_is_free_at_rest(block):
+    """A beam that bends down: where a plane or a box would touch it at rest, something else meets the same place."""
+    ends = {
+        "rotation": [0.0, 0.0, 0.0],
+        "translation": [0.0, 0.0, 0.0],
+        "anchors": [{"box": [[-11, -9, -9], [-9, 9, 9]]}],
+    }
+    mesh = block((20, 2, 1), (20.0, 5.0, 5.0))
+    (body,) = make_model(beam(block, mesh=mesh, young_modulus=100.0, **ends)).soft_bodies
+    time = np.linspace(0.0, 0.8, 21)
+    bent = np.zeros((21, *body.rest_position.shape))
+    bent[:, :, 2] = -np.outer(time / 0.8, (body.rest_position[:, 0] + 10.0) ** 2) / 40.0
+    bent[:, :, 0] = 0.6 * bent[:, :, 2]
+    ramp = RunResult("ramp", "", time, {"beam": bent}, {})
+    nowhere = np.zeros(len(body.rest_position), bool)
+    found = presses(body, ramp, nowhere, 0.1, unseen=False)
+    kinds = set().union(*(one.obstacle for one in found))
+    assert {"sphere", "box", "cylinder"} <= kinds
+    assert len(found) == 10
+    assert all(one.normal[2] < -0.5 for one in found)
 
 
 def test_a_request_of_other_content_has_another_file():
