@@ -75,7 +75,7 @@ def presses(body: SoftBody, ramp: RunResult | None, touched: np.ndarray, gap: fl
         return _press(kind, *contact) if is_free else None
 
     # A groove, which not even a ball fits into, is no pad.
-    for vertex in np.flatnonzero(pads):
+    for vertex in np.flatnonzero(pads).tolist():
         pads[vertex] = press(vertex, max(SHARES), "ball") is not None
     sets = [one for one in (pads & _any_node(surface, touched), pads) if one.any()]
     patches = (PRESSES if not unseen else UNSEEN_PRESSES) // max(1, len(sets))
