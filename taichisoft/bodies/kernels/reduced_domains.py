@@ -31,7 +31,7 @@ from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaq
 # Shares of an entry of B: in the force, and in each row of S.
 HOOKE_SHARES, RUBBER_SHARES = 5, 10
 # Domains that fill their rows before their squares are added, and rows for them with one to write zeros to.
-DOMAINS_AT_ONCE = 24
+DOMAINS_AT_ONCE = 8
 ADDED_ROWS = 9 * DOMAINS_AT_ONCE + 1
 ROWS = ADDED_ROWS + 3 * DOMAINS_AT_ONCE + 1
 # Two axes, and the one across them.
