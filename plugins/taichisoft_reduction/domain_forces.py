@@ -24,7 +24,6 @@ class DomainForces:
         modes: shape (node_count, 3, mode_count).
         anchor: stiffness of the anchors on the modes, shape (mode_count, mode_count).
         count: number of domains.
-        resists_spin: whether damping of some domain resists a spin.
         gradient: dF/dq of each domain and mode, shape (count, 3, 3, mode_count).
         volume: for which the energies of shape and of volume count [mm^3], shape (count, 2).
     """
@@ -44,10 +43,6 @@ class DomainForces:
             DomainLaw(np.flatnonzero(material == number), one.law or body.settings.law, one.coefficients)
             for number, one in enumerate(body.settings.materials)
         ]
-        self._is_hooke = np.zeros(self.count, bool)
-        for some, law, _ in self._laws:
-            self._is_hooke[some] = law == "hooke"
-        self.resists_spin = bool(self._is_hooke.any())
         turn = _placement(body)
         self.anchor = np.einsum("nir,nij,njs->rs", modes, _turned(body.anchor_stiffness, turn), modes)
 
@@ -106,9 +101,8 @@ class DomainForces:
     def spin_forces(self, amplitudes: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """Work of each domain on each mode by damping, over the factor of Rayleigh, where the body spins with its base.
 
-        The damping under Hooke's law is that of the stiffness, K v, whose rotations are frozen: dF = W F with the spin
-        W. It is not objective, so that a stretched body resists a spin, and domains have to do the same. Under laws of
-        rubber it is of the rate of strain in axes that turn with the body, and there is none.
+        The damping is that of the stiffness, K v, whose rotations are frozen: dF = W F with the spin W. It is not
+        objective, so that a stretched body resists a spin, and domains have to do the same.
 
         Args:
             amplitudes: of the state, shape (mode_count,).
@@ -120,7 +114,6 @@ class DomainForces:
         first, second = self._lame
         stress = (2.0 * second * self.volume[:, 0])[:, None, None] * (rotation @ symmetric)
         stress += (first * self.volume[:, 1] * np.trace(local, axis1=1, axis2=2))[:, None, None] * rotation
-        stress[~self._is_hooke] = 0.0
         found: np.ndarray = (stress.reshape(self.count, 1, 9) @ self.gradient.reshape(self.count, 9, -1))[:, 0]
         return found
 

@@ -89,8 +89,7 @@ class ShapeFit:
     def _criterion(self) -> MotionCriterion:
         states = self._states()
         forces = DomainForces(self._body, self.basis.modes[:, :, : self.mode_count])
-        spun = states[: SPUN if forces.resists_spin else 0]
-        return MotionCriterion(forces, states, spun, self._lag)
+        return MotionCriterion(forces, states, states[:SPUN], self._lag)
 
     def choose(self, progress: Callable[[int, float], None], part: float = 1.0) -> None:
         """Choose domains whose error is within a `part` of their share of the tolerance."""
