@@ -15,10 +15,9 @@ from taichisoft_reduction.run_request import RunResult, Timetable
 
 KINDS = ("ball", "box", "cylinder", "plane")
 PRESSES, UNSEEN_PRESSES = 10, 6
-"""Places in the training, of which some may be left out since the obstacle would be in the way at rest; and in the
-validation, of which the first that is free is taken."""
+"""Places in the training; and in the validation, of which the first is taken."""
 SHARES, UNSEEN_SHARE = (0.15, 0.45), 0.3
-"""How far the actuators are when the body meets the obstacle."""
+"""How far the actuators are when the body meets the obstacle; further where it would be in the way at rest."""
 RADIUS = 0.1
 """Radius of what presses, as a share of the body's largest extent; boxes and cylinders are as thick as the ball."""
 UNSEEN_RADIUS = 0.075
@@ -61,22 +60,34 @@ def presses(body: SoftBody, ramp: RunResult | None, touched: np.ndarray, gap: fl
         normals = _normals(surface.positions(path[len(path) // 2]), surface.triangles)
         advance = np.einsum("vd,vd->v", end - start, normals)
         pads &= advance > LEADING * advance.max()
-    sets = [one for one in (pads & _any_node(surface, touched), pads) if one.any()]
     size = float(np.ptp(body.rest_position, axis=0).max())
     radius = size * (RADIUS if not unseen else UNSEEN_RADIUS)
-    patches = (PRESSES if not unseen else UNSEEN_PRESSES) // max(1, len(sets))
     samples = _samples(start, surface.triangles)
-    found = []
-    for number, vertex in enumerate(vertex for one in sets for vertex in _spread(start, np.flatnonzero(one), patches)):
-        share = SHARES[number % 2] if not unseen else UNSEEN_SHARE
+
+    def press(vertex: int, share: float, kind: str) -> Press | None:
+        """What meets a vertex then; None where it would overlap the body at rest, or the base."""
         moved = surface.positions(path[int(share * (len(path) - 1))])
         way = end[vertex] - moved[vertex]
         normal = way / np.linalg.norm(way) if ramp is not None else _normals(moved, surface.triangles)[vertex]
-        kind = KINDS[(number + unseen) % len(KINDS)]
         contact = moved[vertex], normal, radius, gap
         of_base = clearance(kind, start[held], *contact) if held.any() else np.inf
-        if clearance(kind, samples, *contact) > 0.0 and of_base > 2.0 * DRAG * size:
-            found.append(_press(kind, *contact))
+        is_free = clearance(kind, samples, *contact) > 0.0 and of_base > 2.0 * DRAG * size
+        return _press(kind, *contact) if is_free else None
+
+    # A groove, which not even a ball fits into, is no pad.
+    for vertex in np.flatnonzero(pads).tolist():
+        pads[vertex] = press(vertex, max(SHARES), "ball") is not None
+    sets = [one for one in (pads & _any_node(surface, touched), pads) if one.any()]
+    patches = (PRESSES if not unseen else UNSEEN_PRESSES) // max(1, len(sets))
+    found = []
+    for number, vertex in enumerate(vertex for one in sets for vertex in _spread(start, np.flatnonzero(one), patches)):
+        first = SHARES[number % 2] if not unseen else UNSEEN_SHARE
+        tries = (
+            press(vertex, share, KINDS[(number + unseen + other) % len(KINDS)])
+            for other in range(len(KINDS))
+            for share in sorted({first, max(SHARES)})
+        )
+        found += [one for one in tries if one is not None][:1]
     return found[:1] if unseen else found
 
 

@@ -1,7 +1,6 @@
 """The reduced soft bodies of a model: their modes and chosen domains, and what they add to the system of a step."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +15,6 @@ from taichisoft.runtime.tiles import TILE
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body_arrays import SoftBody
-
-# Rows of S of a domain under laws of rubber; under Hooke's law for energy of volume, and those that are subtracted.
-RUBBER_ROWS, VOLUME_ROWS, SKEW_ROWS = 9, 1, 3
 
 
 class ReducedElasticity:
@@ -145,25 +141,10 @@ class ReducedElasticity:
         for name in ("start", "node", "law"):
             joined[name] = joined[name].astype(np.int32)
         self.data, self.element = Domains(**joined), np.concatenate(element)
-        is_hooke, (shaped, dilated) = self.data.law == HOOKE, (self.data.volume > 0.0).T
-        rows = np.where(is_hooke, VOLUME_ROWS * dilated, RUBBER_ROWS)
-        skew_rows = SKEW_ROWS * (is_hooke & shaped)
-        body_start = np.cumsum([0, *(len(part.law) for part in parts)])
-        row_start, further_row_start, body_rows = [], [], []
-        for a, b in pairwise(body_start):
-            added, skew = rows[a:b], skew_rows[a:b]
-            body_rows += [added.sum(), (added + skew).sum()]
-            first, first_skew = np.cumsum(added) - added, added.sum() + np.cumsum(skew) - skew
-            row_start.append(np.where(added > 0, first, body_rows[-1]))
-            further = np.where(skew > 0, first_skew, body_rows[-1])
-            further_row_start.append(np.where(added == RUBBER_ROWS, first + 1, further))
         self.domains = reduced_domains.ReducedDomains(
-            body_start=body_start.astype(np.int32),
+            body_start=np.cumsum([0, *(len(part.law) for part in parts)]).astype(np.int32),
             slope_start=np.concatenate(slope_start).astype(np.int32),
             slope=_aligned_copy(np.vstack(slopes)),
-            row_start=np.concatenate(row_start).astype(np.int32),
-            further_row_start=np.concatenate(further_row_start).astype(np.int32),
-            body_rows=np.array(body_rows, dtype=np.int32),
         )
 
     def slope_products(self, number: int, data: Domains) -> np.ndarray:

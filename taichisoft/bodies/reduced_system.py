@@ -5,7 +5,7 @@ import numpy as np
 from taichisoft.bodies.domain_elasticity import aligned, undamped_data
 from taichisoft.bodies.kernels import mode_motion, reduced_domains
 from taichisoft.bodies.kernels.domain_deformation import Movement
-from taichisoft.bodies.reduced_elasticity import SKEW_ROWS, ReducedElasticity, padded
+from taichisoft.bodies.reduced_elasticity import ReducedElasticity, padded
 from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.runtime.tiles import TILE
 
@@ -58,7 +58,7 @@ class ReducedSystem:
         self._places = [slice(body.nodes.start, body.nodes.start + threes) for body, threes in places]
         squares = np.cumsum([0, *(tiles * widths)])
         self._stiffness = reduced_domains.ReducedStiffness(
-            rows=aligned(int(((elasticity.domains.body_rows[1::2] + SKEW_ROWS) * tiles).max()), TILE),
+            rows=aligned(reduced_domains.ROWS * int(tiles.max()), TILE),
             share=np.zeros(9 * reduced_domains.RUBBER_SHARES),
             force=aligned(int(start[-1]), TILE),
             square_start=squares[:-1].astype(np.int32),

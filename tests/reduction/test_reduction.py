@@ -20,6 +20,7 @@ from taichisoft_reduction.comparison import compare, error_per_imbalance, larges
 from taichisoft_reduction.cubature import MotionCriterion, NonNegativeSearch, choose_domains
 from taichisoft_reduction.domain_forces import DomainForces
 from taichisoft_reduction.errors import ReductionError
+from taichisoft_reduction.pressing import presses
 from taichisoft_reduction.reduce_command import reduce
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
 from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
@@ -241,6 +242,28 @@ def test_the_full_model_beside_the_reduced_one_says_where_they_part(block, tmp_p
     assert json.loads((tmp_path / "reduced_check.json").read_text())["quantities"][0]["largest"] == found.largest
     with pytest.raises(ReductionError, match="--reduced-check: no soft body of the scene is reduced"):
         ReducedCheckOutput(tmp_path).begin(full.model, full.state)
+
+
+def test_every_place_of_the_pad_is_pressed_by_something_that_is_free_at_rest(block):
+    """A beam that bends down: where a plane or a box would touch it at rest, something else meets the same place."""
+    ends = {
+        "rotation": [0.0, 0.0, 0.0],
+        "translation": [0.0, 0.0, 0.0],
+        "anchors": [{"box": [[-11, -9, -9], [-9, 9, 9]]}],
+    }
+    mesh = block((20, 2, 1), (20.0, 5.0, 5.0))
+    (body,) = make_model(beam(block, mesh=mesh, young_modulus=100.0, **ends)).soft_bodies
+    time = np.linspace(0.0, 0.8, 21)
+    bent = np.zeros((21, *body.rest_position.shape))
+    bent[:, :, 2] = -np.outer(time / 0.8, (body.rest_position[:, 0] + 10.0) ** 2) / 40.0
+    bent[:, :, 0] = 0.6 * bent[:, :, 2]
+    ramp = RunResult("ramp", "", time, {"beam": bent}, {})
+    nowhere = np.zeros(len(body.rest_position), bool)
+    found = presses(body, ramp, nowhere, 0.1, unseen=False)
+    kinds = set().union(*(one.obstacle for one in found))
+    assert {"sphere", "box", "cylinder"} <= kinds
+    assert len(found) == 10
+    assert all(one.normal[2] < -0.5 for one in found)
 
 
 def test_a_request_of_other_content_has_another_file():
