@@ -130,7 +130,15 @@ def test_a_saved_file_is_loaded_and_its_controller_goes_on(
     [
         ("def broken(:", "the old version of plug-in 'ramp' goes on: .*SyntaxError"),
         ("x = 1", "the old version of plug-in 'ramp' goes on: .*implements no hook"),
-        (CODE.format(sign="", memory=MEMORY.replace('saved["asked"]', 'saved["other"]')), "the old controller goes on"),
+        (
+            CODE.format(sign="", memory=MEMORY.replace('saved["asked"]', 'saved["other"]')),
+            r"at 0\.04 s: the old controller goes on: .*Ramp failed in restore\(\): KeyError: 'other' \(ramp\.py, line",
+        ),
+        (
+            CODE.format(sign="other.", memory=MEMORY),
+            r"failed in control\(\): NameError.*other.* \(ramp\.py, line 16\)",
+        ),
+        (CODE.format(sign="", memory=MEMORY).replace('"ramp"', '"lamp"'), "no controller is called 'ramp'"),
     ],
 )
 def test_a_file_with_an_error_leaves_the_old_controller_at_work(

@@ -6,7 +6,10 @@ from taichisoft_outputs.web.address import WebError
 from taichisoft_outputs.web.curves import Curves
 from taichisoft_outputs.web.frame import PageFrame, PageScene
 from taichisoft_outputs.web.guard import Guard, guarded
-from taichisoft_outputs.web.scene_view import SceneView
+from taichisoft_outputs.web.scene_view import ASPECT, SceneView
+
+NARROW = 540
+"""Width of a window below which the panel would cover half of the picture [pixels]: there it begins folded."""
 
 SPEEDS = (0.05, 4.0)
 """Lowest and highest speed of a slider, simulated over wall-clock time."""
@@ -49,10 +52,19 @@ class Page:
         self.view.put_scales(gui.add_html("", order=0.5))
         with gui.add_folder("plots", order=100.0):
             self.curves = Curves(gui, content)
+        self.server.on_client_connect(self._fit_window)
 
     def set_status(self, text: str) -> None:
         """Put a line of Markdown above everything."""
         self._text.content = text
+
+    async def _fit_window(self, client: Any) -> None:
+        """Show everything in a narrow window, too: the camera further off, the panel folded."""
+        camera = client.camera
+        if camera.aspect < ASPECT:
+            camera.position = camera.look_at + ASPECT / camera.aspect * (camera.position - camera.look_at)
+        if camera.image_width < NARROW:
+            client.gui.main_panel.minimize()
 
 
 def clamped(value: float, ends: tuple[float, float]) -> float:
