@@ -2,14 +2,16 @@
 
 from typing import Any
 
+import numpy as np
+
 from taichisoft_outputs.web.address import WebError
 from taichisoft_outputs.web.curves import Curves
 from taichisoft_outputs.web.frame import PageFrame, PageScene
 from taichisoft_outputs.web.guard import Guard, guarded
 from taichisoft_outputs.web.scene_view import ASPECT, SceneView
 
-NARROW = 540
-"""Width of a window below which the panel would cover half of the picture [pixels]: there it begins folded."""
+FREE = 0.4
+"""Share of the height of a window, from the top, that viser's panel leaves free where the window is narrow [-]."""
 
 SPEEDS = (0.05, 4.0)
 """Lowest and highest speed of a slider, simulated over wall-clock time."""
@@ -59,12 +61,33 @@ class Page:
         self._text.content = text
 
     async def _fit_window(self, client: Any) -> None:
-        """Show everything in a narrow window, too: the camera further off, the panel folded."""
+        """In a window that is higher than wide, such as a phone's, have everything above the panel."""
         camera = client.camera
-        if camera.aspect < ASPECT:
-            camera.position = camera.look_at + ASPECT / camera.aspect * (camera.position - camera.look_at)
-        if camera.image_width < NARROW:
-            client.gui.main_panel.minimize()
+        if camera.aspect < 1.0:
+            seen = camera.position, camera.look_at, camera.up_direction
+            camera.position, camera.look_at = view_above_panel(*seen, camera.fov, camera.aspect)
+
+
+def view_above_panel(
+    eye: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float, aspect: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """A camera that has what another one sees in the uppermost part of a narrow window, which the panel leaves free.
+
+    Args:
+        eye, target: where the other one stands and at what it looks, shape (3,).
+        up: direction up, shape (3,).
+        fov: vertical field of view [rad].
+        aspect: width over height of the window [-].
+
+    Returns:
+        Where it stands, and at what it looks.
+    """
+    away = max(1.0 / FREE, ASPECT / aspect) * (eye - target)
+    distance = np.linalg.norm(away)
+    upwards = up - (up @ away) * away / distance**2
+    height = 2.0 * distance * np.tan(0.5 * fov)
+    below = target - 0.5 * (1.0 - FREE) * height * upwards / np.linalg.norm(upwards)
+    return below + away, below
 
 
 def clamped(value: float, ends: tuple[float, float]) -> float:
