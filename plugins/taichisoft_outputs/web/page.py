@@ -62,10 +62,15 @@ class Page:
 
     async def _fit_window(self, client: Any) -> None:
         """In a window that is higher than wide, such as a phone's, have everything above the panel."""
-        camera = client.camera
-        if camera.aspect < 1.0:
-            seen = camera.position, camera.look_at, camera.up_direction
-            camera.position, camera.look_at = view_above_panel(*seen, camera.fov, camera.aspect)
+        first = self.server.initial_camera
+
+        # A browser begins with a camera of its own, and tells when it has the first one of this page.
+        def fit(camera: Any) -> None:
+            if camera.aspect < 1.0 and np.allclose(camera.position, first.position, rtol=1e-3):
+                seen = first.position, first.look_at, first.up, first.fov
+                camera.position, camera.look_at = view_above_panel(*seen, camera.aspect)
+
+        client.camera.on_update(fit)
 
 
 def view_above_panel(
