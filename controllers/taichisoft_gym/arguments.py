@@ -57,7 +57,10 @@ def finite(name: str, value: Any) -> float:
     Raises:
         SceneError: it is none.
     """
-    number = numbers(value)
-    if number.size == 1 and np.isfinite(number).all():
-        return float(number.item())
-    raise SceneError(f"{name} = {value!r}: must be a finite number")
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise SceneError(f"{name} = {value!r}: must be a finite number")
+    return number

@@ -13,7 +13,9 @@ import pytest
 from taichisoft.building.run_parts import make_controller
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
+from taichisoft.errors import PluginError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.command import _controller_with
@@ -113,6 +115,12 @@ def test_a_tuned_setting_counts_from_the_next_step_and_what_was_done_stays(
     rest = run(again, {1: lambda: again.keys.put(KeyEvent("rate", value=1e6))})
     assert rest.asked == pytest.approx([2.3, 3.3, 4.3, 5.3])
     assert again.sliders["rate"].value == 100.0
+
+
+@pytest.mark.parametrize("wrong", [{"lowest": 2.0}, {"step": 0.0}, {"highest": np.nan}])
+def test_a_slider_that_nobody_can_move_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(PluginError, match=r"Slider\(.*\): lowest must not be above highest"):
+        Slider(**{"value": 0.5, "lowest": 0.0, "highest": 1.0, "step": 0.1, "unit": "mm", **wrong})  # type: ignore[arg-type]
 
 
 def test_a_saved_file_is_loaded_and_its_controller_goes_on(
