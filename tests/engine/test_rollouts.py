@@ -185,7 +185,7 @@ def test_every_field_of_an_observation_with_a_fixed_shape_is_a_figure(grasp):
         ({"controls": [Control(), Control()]}, "controls: must be a sequence of samples, each a sequence of controls"),
         (
             {"simulation": load_scene(TINY_GRIPPER)},
-            "a Scene is not a simulation; taichisoft.Simulation(scene) makes one",
+            "a Scene is not a simulation; taichisoft.Simulation(scene)",
         ),
         ({"workers": -1}, "workers = -1: must be a whole number"),
         ({"workers": 1.5}, "workers = 1.5: must be a whole number"),
