@@ -112,7 +112,7 @@ class Simulation(TimeStepper):
         if self.model.scene.time.dynamics == "static" and (self.model.rigid_frame < 0).any():
             raise SceneError(
                 "linearise: a static step with rigid bodies has no derivative here, since where they stop depends on "
-                "how they slid there; from there on it is taichisoft.equilibrium(simulation, control).linearise()"
+                "how they slid there; from there on, take taichisoft.equilibrium(simulation, control).linearise()"
             )
         return linearise(self, control, controls)
 
