@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from taichisoft.building.simulation import Simulation
+from taichisoft.building.simulation import Simulation, check_simulation
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.requests import apply_control
@@ -77,7 +77,8 @@ def equilibrium(simulation: Simulation, control: Control | None = None) -> Equil
         EquilibriumNotFound: the loads cannot be carried, such as a pressure beyond which a cavity grows on and on, or
             nothing holds a rigid body.
     """
-    return statics_of(simulation).find(simulation.state, Control() if control is None else control)
+    statics = statics_of(simulation)
+    return statics.find(simulation.state, Control() if control is None else control)
 
 
 def statics_of(simulation: Simulation) -> "Statics":
@@ -86,6 +87,7 @@ def statics_of(simulation: Simulation) -> "Statics":
     Raises:
         SceneError: a soft body has no anchors.
     """
+    check_simulation(simulation)
     statics: Statics = simulation.keep("statics", lambda: Statics(simulation.model))
     if statics.source is not simulation.model:  # changed since
         statics.set_model(simulation.model)

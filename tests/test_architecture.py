@@ -132,12 +132,12 @@ LAYERS = {
         "prepared",
         "observed_quantities",
         "changed_scene",
-        "arguments",
         "pressures",
         "randomisation",
         "actuation",
         "arm_motion",
         "channels",
+        "arguments",
     ],
     "taichisoft_outputs": [
         "__init__",

@@ -12,6 +12,7 @@ from taichisoft.bodies import right_of
 from taichisoft.control import Control, Observation
 from taichisoft.errors import SceneError, nearest
 from taichisoft.scenes import Scene
+from taichisoft_gym.arguments import numbers
 from taichisoft_gym.arm_motion import ArmMotion, ArmTravel
 from taichisoft_gym.channels import Channel
 
@@ -48,6 +49,18 @@ class Travel:
     speed: float = USUAL_SPEED
     turn: float = 0.0
     turning_speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the range.
+
+        Raises:
+            SceneError: an end or a speed makes no sense.
+        """
+        low, high = numbers(self.low), numbers(self.high)
+        if low.shape != (3,) or high.shape != (3,) or not (low <= high).all() or not np.isfinite(high - low).all():
+            raise SceneError(f"travel: low = {self.low} and high = {self.high} must be 3 numbers each, low below high")
+        if not (self.speed > 0.0 and self.turn >= 0.0 and self.turning_speed > 0.0):
+            raise SceneError("travel: speed and turning_speed must be above 0, and turn must not be negative")
 
 
 class Actuation:

@@ -49,3 +49,18 @@ def share(name: str, value: Any) -> float:
     if isinstance(value, int | float) and 0.0 <= value <= 1.0:
         return float(value)
     raise SceneError(f"{name} = {value!r}: must be a number from 0 to 1")
+
+
+def finite(name: str, value: Any) -> float:
+    """A finite number; `name` begins the error.
+
+    Raises:
+        SceneError: it is none.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise SceneError(f"{name} = {value!r}: must be a finite number")
+    return number

@@ -36,6 +36,8 @@ def changed_scene(
     if friction is not None:
         tables["contact"]["friction"] = friction
     if object is not None:
+        if not isinstance(object, Mapping):
+            raise SceneError(f"object = {object!r}: must be a dictionary of keys of a rigid body")
         if scene.main_object is None:
             raise SceneError("object: the scene has no rigid body to change")
         bodies = tables["rigid_bodies"]

@@ -7,6 +7,8 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from taichisoft.control import Observation
+from taichisoft.errors import SceneError
+from taichisoft_gym.arguments import numbers
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,15 @@ class Channel:
     unit: str
     low: float
     high: float
+
+    def __post_init__(self) -> None:
+        """Check the range.
+
+        Raises:
+            SceneError: it ends before it begins.
+        """
+        if not self.low <= self.high:
+            raise SceneError(f"channel '{self.name}': low = {self.low!r} must not be above high = {self.high!r}")
 
 
 @dataclass(frozen=True)
@@ -49,6 +60,26 @@ def box_of(channels: Sequence[Channel]) -> Box:
     return Box(low, high, dtype=np.float32)
 
 
-def saturated(values: np.ndarray, space: Box) -> np.ndarray:
-    """Clip values to the range of a space."""
+def read_groups(groups: Sequence[ChannelGroup], seen: Observation) -> np.ndarray:
+    """The readings of all groups, one after the other.
+
+    Raises:
+        SceneError: a group reads something else than a finite number for each of its channels.
+    """
+    readings = [numbers(group.read(seen)) for group in groups]
+    for group, values in zip(groups, readings, strict=True):
+        if values.shape != (len(group.channels),) or not np.isfinite(values).all():
+            name, count = group.channels[0].name if group.channels else "", len(group.channels)
+            raise SceneError(f"observations: the group of '{name}' reads {values}: must be {count} finite numbers")
+    return np.concatenate(readings)
+
+
+def saturated(values: np.ndarray, space: Box, name: str = "readings") -> np.ndarray:
+    """Clip values to the range of a space; `name` begins the error.
+
+    Raises:
+        SceneError: they are not as many as the space has.
+    """
+    if np.shape(values) != space.shape:
+        raise SceneError(f"{name} = {values!r}: must be an array of shape {space.shape}")
     return np.clip(values, space.low, space.high).astype(np.float32)

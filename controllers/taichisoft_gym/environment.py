@@ -15,10 +15,10 @@ from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes
-from taichisoft_gym.arguments import action_values, share, whole_steps
+from taichisoft_gym.arguments import action_values, finite, share, whole_steps
 from taichisoft_gym.arm_motion import ArmTravel
 from taichisoft_gym.changed_scene import changed_scene
-from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
+from taichisoft_gym.channels import Channel, ChannelGroup, box_of, read_groups, saturated
 from taichisoft_gym.observed_quantities import named_quantities
 from taichisoft_gym.randomisation import Drawn, Randomisation
 
@@ -130,7 +130,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             read = with_reduced_bodies(read, Path(reduced), "reduced")
         between = pressures.pressure_range(read, pressure, self.usual_pressure)
         rate = pressures.pressure_rate(read, pressure_rate)
-        if objects is not None and (object is not None or not objects):
+        if objects is not None and (object is not None or not isinstance(objects, Mapping) or not objects):
             raise SceneError("objects: must be changed keys of the object by at least one name, without object")
         changes = {"": object} if objects is None else objects
         self.scenes = {name: changed_scene(read, one, friction, between, rate) for name, one in changes.items()}
@@ -269,7 +269,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         else:
             reward = self.reward(seen.truth)
         self._show()
-        return readings, float(reward), bool(self.terminated(seen.truth)), bool(diverged), info
+        return readings, finite("reward", reward), bool(self.terminated(seen.truth)), bool(diverged), info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """Picture of the present state with a mark at the target, shape (height, width, 3), dtype uint8.
@@ -368,7 +368,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
 
     def _measure(self, seen: Observation) -> Readings:
         """The observation, with noise."""
-        values = np.concatenate([np.asarray(what.read(seen), np.float64) for what in self._quantities])
+        values = read_groups(self._quantities, seen)
         if self._noise:
             spread = self._noise * (self._space.high.astype(np.float64) - self._space.low)
             values = values + spread * self.np_random.standard_normal(len(values))
@@ -378,8 +378,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         achieved, desired = self.achieved_goal(seen.truth), self.desired_goal
         return {
             "observation": readings,
-            "achieved_goal": saturated(achieved, self._goal_space),
-            "desired_goal": saturated(desired, self._goal_space),
+            "achieved_goal": saturated(achieved, self._goal_space, "achieved_goal"),
+            "desired_goal": saturated(desired, self._goal_space, "desired_goal"),
         }
 
     def _show(self) -> None:

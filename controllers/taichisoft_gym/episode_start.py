@@ -3,14 +3,14 @@
 from collections.abc import Callable
 
 from taichisoft.building import Simulation
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, nearest
 from taichisoft.model import Model
 from taichisoft.scenes import Scene, scene_to_toml
 from taichisoft.state import State
 from taichisoft_gym.actuation import scene_axes
 from taichisoft_gym.places import FreePlaces
 from taichisoft_gym.prepared import prepared
-from taichisoft_gym.randomisation import Drawn
+from taichisoft_gym.randomisation import DRAWABLE, Drawn
 
 SETTLING_TIME = 0.3
 """Time before an episode for the object to settle on the floor and the fingers to hang [s]."""
@@ -41,6 +41,9 @@ class EpisodeStart:
         Raises:
             SceneError: no free place was found, or something was drawn that the scene has not.
         """
+        for name in drawn:
+            if name not in DRAWABLE:
+                raise SceneError(f"randomise() drew '{name}'; {nearest(name, DRAWABLE, 'there are')}")
         friction, mass = drawn.get("friction"), drawn.get("mass")
         masses = {} if mass is None else {self._object: float(mass) * self._mass_of(self._model)}
         has_changed = bool(masses) or friction is not None

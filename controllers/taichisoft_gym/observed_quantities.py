@@ -150,7 +150,7 @@ def named_quantities(
     With `goals` without the way to the target: hindsight would change the goal, but not this.
 
     Raises:
-        SceneError: a name is unknown.
+        SceneError: a name is unknown, or a function makes something else.
     """
     makers = []
     for what in observations:
@@ -158,4 +158,8 @@ def named_quantities(
             raise SceneError(f"observations: there is no '{what}'; {nearest(what, list(QUANTITIES), 'there are')}")
         if not (goals and what == "way to the target"):
             makers.append(QUANTITIES[what] if isinstance(what, str) else what)
-    return [make(env) for make in makers]
+    groups = [make(env) for make in makers]
+    for group in groups:
+        if not isinstance(group, ChannelGroup):
+            raise SceneError(f"observations: a function returned {group!r}: must be a ChannelGroup")
+    return groups

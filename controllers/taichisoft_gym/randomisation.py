@@ -11,6 +11,8 @@ from taichisoft.errors import SceneError, nearest
 Range = tuple[float, float]
 Drawn = dict[str, float | str]
 """What was drawn for an episode by name; a text is the name of an object."""
+DRAWABLE = ("friction", "mass", "modulus", "place right", "place front", "object")
+"""What can be drawn for an episode."""
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,8 @@ class CsvOutput(Output):
             TaichisoftError: the file cannot be made.
         """
         self._up = model.scene.up
-        self._start = state.rigid_position.copy()
+        # A run that is resumed counts on from where the scene has the bodies.
+        self._start = np.array([body.start_position for body in model.rigid_bodies]).reshape(-1, 3)
         self._figures = [
             (figure, name)
             for kind in ACTUATOR_KINDS

@@ -8,10 +8,10 @@ import numpy as np
 
 from taichisoft.branching.rollout_processes import RolloutProcesses, Task
 from taichisoft.branching.rollout_sample import RolloutOutcome, RolloutSample, roll_out
-from taichisoft.building.simulation import Simulation
+from taichisoft.building.simulation import Simulation, check_simulation
 from taichisoft.control.control import Control
 from taichisoft.control.observed_figures import find_figure
-from taichisoft.errors import SimulationDiverged, TaichisoftError
+from taichisoft.errors import SimulationDiverged, TaichisoftError, nearest
 from taichisoft.state import State
 from taichisoft.time_stepper import TimeStepper
 
@@ -37,7 +37,14 @@ class Rollouts:
         self._arrivals = arrivals
 
     def __getitem__(self, figure: str) -> np.ndarray:
-        """Values of a figure after every step, shape (sample_count, step_count, ...); NaN after steps not made."""
+        """Values of a figure after every step, shape (sample_count, step_count, ...); NaN after steps not made.
+
+        Raises:
+            TaichisoftError: the figure was not asked for; see `wait` for others.
+        """
+        if figure not in self.figures:
+            asked = nearest(str(figure), self.figures, "there are")
+            raise TaichisoftError(f"figures: '{figure}' was not asked for; {asked}")
         self.wait()
         return self._arrivals.values[figure]
 
@@ -187,6 +194,7 @@ def rollouts(
         TaichisoftError: an argument is not valid, or a figure has another name. Errors of the samples are raised when
             their results are read.
     """
+    check_simulation(simulation)
     samples = _samples(simulation, controls, figures, steps_per_control)
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
         raise TaichisoftError(f"workers = {workers!r}: must be a whole number of processes, or 0 for none")
@@ -207,7 +215,11 @@ def _samples(
         raise TaichisoftError(f"steps_per_control = {steps_per_control!r}: must be a whole number, 1 or more")
     if isinstance(names, str):
         raise TaichisoftError(f"figures = '{names}': must be a sequence of names, as in [\"{names}\"]")
-    rows = [tuple(row) for row in controls]
+    try:
+        rows = [tuple(row) for row in controls]
+    except TypeError as error:
+        message = "controls: must be a sequence of samples, each a sequence of controls: [[first, second], ...]"
+        raise TaichisoftError(message) from error
     if not rows or not rows[0]:
         raise TaichisoftError("controls: must have a sample or more, each with a control or more")
     for number, row in enumerate(rows):

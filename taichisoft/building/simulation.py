@@ -16,7 +16,7 @@ from taichisoft.building.plausibility import (
 )
 from taichisoft.caller_warnings import warn_caller
 from taichisoft.control.control import Control
-from taichisoft.errors import MeshError, PluginError, SceneError, nearest
+from taichisoft.errors import MeshError, PluginError, SceneError, TaichisoftError, nearest
 from taichisoft.linearisation import Linearisation, linearise
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -111,8 +111,8 @@ class Simulation(TimeStepper):
         """
         if self.model.scene.time.dynamics == "static" and (self.model.rigid_frame < 0).any():
             raise SceneError(
-                "linearise: a static step with rigid bodies has no derivative here; take "
-                "taichisoft.equilibrium(simulation, control).linearise()"
+                "linearise: a static step with rigid bodies has no derivative here, since where they stop depends on "
+                "how they slid there; from there on, take taichisoft.equilibrium(simulation, control).linearise()"
             )
         return linearise(self, control, controls)
 
@@ -154,6 +154,17 @@ class Simulation(TimeStepper):
     def close(self) -> None:
         """Stop the renderers, and the processes of `rollouts`; a later call starts them again."""
         _close_all(self._kept)
+
+
+def check_simulation(given: Any) -> None:
+    """Check that a user gave a simulation.
+
+    Raises:
+        TaichisoftError: it is something else, such as a scene.
+    """
+    if not isinstance(given, Simulation):
+        what = type(given).__name__
+        raise TaichisoftError(f"a {what} is not a simulation; taichisoft.Simulation(scene) makes one of a scene")
 
 
 def _look(simulation: "Simulation | None", state: State, name: str) -> CameraFrame:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.control.observation import Pair
+from taichisoft.errors import SceneError
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -41,7 +42,11 @@ class ContactPatches:
     """Finds the patches of a model's states."""
 
     def __init__(self, model: Model):
-        """Join the surfaces of the soft bodies."""
+        """Join the surfaces of the soft bodies.
+
+        Raises:
+            SceneError: a tactile array lies beside the surface of its body.
+        """
         self._model, bodies = model, model.soft_bodies
         sizes = [len(body.surface.nodes) for body in bodies]
         self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -57,6 +62,7 @@ class ContactPatches:
         column = np.arange(len(corners)) - np.repeat(np.cumsum(count) - count, count)
         self._fans = np.full((len(self._rest), int(count.max(initial=1))), -1)
         self._fans[corners[order], column] = order // 3
+        self._check_tactile_arrays()
 
     def patches(self, state: State) -> dict[Pair, ContactPatch]:
         """The patches by pair of bodies, in the scene's order; pairs of which none is soft have none."""
@@ -93,6 +99,19 @@ class ContactPatches:
                 cells = [np.linspace(low, high, n + 1) for low, high, n in zip(*table.box, table.patches, strict=True)]
                 felt[f"{body.name}.{name}"] = np.histogramdd(points, cells, weights=force[touches])[0]
         return felt
+
+    def _check_tactile_arrays(self) -> None:
+        for body, start in zip(self._model.soft_bodies, self._start[:-1], strict=True):
+            corners = self._rest[body.surface.triangles + start]
+            for name, table in body.settings.tactile.items():
+                low, high = table.box
+                inside = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
+                if not inside.all(axis=1).any():
+                    ends = [getattr(body.mesh.nodes, end)(axis=0).round(3).tolist() for end in ("min", "max")]
+                    raise SceneError(
+                        f"soft_bodies.{body.name}.tactile.{name}: no part of the surface is in box = {table.box}; the "
+                        f"mesh reaches from {ends[0]} to {ends[1]}"
+                    )
 
     def _pressing(self, state: State) -> np.ndarray:
         """Normal force of each contact [mN], shape (contact_count,)."""

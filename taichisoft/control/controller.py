@@ -35,6 +35,15 @@ class Slider:
     unit: str
     group: str = ""
 
+    def __post_init__(self) -> None:
+        """Check the range.
+
+        Raises:
+            PluginError: it ends before it begins, or it has no step.
+        """
+        if not (self.lowest <= self.highest and self.step > 0.0):
+            raise PluginError(f"{self}: lowest must not be above highest, and step must be above 0")
+
 
 class Controller(ABC):
     """Base class of everything that drives a run; only `control` must be written.

@@ -48,7 +48,8 @@ def find(kind: str, name: str) -> Callable[..., Any]:
     for line in plugin_registry().unknown_blocked():
         warn_caller(line)
     if name not in found:
-        raise PluginError(f"no {kind} is called '{name}'; there are: {', '.join(sorted(found)) or 'none'}")
+        valid = ", ".join(sorted(found)) or "none"
+        raise PluginError(f"no {kind} is called '{name}'; there are: {valid}; --plugin FILE.py brings others")
     made: Callable[..., Any] = found[name]
     return made
 

@@ -88,28 +88,40 @@ class ControllerChanges:
         if memory is None:
             self._waits = True
             self._say(f"plug-in '{self._plugin}' was loaded anew; its controller, which does not save, waits for r")
-        elif self._replace(memory):
+        elif self._replace(memory, is_tried=True):
             self._say(f"plug-in '{self._plugin}' was loaded anew, and its controller goes on")
 
     def _memory(self) -> Mapping[str, Any] | None:
         memory = saved_as_json(self._session.controller)
         return json.loads(memory) if memory else None
 
-    def _replace(self, memory: Mapping[str, Any] | None) -> bool:
-        """Put a new controller in the place of the old one, which stays if anything about the new one fails."""
+    def _replace(self, memory: Mapping[str, Any] | None, is_tried: bool = False) -> bool:
+        """Put a new controller in the place of the old one, which stays if anything about the new one fails.
+
+        With `is_tried` another one is asked first what it would do now, so that an error in `control` ends no run.
+        """
         session = self._session
         try:
-            made = self._made()
-            made.reset(session.simulation.model)
-            if memory is not None:
-                made.restore(memory)
-        except KeyboardInterrupt:
-            raise
-        except Exception as error:
-            self._say(f"the old controller goes on: {type(error).__name__}: {error}")
+            if is_tried:
+                trial = self._ready(memory)
+                with failures_of(f"{_name(trial)} failed in control()"):
+                    trial.control(session.simulation.observe())
+            session.controller = self._ready(memory)
+        except TaichisoftError as error:
+            self._say(f"the old controller goes on: {error}")
             return False
-        session.controller = made
         return True
+
+    def _ready(self, memory: Mapping[str, Any] | None) -> Controller:
+        """A new controller that goes on from what another one remembers."""
+        with failures_of(f"{_name(self._session.controller)} cannot be made anew"):
+            made = self._made()
+        with failures_of(f"{_name(made)} failed in reset()"):
+            made.reset(self._session.simulation.model)
+        if memory is not None:
+            with failures_of(f"{_name(made)} failed in restore()"):
+                made.restore(memory)
+        return made
 
     def _made(self) -> Controller:
         session = self._session
@@ -120,7 +132,8 @@ class ControllerChanges:
         return made
 
     def _say(self, text: str) -> None:
-        self._session.notice = " ".join(text.split())
+        # Without the time Python would not show the same text a second time.
+        self._session.notice = " ".join(f"at {self._session.simulation.state.time:.6g} s: {text}".split())
         warn_caller(self._session.notice)
 
 

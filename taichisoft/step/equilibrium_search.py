@@ -108,7 +108,7 @@ class EquilibriumSearch:
             residual = max(report.newton_residual or 0.0, way)
             if way <= still and tolerance <= finest:
                 break
-            tolerance = max(finest, min(tolerance, FINER * way))
+            tolerance = finest if way <= still else max(finest, min(tolerance, FINER * way))
         else:
             if self._has_free:
                 raise EquilibriumNotFound(

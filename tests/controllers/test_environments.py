@@ -17,7 +17,7 @@ import taichisoft_gym.randomisation
 from taichisoft.bodies.modes import Modes
 from taichisoft.errors import ForkedProcess, SceneError, StateError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_gym import EPISODES, SoftRobotEnvironment, Travel
+from taichisoft_gym import EPISODES, Channel, ChannelGroup, SoftRobotEnvironment, Travel
 from taichisoft_gym.baselines import score
 
 SMALL = {"scene": str(TINY_GRIPPER), "pressure": (0.0, 15.0)}
@@ -439,6 +439,8 @@ def test_every_reset_draws_one_of_the_objects() -> None:
         _, told = env.reset(seed=seed)
         masses[told["randomised"]["object"]] = env.get_wrapper_attr("simulation").model.rigid_mass.tolist()
     assert masses == {"cube": [0.0005], "ball": [0.001]}
+    with pytest.raises(SceneError, match="object = 3: must be a dictionary of keys of a rigid body"):
+        make("Grasp", objects={"cube": 3})
     with pytest.raises(SceneError, match="objects: must be changed keys"):
         make("Grasp", objects={})
 
@@ -477,9 +479,35 @@ def test_a_base_that_turns_stops_at_its_end_and_mistakes_of_a_task_are_named() -
         ({"actions": ("cable_pull",)}, "needs a soft body with a cavity or a cable"),
         ({"actions": ("pressure", "valve")}, "no actuator of the scene is driven by 'valve'"),
         ({"observations": ("tips",)}, "there is no 'tips'; did you mean 'tip'"),
+        ({"observations": (lambda env: 3,)}, "a function returned 3: must be a ChannelGroup"),
     ):
         with pytest.raises(SceneError, match=problem):
             type("Wrong", (Pull,), wrong)(scene=str(TINY_GRIPPER))
+    for mistaken, problem in (
+        (lambda: Travel((1.0, 0.0, 0.0), (0.0, 0.0, 5.0)), "travel: low = .* low below high"),
+        (lambda: Travel((0.0, 0.0, 0.0), (0.0, 0.0, 5.0), speed=-1.0), "travel: speed and turning_speed must be above"),
+        (lambda: Channel("force", "mN", 1.0, -1.0), "channel 'force': low = 1.0 must not be above high = -1.0"),
+    ):
+        with pytest.raises(SceneError, match=problem):
+            mistaken()
+
+
+def test_what_a_task_reads_draws_and_gives_is_checked() -> None:
+    """A number too many would be an observation outside its space, and a misspelt draw would change nothing."""
+    one = (Channel("force", "mN", 0.0, 1.0),)
+    for wrong, problem in (
+        (
+            {"observations": (lambda env: ChannelGroup(one, lambda seen: [0.0, 1.0]),)},
+            "'force' reads .*: must be 1 ",
+        ),
+        ({"randomise": lambda env: {"frict": 0.3}}, r"randomise\(\) drew 'frict'; did you mean 'friction'"),
+        ({"reward": lambda env, seen: np.nan}, "reward = nan: must be a finite number"),
+        ({"goal_channels": one, "achieved_goal": lambda env, seen: np.zeros(3)}, "achieved_goal = .*shape \\(1,\\)"),
+    ):
+        env = type("Wrong", (Pull,), wrong)(scene=str(TINY_GRIPPER), goals="goal_channels" in wrong)
+        with pytest.raises(SceneError, match=problem):
+            env.reset(seed=0)
+            env.step(np.zeros(4))
 
 
 def test_sensors_of_the_scene_disturb_readings_but_not_rewards_and_differ_between_episodes() -> None:

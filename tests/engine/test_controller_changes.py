@@ -13,7 +13,9 @@ import pytest
 from taichisoft.building.run_parts import make_controller
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
+from taichisoft.errors import PluginError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.command import _controller_with
@@ -115,6 +117,12 @@ def test_a_tuned_setting_counts_from_the_next_step_and_what_was_done_stays(
     assert again.sliders["rate"].value == 100.0
 
 
+@pytest.mark.parametrize("wrong", [{"lowest": 2.0}, {"step": 0.0}, {"highest": np.nan}])
+def test_a_slider_that_nobody_can_move_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(PluginError, match=r"Slider\(.*\): lowest must not be above highest"):
+        Slider(**{"value": 0.5, "lowest": 0.0, "highest": 1.0, "step": 0.1, "unit": "mm", **wrong})  # type: ignore[arg-type]
+
+
 def test_a_saved_file_is_loaded_and_its_controller_goes_on(
     write: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,7 +138,15 @@ def test_a_saved_file_is_loaded_and_its_controller_goes_on(
     [
         ("def broken(:", "the old version of plug-in 'ramp' goes on: .*SyntaxError"),
         ("x = 1", "the old version of plug-in 'ramp' goes on: .*implements no hook"),
-        (CODE.format(sign="", memory=MEMORY.replace('saved["asked"]', 'saved["other"]')), "the old controller goes on"),
+        (
+            CODE.format(sign="", memory=MEMORY.replace('saved["asked"]', 'saved["other"]')),
+            r"at 0\.04 s: the old controller goes on: .*Ramp failed in restore\(\): KeyError: 'other' \(ramp\.py, line",
+        ),
+        (
+            CODE.format(sign="other.", memory=MEMORY),
+            r"failed in control\(\): NameError.*other.* \(ramp\.py, line 16\)",
+        ),
+        (CODE.format(sign="", memory=MEMORY).replace('"ramp"', '"lamp"'), "no controller is called 'ramp'"),
     ],
 )
 def test_a_file_with_an_error_leaves_the_old_controller_at_work(

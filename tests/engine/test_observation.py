@@ -36,6 +36,13 @@ def simulation(block: Callable[..., str]) -> Simulation:
     return Simulation(scene_from_dict({"gravity": [0, 0, 0], "soft_bodies": {"beam": beam(block)}}))
 
 
+def test_a_tactile_array_beside_its_body_is_refused(block: Callable[..., str]) -> None:
+    pad = {"pad": {"box": [[51, -6, -6], [60, 6, 6]], "patches": [2, 1, 1]}}
+    scene = {"gravity": [0, 0, 0], "soft_bodies": {"beam": beam(block, tactile=pad)}}
+    with pytest.raises(SceneError, match=r"beam\.tactile\.pad: no part of the surface .* from \[-50\.0, -5\.0"):
+        Simulation(scene_from_dict(scene))
+
+
 def seen(simulation: Simulation, position: np.ndarray, velocity: np.ndarray | None = None) -> Observation:
     """What is observed when the nodes are put somewhere."""
     velocity = np.zeros_like(position) if velocity is None else velocity

@@ -182,6 +182,11 @@ def test_every_field_of_an_observation_with_a_fixed_shape_is_a_figure(grasp):
         ({"controls": [[Control()], []]}, "controls: sample 1 has 0, sample 0 has 1"),
         ({"controls": [[{"pressure": 1.0}]]}, "controls: sample 0: {'pressure': 1.0} must be a taichisoft.Control"),
         ({"controls": [[Control(signals={"a": lambda: 0})]], "workers": 1}, "sample 0 cannot be sent to a process: "),
+        ({"controls": [Control(), Control()]}, "controls: must be a sequence of samples, each a sequence of controls"),
+        (
+            {"simulation": load_scene(TINY_GRIPPER)},
+            "a Scene is not a simulation; taichisoft.Simulation(scene)",
+        ),
         ({"workers": -1}, "workers = -1: must be a whole number"),
         ({"workers": 1.5}, "workers = 1.5: must be a whole number"),
         ({"steps_per_control": 0}, "steps_per_control = 0: must be a whole number"),
@@ -198,5 +203,10 @@ def test_every_field_of_an_observation_with_a_fixed_shape_is_a_figure(grasp):
 )
 def test_what_cannot_be_made_is_refused_at_once_in_one_line(grasp, arguments, message):
     with pytest.raises(TaichisoftError, match=re.escape(message)) as refused:
-        rollouts(grasp, **{"controls": [[Control()]], "workers": 0, **arguments})
+        rollouts(**{"simulation": grasp, "controls": [[Control()]], "workers": 0, **arguments})
     assert "\n" not in str(refused.value)
+
+
+def test_a_figure_that_was_not_asked_for_is_named(grasp):
+    with pytest.raises(TaichisoftError, match="'pressure' was not asked for; did you mean 'pressures'"):
+        rollouts(grasp, [[Control()]], 0, ["pressures"])["pressure"]

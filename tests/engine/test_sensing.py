@@ -132,7 +132,7 @@ def test_a_state_of_other_sensors_begins_them_anew() -> None:
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ("sensors.presure={noise=1.0}", "sensors.presure"),
+        ("sensors.presure={noise=1.0}", "sensors.presure: unknown name; did you mean 'pressure'?"),
         ("sensors.pressure={noise=-1.0}", "sensors.pressure.noise"),
         ("sensors.pressure={noise=nan}", "sensors.pressure.noise"),
         ("sensors.pressure={dropout=1.5}", "sensors.pressure.dropout"),

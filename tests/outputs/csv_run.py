@@ -25,7 +25,10 @@ def model() -> Any:
             }
         ),
         soft_bodies=[SimpleNamespace(name=name) for name in ("left", "right")],
-        rigid_bodies=[SimpleNamespace(name=name, collides=True, follows=None) for name in ("cube", "ball")],
+        rigid_bodies=[
+            SimpleNamespace(name=name, collides=True, follows=None, start_position=np.array(place))
+            for name, place in (("cube", [5.0, 1.0, 2.0]), ("ball", [7.0, 3.0, 4.0]))
+        ],
         obstacles=[SimpleNamespace(name="floor")],
         actuators=ActuatorNames({"cavity": ("left.air", "right.base", "right.tip"), "cable": ("right.tendon",)}),
     )

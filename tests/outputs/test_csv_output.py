@@ -23,7 +23,7 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
 
 def made_up_run(folder: Path, steps: int, **changes: Any) -> list[dict[str, str]]:
     output = CsvOutput(folder)
-    output.begin(csv_run.model(), csv_run.state(0))
+    output.begin(csv_run.model(), csv_run.state(1))
     for step in range(1, steps + 1):
         output.record(csv_run.state(step), csv_run.report(step, **changes))
     output.end("completed")
@@ -51,7 +51,7 @@ def test_every_number_of_a_step_is_in_its_column(tmp_path: Path) -> None:
         "base_torque_in_base x [mN mm]": 15.0,
         "position cube x [mm]": 8.0,
         "position ball z [mm]": 4.0,
-        "lift cube [mm]": 3.0,  # along x, against gravity, over the state that the run began with
+        "lift cube [mm]": 3.0,  # along x, against gravity, over where the scene has it, also in a run that is resumed
         "lift ball [mm]": 6.0,
         "normal_force left|cube [mN]": 30.0,
         "normal_force right|cube [mN]": 0.0,  # far apart, so not in the report

@@ -18,10 +18,12 @@ from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.curves import MOST_POINTS, WINDOW, History, plotted_row
 from taichisoft_outputs.web.frame import PageFrame
+from taichisoft_outputs.web.page import FREE, view_above_panel
 from taichisoft_outputs.web.page_link import page_setup, snapshot
 from taichisoft_outputs.web.page_process import frame_of as live_frame
 from taichisoft_outputs.web.recording_page import Playback
 from taichisoft_outputs.web.recording_page import frame_of as recorded_frame
+from taichisoft_outputs.web.scene_view import ASPECT
 
 
 def test_a_cube_gets_three_copies_of_each_corner_and_a_flat_face_shares_its_own() -> None:
@@ -148,3 +150,24 @@ def test_playback_goes_with_the_clock_and_a_new_start_of_the_run_takes_no_time()
     playback.position = playback.length
     playback.play_or_pause()
     assert (playback.frame, playback.playing) == (0, True)
+
+
+@pytest.mark.parametrize("aspect", [0.45, 0.6, 0.95])
+def test_a_narrow_window_has_everything_above_the_panel(aspect: float) -> None:
+    """The corners of the usual picture, at the distance of its middle, come into the uppermost 40 % of the window."""
+    eye, target, up, fov = np.array([3.0, -4.0, 2.0]), np.array([0.0, 0.5, 0.3]), np.array([0.0, 0.0, 1.0]), 0.6
+
+    def axes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
+        forward = (target - eye) / np.linalg.norm(target - eye)
+        right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+        return np.array([right, np.cross(right, forward), forward])
+
+    right, upwards, _ = axes(eye, target)
+    reach = np.tan(0.5 * fov) * np.linalg.norm(eye - target)
+    corners = [target + reach * (ASPECT * x * right + y * upwards) for x in (-1, 1) for y in (-1, 1)]
+    closer, lower = view_above_panel(eye, target, up, fov, aspect)
+    x, y, depth = axes(closer, lower) @ (np.array(corners) - closer).T
+    tangent = depth * np.tan(0.5 * fov)
+    assert np.abs(x / (aspect * tangent)).max() <= 1.0 + 1e-9
+    assert (y / tangent).max() <= 1.0 + 1e-9 and (y / tangent).min() >= 1.0 - 2.0 * FREE - 1e-9
+    np.testing.assert_allclose((y / tangent).mean(), 1.0 - FREE)

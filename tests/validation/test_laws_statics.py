@@ -157,6 +157,16 @@ def test_a_cube_is_grasped_and_lifted_without_waiting(figures: Figures) -> None:
     figures.at_most("from the end of a motion, a held cube, mm", moved, 1e-4)
 
 
+def test_a_tolerance_far_below_the_rest_of_rigid_bodies_is_reached() -> None:
+    """Without friction a cube between pads, pressed a little more on one side, comes to rest slowly: its last moves
+    are far below those that count as rest, and yet above a fine tolerance of Newton's method."""
+    fine = ("contact.friction=0.0", "contact.tolerance=1e-10", "time.newton_tolerance=1e-11", "time.dynamics='static'")
+    simulation = Simulation(load_scene(TINY_GRIPPER, (*fine, "time.step=0.5")))
+    simulation.step(squeeze(9.0))
+    report = simulation.step(Control(pressure={"left.cavity": 10.001, "right.cavity": 10.0}))
+    assert report.newton_residual is not None and report.newton_residual <= 1e-11
+
+
 def test_a_start_that_is_not_at_rest_is_left_in_short_moves() -> None:
     """At its own weight a pad sinks by more than half of the alarm distance; it may touch the cube on the way."""
     heavy = ("soft_bodies.left.density=2e-5", "contact.alarm_distance=0.3", "limits={}")

@@ -2,11 +2,16 @@
 
 from typing import Any
 
+import numpy as np
+
 from taichisoft_outputs.web.address import WebError
 from taichisoft_outputs.web.curves import Curves
 from taichisoft_outputs.web.frame import PageFrame, PageScene
 from taichisoft_outputs.web.guard import Guard, guarded
-from taichisoft_outputs.web.scene_view import SceneView
+from taichisoft_outputs.web.scene_view import ASPECT, SceneView
+
+FREE = 0.4
+"""Share of the height of a window, from the top, that viser's panel leaves free where the window is narrow [-]."""
 
 SPEEDS = (0.05, 4.0)
 """Lowest and highest speed of a slider, simulated over wall-clock time."""
@@ -49,10 +54,45 @@ class Page:
         self.view.put_scales(gui.add_html("", order=0.5))
         with gui.add_folder("plots", order=100.0):
             self.curves = Curves(gui, content)
+        self.server.on_client_connect(self._fit_window)
 
     def set_status(self, text: str) -> None:
         """Put a line of Markdown above everything."""
         self._text.content = text
+
+    async def _fit_window(self, client: Any) -> None:
+        """In a window that is higher than wide, such as a phone's, have everything above the panel."""
+        first = self.server.initial_camera
+
+        # A browser begins with a camera of its own, and tells when it has the first one of this page.
+        def fit(camera: Any) -> None:
+            if camera.aspect < 1.0 and np.allclose(camera.position, first.position, rtol=1e-3):
+                seen = first.position, first.look_at, first.up, first.fov
+                camera.position, camera.look_at = view_above_panel(*seen, camera.aspect)
+
+        client.camera.on_update(fit)
+
+
+def view_above_panel(
+    eye: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float, aspect: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """A camera that has what another one sees in the uppermost part of a narrow window, which the panel leaves free.
+
+    Args:
+        eye, target: where the other one stands and at what it looks, shape (3,).
+        up: direction up, shape (3,).
+        fov: vertical field of view [rad].
+        aspect: width over height of the window [-].
+
+    Returns:
+        Where it stands, and at what it looks.
+    """
+    away = max(1.0 / FREE, ASPECT / aspect) * (eye - target)
+    distance = np.linalg.norm(away)
+    upwards = up - (up @ away) * away / distance**2
+    height = 2.0 * distance * np.tan(0.5 * fov)
+    below = target - 0.5 * (1.0 - FREE) * height * upwards / np.linalg.norm(upwards)
+    return below + away, below
 
 
 def clamped(value: float, ends: tuple[float, float]) -> float:
