@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from taichisoft_outputs.drawing.arrows import ForceArrows
-from taichisoft_outputs.drawing.camera import fit_camera, radius_around_mean
+from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera, radius_around_mean
 from taichisoft_outputs.drawing.camera_path import outermost_points
 from taichisoft_outputs.drawing.colouring import Colouring, merged_ranges, with_ranges
 from taichisoft_outputs.drawing.overlay import colour_bars_width, letters_of, paint_colour_bars
-from taichisoft_outputs.drawing.painting import as_bytes, text_colour
+from taichisoft_outputs.drawing.painting import Colour, as_bytes, text_colour
 from taichisoft_outputs.drawing.scales import ColourScale, sample_frames
 from taichisoft_outputs.drawing.style import SMALLEST, Style, StyleError
 from taichisoft_outputs.drawing.visual_surface import with_visual_surfaces
@@ -135,15 +135,19 @@ def _shared(
     own = replace(style, size=size, ranges=common, bars=False, force_length=min(lengths, default=None))
     styles = [replace(own, name=name) for name in _names(recordings)]
     if own.eye is None and own.view in (None, "iso", "front", "top"):
-        cameras = {}
-        for upright, seen in points.items():  # scenes with gravity in different directions have no place in common
-            camera = fit_camera(np.concatenate(seen), np.array(upright), own.view or "iso", size[0] / size[1])
-            cameras[upright] = {"eye": tuple(camera.eye.tolist()), "target": tuple(camera.target.tolist())}
-        styles = [replace(one, view=None, **cameras[up]) for one, up in zip(styles, uprights, strict=True)]
+        cameras = {  # scenes with gravity in different directions have no place in common
+            upright: fit_camera(np.concatenate(seen), np.array(upright), own.view or "iso", size[0] / size[1])
+            for upright, seen in points.items()
+        }
+        styles = [_seen_by(cameras[upright], one) for one, upright in zip(styles, uprights, strict=True)]
     return styles, bars
 
 
-def _strip_of_bars(scales: Sequence[ColourScale], style: Style, background: Sequence[float]) -> np.ndarray:
+def _seen_by(camera: PictureCamera, style: Style) -> Style:
+    return replace(style, view=None, eye=tuple(camera.eye.tolist()), target=tuple(camera.target.tolist()))
+
+
+def _strip_of_bars(scales: Sequence[ColourScale], style: Style, background: Colour) -> np.ndarray:
     from PIL import Image
 
     letters = letters_of(style)
