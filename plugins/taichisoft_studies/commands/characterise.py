@@ -17,7 +17,9 @@ def characterise(
     ] = None,
     body: Annotated[str | None, typer.Option(help="The finger  \\[default: the first soft body]")] = None,
     steps: Annotated[int, typer.Option(min=2, max=200, help="Steps of pressure.")] = 8,
-    bends: Annotated[int, typer.Option(min=1, max=50, help="Bends at which a block holds the tip.")] = 3,
+    bends: Annotated[
+        int, typer.Option(min=1, max=50, help="Bends at which a block holds the tip, at most one for each step.")
+    ] = 3,
     set: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="Override a value (repeatable).")] = None,
     second: Annotated[
         list[str] | None,
