@@ -20,6 +20,7 @@ import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
 from taichisoft.scenes import (
     actuators,
+    contact_settings,
     frame_settings,
     pattern,
     reinforcement_settings,
@@ -88,8 +89,8 @@ versions are understood as well.
 TABLES: dict[str, type[BaseModel]] = {
     "(top level)": scene.Scene,
     "[time]": time_stepping.Time,
-    "[contact]": scene.Contact,
-    "[[contact.pairs]]": scene.ContactPair,
+    "[contact]": contact_settings.Contact,
+    "[[contact.pairs]]": contact_settings.ContactPair,
     "[controller]": scene.SceneControllerSettings,
     "[limits]": scene.Limits,
     "[[external_forces]]": scene.ExternalForce,

@@ -3,8 +3,8 @@
 import sys
 import warnings
 
-_PACKAGES = "taichisoft"
-"""All import names of this project begin so."""
+_PACKAGES = ("taichisoft", "functools")
+"""All import names of this project begin so; `functools` is between two of them where a value is cached."""
 
 
 def warn_caller(line: str) -> None:

@@ -72,7 +72,7 @@ def characterise(
         done: called with "" for each equilibrium that is found; `equilibrium_count` says of how many.
 
     Raises:
-        StudyError: the scene has no such body, or it has no cavities or no tip.
+        StudyError: the scene has no such body, or it has no cavities or no tip, or its limits forbid a pressure.
         EquilibriumNotFound: a pressure cannot be carried.
     """
     name = body or next(iter(scene.soft_bodies), "")
@@ -97,6 +97,10 @@ def characterise(
     (nodes,), states, seen = found_tips, [], []
     for pressure in pressures:
         found = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
+        actual = found.observation.pressures
+        wrong = next((one for one in cavities if abs(actual[one] - pressure) > 1e-6 * abs(pressure)), None)
+        if wrong is not None:
+            raise StudyError(f"{pressure:g} kPa: the scene's limits hold '{wrong}' at {actual[wrong]:g} kPa")
         free.restore(found.state)
         states.append(found.state)
         seen.append(found.observation)

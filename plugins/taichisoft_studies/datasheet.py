@@ -110,7 +110,7 @@ def _panels(first: Characteristics, second: Characteristics | None) -> list[Pane
         panel(
             "force on the block [mN]",
             [
-                (f"held at {one.bending[number]:.0f} degrees{of}", one.pressures, forces)
+                (f"held at {one.bending[number]:.3g} degrees, {one.pressures[number]:g} kPa{of}", one.pressures, forces)
                 for of, one in meshes
                 for number, forces in zip(one.blocked, one.forces, strict=True)
             ],

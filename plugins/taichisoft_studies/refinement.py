@@ -197,7 +197,8 @@ def physical_figures(metrics: Mapping[str, Any]) -> dict[str, float]:
 
 def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     """The change of the table `mesh` of a body, what follows its name; empty where nothing finer is known."""
-    from taichisoft_meshing.geometry_file import is_geometry, read_geometry, read_tables
+    from taichisoft_meshing.geometry_file import is_geometry, make_geometry, read_tables
+    from taichisoft_meshing.scene_meshes import merge_tables
 
     path = Path(file)
     if not is_geometry(file):
@@ -206,11 +207,12 @@ def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
         return f"={toml_value(str(finer))}" if size in PRESETS and finer.is_file() else ""
     if "nodes" in request:
         return f".nodes={round(request['nodes'] / FINER**3)}"
-    presets, preset = read_geometry(path).presets, request.get("preset", "")
+    kind, tables = read_tables(path)
+    tables = merge_tables(tables, request.get("set", {}))
+    presets, preset = make_geometry(kind, tables, path).presets, request.get("preset", "")
     if PRESETS.get(preset) in presets:
         return f".preset={toml_value(PRESETS[preset])}"
-    meshes = [tables.get("mesh", {}) for tables in (request.get("set", {}), read_tables(path)[1])]
-    known = (request.get("size"), presets.get(preset), *(mesh.get("largest") for mesh in meshes))
+    known = (request.get("size"), presets.get(preset), tables.get("mesh", {}).get("largest"))
     sizes = [float(one) for one in known if one is not None]
     if not sizes:
         return ""

@@ -36,6 +36,8 @@ class MembraneSettings(Table):
     def _check_directions(self) -> Self:
         if any(not any(one) for one in self.directions):
             raise ValueError("directions has one without length")
+        if len(self.directions) == 2 and not np.cross(*np.array(self.directions)).any():
+            raise ValueError("directions has two along one line; threads of twice the thickness are one direction")
         if self.directions and self.poisson_ratio:
             raise ValueError("poisson_ratio is that of a sheet without directions; remove one of them")
         return self
@@ -58,12 +60,18 @@ class Helix(Table):
     count: Count = 1
     """Fibres of each hand, evenly around the axis."""
     spacing: Positive | None = None
-    """Length of the straight pieces [mm]; a third of the radius when it is not given."""
+    """Length of the straight pieces [mm], at least six a turn; a third of the radius when it is not given."""
 
     @model_validator(mode="after")
     def _check_axis(self) -> Self:
         if self.start == self.end:
             raise ValueError("start and end are the same point; they give the axis")
+        longest = self.radius / np.sin(np.radians(self.angle))
+        if self.spacing is not None and self.spacing > longest:
+            raise ValueError(
+                f"spacing = {self.spacing:g} must be at most {longest:.4g} mm, six pieces a turn: longer ones leave "
+                "the helix"
+            )
         pieces = self._pieces() * self.count * (2 if self.hand == "both" else 1)
         if pieces > MOST_PIECES:
             raise ValueError(f"asks for {pieces:.0f} straight pieces, at most {MOST_PIECES}; give a longer spacing")

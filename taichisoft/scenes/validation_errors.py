@@ -30,7 +30,8 @@ def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], pre
     path = problem["loc"]
     # Where a key takes values of several kinds, pydantic names the kind; the tables give them names in brackets.
     location = tuple(part for part in path if not str(part).startswith("<"))
-    key = ".".join([prefix] * bool(prefix) + [str(part) for part in location])
+    named = location[:-1] if location[-1:] == ("[key]",) else location  # the entry, of whose name pydantic speaks
+    key = ".".join([prefix] * bool(prefix) + [str(part) for part in named])
     value = f"{key} = {short_text(problem['input'])}"
     match problem["type"]:
         case "extra_forbidden":

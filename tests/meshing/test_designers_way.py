@@ -40,11 +40,26 @@ cavities = { cavity_0 = { group = "cavity_0" }, cavity_1 = { group = "cavity_1" 
 GRIPPER = """
 pattern = { count = 3, axis = "x", centre = [0.0, 6.0, -7.0] }
 
+[goal]
+object = "cube"
+hold = 0.2
+
 [rigid_bodies.cube]
-box = [8.0, 8.0, 8.0]
-mass = 0.0005
-position = [33.0, 6.0, -7.0]
+box = [10.0, 10.0, 10.0]
+mass = 0.005
+position = [35.0, 6.0, -7.0]
+
+[obstacles.table]
+plane = { point = [41.2, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] }
 """
+LIFT = """
+keyframes = [
+    { time = 0.02, pressure = 0.0 },
+    { time = 0.3, pressure = 15.0 },
+    { time = 0.6, pressure = 15.0, base_translation = [-10.0, 0.0, 0.0] },
+]
+"""
+GRIPPED = ["gravity=[9810.0, 0.0, 0.0]", "controller.settings={script='lift.toml'}", "time.duration=0.9"]
 STIFFNESS = "soft_bodies.finger.young_modulus"
 SEARCH = {
     "scene": "finger.toml",
@@ -106,12 +121,14 @@ def test_from_a_step_file_to_a_gripper_a_datasheet_and_a_mould(
     assert best.params[STIFFNESS] == "150.0", "100 kPa bends further, but breaks the rule for the other scene"
 
     (tmp_path / "gripper.toml").write_text(FINGER + GRIPPER)
-    chosen = [f"{STIFFNESS}={best.params[STIFFNESS]}", "controller.settings.pressure=45", "time.duration=0.3"]
-    chosen = [f"--set={one}" for one in chosen]
+    (tmp_path / "lift.toml").write_text(LIFT)
+    chosen = [f"--set={one}" for one in (f"{STIFFNESS}={best.params[STIFFNESS]}", *GRIPPED)]
     taichisoft("run", "gripper.toml", "--outputs", "recording,metrics,pictures", "--image", *chosen, "-o", "grip")
-    forces = json.loads((tmp_path / "grip" / "metrics.json").read_text())["final_normal_forces_mN"]
-    assert all(forces[f"finger{number}|cube"] > 1.0 for number in (1, 2, 3)), "they hold the cube"
-    red, _, blue = np.asarray(Image.open(tmp_path / "grip" / "after.png").convert("RGB"), dtype=int).transpose(2, 0, 1)
+    metrics = json.loads((tmp_path / "grip" / "metrics.json").read_text())
+    assert metrics["object_lift_mm"] > 9.0, "of the 10 mm by which the base rises"
+    holding = [metrics["final_friction_forces_mN"][f"finger{number}|cube"] for number in (1, 2, 3)]
+    assert sum(holding) > 0.005 * 9810.0 and min(holding) > 1.0, "friction of all three carries its weight"
+    red, _, blue = np.asarray(Image.open(tmp_path / "grip" / "lifted.png").convert("RGB"), dtype=int).transpose(2, 0, 1)
     assert (blue - red > 80).sum() > 500, "the cube is seen"
 
     write_step(tmp_path / "upper.step", upper_part)

@@ -11,7 +11,7 @@ from taichisoft.meshes.plane_section import SectionPlane
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.quality.quality_limits import QualityLimits
-from taichisoft_meshing.quality.report_picture import CAVITY, CUT, SHEAR, cut_open, draw_report
+from taichisoft_meshing.quality.report_picture import CAVITY, CUT, cut_open, draw_report
 
 
 def hollow() -> VolumeMesh:
@@ -28,7 +28,7 @@ def test_the_cut_shows_the_silicone_and_the_wall_of_the_cavity() -> None:
     seen = {side: areas[cut.side == side].sum() for side in (CUT, CAVITY)}
     assert seen[CUT] == pytest.approx(100 * 50 - 80 * 30, rel=1e-9), "a plane section of true size, no whole elements"
     assert cut.plane == "z = 0 mm"
-    assert seen[CAVITY] > 80 * 30
+    assert seen[CAVITY] == pytest.approx(80 * 30, rel=1e-9), "seen straight on, so that the axes hold for all of it"
     assert (cut.facing > 0).all()
     assert cut.corners.min(axis=(0, 1))[0] == pytest.approx(-50)
     assert cut.corners.max(axis=(0, 1))[0] == pytest.approx(50)
@@ -36,11 +36,10 @@ def test_the_cut_shows_the_silicone_and_the_wall_of_the_cavity() -> None:
 
 def test_near_faces_are_painted_over_far_ones() -> None:
     mesh = hollow()
-    cut = cut_open(mesh, measure(mesh).surfaces)
-    towards_the_eye = np.array([0.0, SHEAR, 1.0])
+    cut = cut_open(mesh, measure(mesh).surfaces, SectionPlane.parse("x+y+z<0"))
     assert (np.diff((cut.side == CUT).astype(int)) >= 0).all(), "nothing stands before the section"
-    near = mesh.nodes[mesh.elements[cut.element[cut.side != CUT]]].mean(axis=1) @ towards_the_eye
-    assert np.corrcoef(np.arange(len(near)), near)[0, 1] > 0.9
+    heights = cut.corners[cut.side != CUT][..., 2].mean(axis=1)
+    assert (np.diff(heights) >= 0).all() and len(np.unique(heights.round(6))) > 1
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from taichisoft_outputs.drawing.arrows import ForceArrows
 from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, displacement, strain, stress
 from taichisoft_outputs.drawing.overlay import caption_parts, paint_caption
 from taichisoft_outputs.drawing.scales import AIR, SOFT, ColourScale, round_up
+from taichisoft_outputs.drawing.section import refuse_what_cuts_nothing
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.drawing.visual_surface import with_visual_surfaces
 from taichisoft_outputs.recording.reader import read_recording
@@ -228,3 +229,11 @@ def test_a_surface_that_lies_elsewhere_and_an_unknown_body_are_refused(gripper, 
         Style(view="follow:ball").check(gripper.scene)
     Style(view="follow:cube").check(gripper.scene)
     Style(view="follow:finger1.tip").check(gripper.scene)
+
+
+def test_a_plane_that_cuts_nothing_is_refused():
+    points = np.array([[0.0, 0.0, 0.0], [10.0, 20.0, 30.0]])
+    refuse_what_cuts_nothing("x+y<15", points)
+    spans = r"what is drawn spans \[0.0, 0.0, 0.0\] to \[10.0, 20.0, 30.0\] mm"
+    with pytest.raises(StyleError, match=f"section 'y=500' cuts nothing; {spans}"):
+        refuse_what_cuts_nothing("y=500", points)

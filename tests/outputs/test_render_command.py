@@ -100,7 +100,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
     assert render(run).exit_code == 0
     chosen, from_above, default = drawn
     changed = {name for name in vars(default) if getattr(chosen, name) != getattr(default, name)}
-    of_several = {"name", "ranges"}  # what recordings side by side have
+    of_several = {"name", "ranges", "bars", "force_length"}  # what recordings side by side have
     assert changed | {"view"} | of_several == set(vars(default))
     assert chosen.eye == (300.0, -200.0, 150.5) and chosen.background == (0.0, 0.0, 0.0)
     assert from_above.view == "top"
@@ -112,7 +112,8 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
         (["--size", "large"], "size 'large' must be written as width x height in pixels, 1280x720"),
         (["--size", "8x8"], "width and height must be whole numbers from 16"),
         (["--eye", "1,2"], "eye '1,2' must be three numbers in mm, as 300,-200,150"),
-        (["--eye", "1,2,3", "--view", "top"], "give either --eye or --view"),
+        (["--eye", "1,2,3", "--view", "top"], "give either --eye, or --view and --follow"),
+        (["--eye", "1,2,3", "--follow", "cube"], "give either --eye, or --view and --follow"),
         (["--view", "behind"], "no view is called 'behind'; there are: iso"),
         (["--video", "run.avi"], "a video ends with .mp4 or .gif"),
         (["--slow-motion", "-1"], "slow motion -1: must be positive"),

@@ -10,8 +10,9 @@ from PIL import Image
 from taichisoft_outputs.drawing.camera_path import followed_part
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recorded_tips import recorded_fingertips, tip_state
+from taichisoft_outputs.recording.layout import RecordingError
 from taichisoft_outputs.recording.reader import read_recording
-from taichisoft_outputs.rendering import render, video
+from taichisoft_outputs.rendering import render, side_by_side, video
 from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side
 
 
@@ -36,25 +37,31 @@ def styles(monkeypatch: pytest.MonkeyPatch) -> list[Style]:
     return drawn
 
 
-def test_bars_and_cameras_are_those_of_all_and_each_part_has_its_name(recordings, styles, tmp_path):
+def test_bars_and_cameras_are_those_of_all_and_each_part_has_its_name(recordings, styles, tmp_path, monkeypatch):
     style = Style(size=(321, 90), colour_by="displacement", view="front")
-    times = {"start": 0.0, "late": 9.0}
+    monkeypatch.setattr(side_by_side, "colour_bars_width", lambda scales, letters: 60.5 * len(scales))
+    times = {"start": 0.0, "late": 0.02}
     paths = pictures_side_by_side(recordings, times, tmp_path / "new", style)
     first, second = styles
-    assert first.size == second.size == (160, 90)
+    assert first.size == second.size == (130, 90), "61 pixels are those of the one bar"
+    assert not first.bars and first.force_length == second.force_length
     assert first.ranges == second.ranges and first.ranges["displacement [mm]"][1] > 10.0
     assert first.eye == second.eye and first.target == second.target
     assert first.name != second.name and first.name in str(recordings[0])
     assert [path.name for path in paths] == ["start.png", "late.png"]
     pixels = np.asarray(Image.open(paths[1]))
-    assert pixels.shape == (90, 320, 3)
-    assert np.unique(pixels[:, :160]).tolist() == [50] and np.unique(pixels[:, 160:]).tolist() == [100]
+    assert pixels.shape == (90, 321, 3)
+    assert np.unique(pixels[:, :130]).tolist() == [50] and np.unique(pixels[:, 130:260]).tolist() == [100]
+    assert len(np.unique(pixels[:, 260:].reshape(-1, 3), axis=0)) > 20, "the colours of the bar"
+    with pytest.raises(RecordingError, match="nothing at 9 s"):
+        pictures_side_by_side(recordings, {"late": 9.0}, tmp_path, style)
     with pytest.raises(StyleError, match="too narrow for 2 recordings"):
         pictures_side_by_side(recordings, times, tmp_path, Style(size=(30, 30)))
 
 
 def test_a_video_has_both(recordings, styles, tmp_path):
-    count = video_side_by_side(recordings, tmp_path / "both", Style(size=(64, 36)), 100.0, 1.0, lambda *_: None)
+    style = Style(size=(64, 36), cavity_pressure=False)
+    count = video_side_by_side(recordings, tmp_path / "both", style, 100.0, 1.0, lambda *_: None)
     files = sorted((tmp_path / "both").iterdir())
     assert len(files) == count == 3
     assert Image.open(files[-1]).size == (64, 36)

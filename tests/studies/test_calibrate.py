@@ -13,7 +13,7 @@ from taichisoft.errors import SceneError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.scenes.file import scene_from_toml
-from taichisoft_studies.calibration_file import Calibration, Experiment, Measurement, read_measurement
+from taichisoft_studies.calibration_file import Calibration, Experiment, Measurement, Parameter, read_measurement
 from taichisoft_studies.curves_output import read_curves
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.least_squares import CalibrationFit, calibrate, experiment_job, misfits, statics
@@ -190,3 +190,7 @@ def test_a_residual_far_above_the_noise_is_told_and_one_as_large_as_it_is_not(tm
     study = Calibration.model_construct(experiments=(experiment,))
     fits = [CalibrationFit({}, {}, [[residual]], [], 1, 0.0) for residual in (0.1, 0.9, 5.0)]
     assert [len(list(misfits(study, [data], fit))) for fit in fits] == [0, 0, 1], "1 % of the range is 1"
+    bounded = study.model_copy(update={"parameters": {MODULUS: Parameter(start=2.0, low=1.0, high=4.0)}})
+    ends = [CalibrationFit({MODULUS: value}, {}, [[0.1]], [], 1, 0.0) for value in (1.0, 3.9, 3.99999)]
+    hints = [" ".join(misfits(bounded, [data], fit)) for fit in ends]
+    assert "its bound, low = 1" in hints[0] and not hints[1] and "its bound, high = 4" in hints[2]

@@ -71,3 +71,7 @@ def test_what_cannot_be_characterised_is_refused(tmp_path):
     for pressure in (0.0, np.nan):
         with pytest.raises(StudyError, match="must be a number of kPa other than 0"):
             command("finger-inflated", pressure)
+    with pytest.raises(StudyError, match=r"--pressure -200: must be at least the vacuum's -101.325 kPa"):
+        command("finger-inflated", -200.0)
+    with pytest.raises(StudyError, match=r"4 kPa: the scene's limits hold 'finger.cavity' at 3 kPa"):
+        characterise(taichisoft.load_scene("finger-inflated", ["limits.highest_pressure=3"]), None, [0.0, 4.0], 1)

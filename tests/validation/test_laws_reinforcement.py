@@ -89,6 +89,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "fibre": {"fibres": {"line": {"points": [[-18, -4, 0.5], [0, 4, -0.5], [17, 0, 0]], "diameter": 0.2}}},
 }
 KINDS["fibre"]["fibres"]["line"]["young_modulus"] = 1e6
+COARSE = {"start": [-15, 0, 0], "end": [15, 0, 0], "radius": 5.0, "angle": 30.0, "spacing": 11}
 DENSE = {"start": [-15, 0, 0], "end": [15, 0, 0], "radius": 0.5, "angle": 60.0, "spacing": 2e-4}
 
 
@@ -337,12 +338,20 @@ def test_a_sheet_that_is_thrown_gains_no_energy(strip: str, tension_only: bool, 
         ({"membranes": {"paper": {**PAPER, "group": "tpo"}}}, "no such surface group; there are: bottom, top"),
         ({"membranes": {"paper": {**PAPER, "directions": [[0.0, 0.0, 1.0]]}}}, "is across all of group 'top'"),
         ({"membranes": {"paper": {**PAPER, "directions": [[0.0, 0.0, 0.0]]}}}, "directions has one without length"),
+        (
+            {"membranes": {"paper": {**PAPER, "directions": [[1, 2, 0], [-2, -4, 0]]}}},
+            "directions has two along one line",
+        ),
         ({"membranes": {"paper": {**PAPER, "thickness": 0.0}}}, "membranes.paper.thickness"),
         ({"membranes": {"paper": {**PAPER, "tension_only": True}}}, "time.newton = 1 must be at least 3"),
         ({"membranes": {"paper": PAPER}, "element": "quadratic"}, 'not element = "quadratic"'),
         ({"fibres": {"line": {"points": [[0, 0, 0], [90, 0, 0]], "diameter": 1, "young_modulus": 1}}}, "lies outside"),
         ({"fibres": {"line": {"points": [[0, 0, 0], [0, 0, 0]], "diameter": 1, "young_modulus": 1}}}, "are the same"),
         ({"fibres": {"line": {"diameter": 1, "young_modulus": 1}}}, "exactly one of points, helix is needed"),
+        (
+            {"fibres": {"line": {"helix": COARSE, "diameter": 1, "young_modulus": 1}}},
+            "= 11 must be at most 10 mm",
+        ),
         ({"fibres": {"line": {"helix": DENSE, "diameter": 1, "young_modulus": 1}}}, "asks for 600000 straight pieces"),
     ],
 )

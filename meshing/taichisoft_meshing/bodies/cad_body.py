@@ -23,6 +23,10 @@ DEEP, LARGER = 0.9, 1.25
 that of the next largest end [-]."""
 
 
+PLAUSIBLE = (1.0, 5000.0)
+"""Length of a body [mm] outside of which the unit of its file is in doubt: metres written as mm, mm as metres."""
+
+
 @dataclass(frozen=True)
 class CadSolid:
     """A solid: its number, from 1 in the file's order; its name, "solid_2" without one of its own; volume [mm^3]."""
@@ -81,6 +85,14 @@ class CadBody:
     def volume(self) -> float:
         """Volume of all solids [mm^3]."""
         return sum(solid.volume for solid in self.solids)
+
+    @property
+    def doubt(self) -> str:
+        """What is odd about its size; empty where nothing is."""
+        length = self.extent.max()
+        if PLAUSIBLE[0] <= length <= PLAUSIBLE[1]:
+            return ""
+        return f"{self.path}: the body is {length:.4g} mm long; was it drawn in the unit that the file names?"
 
     @property
     def flat(self) -> bool:

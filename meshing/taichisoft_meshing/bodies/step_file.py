@@ -65,7 +65,7 @@ def import_solids(gmsh: Any, path: Path) -> dict[int, str]:
     solids = gmsh.model.getEntities(3)
     if not solids:
         faces = len(gmsh.model.getEntities(2))
-        raise MeshError(f"{path}: has no solid body, and {faces} faces; export the body as a solid")
+        raise MeshError(f"{path}: has no solid body, and {faces} face{'s' * (faces != 1)}; export the body as a solid")
     names = [_plain_name(gmsh.model.getEntityName(*solid)) for solid in solids]
     if len(solids) == 1:
         return {solids[0][1]: names[0]}

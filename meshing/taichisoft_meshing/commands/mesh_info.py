@@ -127,6 +127,7 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
 
 def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]:
     """Print the solids, faces and openings of a STEP body, and write or draw them."""
+    from taichisoft.running import print_warning
     from taichisoft_meshing.bodies.body_tables import body_tables
     from taichisoft_meshing.bodies.face_picture import draw_faces
     from taichisoft_meshing.mesh_process import read_step_apart
@@ -134,6 +135,8 @@ def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]
 
     body = read_step_apart(path)
     console.print(body_tables(body))
+    if body.doubt:
+        print_warning(console, body.doubt)
     if output is not None and output.suffix.lower() == ".png":
         draw_faces(body, output)
     elif output is not None:

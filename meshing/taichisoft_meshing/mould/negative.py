@@ -65,9 +65,8 @@ def find_plane(corners: np.ndarray, wanted: str | None) -> Plane:
     points = corners.reshape(-1, 3)
     lower, upper = points.min(axis=0), points.max(axis=0)
     if wanted is None:
-        return min(
-            ((axis, float(lower[axis] + upper[axis]) / 2) for axis in (2, 1, 0)), key=lambda p: _held(corners, p)
-        )
+        middle = np.round((lower + upper) / 2, 3) + 0.0  # triangles of curved faces are not quite alike on both sides
+        return min(((axis, float(middle[axis])) for axis in (2, 1, 0)), key=lambda plane: _held(corners, plane))
     name, _, number = wanted.replace(" ", "").partition("=")
     try:
         axis, position = "xyz".index(name.lower() or "?"), float(number)

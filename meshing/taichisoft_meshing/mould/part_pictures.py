@@ -61,7 +61,7 @@ def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarra
     from taichisoft_outputs.drawing.camera import fit_camera, scene_axes, seen_from_front
     from taichisoft_outputs.drawing.shading import KEY_LIGHT, shade
     from taichisoft_outputs.drawing.stage import EMPTY, Stage
-    from taichisoft_outputs.drawing.surface_painter import LINE_BRIGHTNESS, lines_between
+    from taichisoft_outputs.drawing.surface_painter import draw_lines
 
     stage = Stage(SIZE)  # a process can have only one
     images = []
@@ -77,8 +77,8 @@ def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarra
             shown = shade(colours[front], normals[front], key / np.linalg.norm(key), up)
             for name, of_triangle in (("part", shown), ("normals", 0.5 + 0.5 * normals[front])):
                 stage.put(name, points, triangles, np.repeat(of_triangle, 3, axis=0))
-            image, lines = stage.image(camera, ["part"]), lines_between(stage.image(camera, ["normals"]))
-            image[lines] = np.rint(LINE_BRIGHTNESS * image[lines])
+            image = stage.image(camera, ["part"])
+            draw_lines(image, stage.image(camera, ["normals"]))
             image[(image == EMPTY).all(axis=2)] = 255
             views.append(antialias(image))
         images.append(np.concatenate(views, axis=1))

@@ -17,8 +17,8 @@ from taichisoft_meshing.quality.mesh_surfaces import SurfaceQuality
 from taichisoft_meshing.quality.quality_limits import QualityLimits
 from taichisoft_meshing.quality.tetrahedra import FACES, neighbours
 
-SHEAR = 0.45
-"""Height in the picture of what lies a millimetre behind the section [-]: the section itself has its true lengths."""
+EDGE_ON = 1e-6
+"""Cosine of the angle below which a face is seen as a line, and left out [-]."""
 CUT, OUTER, CAVITY = range(3)
 COLOURS = {OUTER: ("outer skin", "#c9c5bd"), CAVITY: ("wall of a cavity", "#7fb3d9")}
 PARTS = ("#d9a441", "#7a9e5f", "#b0699a", "#5f8f95", "#c06b4c")
@@ -29,7 +29,7 @@ SHAPES = "YlOrRd_r"
 
 @dataclass(frozen=True)
 class CutMesh:
-    """The half of a mesh behind a cut: its faces that an eye before the cut, and above it, sees, farthest first.
+    """The half of a mesh behind a cut: its faces that an eye straight before the cut sees, farthest first.
 
     Attributes:
         corners: corners of each face: to the right, up, and towards the eye [mm], shape (face_count, 3, 3).
@@ -66,7 +66,7 @@ def cut_open(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality], section: Sect
     if not height.min() < 0.0 < height.max():
         lower, upper = (np.round(end(mesh.nodes, axis=0), 3).tolist() for end in (np.min, np.max))
         raise MeshError(f"section {plane}: does not cut the mesh, which spans {lower} to {upper} mm")
-    nodes = np.column_stack([mesh.nodes @ right, mesh.nodes @ up - SHEAR * height, height])
+    nodes = np.column_stack([mesh.nodes @ right, mesh.nodes @ up, height])
     elements = mesh.elements[:, :4]
     element, face = np.nonzero(neighbours(elements) < 0)
     faces = elements[element[:, None], FACES[face]]
@@ -79,10 +79,9 @@ def cut_open(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality], section: Sect
     corners = np.concatenate([skin[..., :3], cut])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     facing = normals[:, 2] / np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
-    # Nothing that is kept stands before the section. A sheared picture is seen along (0, SHEAR, 1).
-    depth = corners[:, :, 2] * (1.0 + SHEAR**2) + SHEAR * corners[:, :, 1]
-    order = np.lexsort((depth.mean(axis=1), side == CUT))
-    seen = order[facing[order] > 0]
+    # Nothing that is kept stands before the section.
+    order = np.lexsort((corners[:, :, 2].mean(axis=1), side == CUT))
+    seen = order[facing[order] > EDGE_ON]
     return CutMesh(corners[seen], element[seen], side[seen], facing[seen], plane, np.array([right, up]))
 
 

@@ -41,18 +41,28 @@ class ForceArrows:
         frames: all frames that will be drawn.
         radius: radius of the scene [mm].
         behind: red, green and blue [-] of what may be behind the arrows.
+        length: length of the arrows [mm/mN]; that which suits the strongest force when it is not given.
 
     Attributes:
+        length: length of the arrows [mm/mN]; 0 where no force is shown.
         tails: where arrows begin [mm], shape (count, 3), for a camera that is to see them whole.
     """
 
-    def __init__(self, recording: Recording, frames: Sequence[int], radius: float, behind: Sequence[np.ndarray] = ()):
+    def __init__(
+        self,
+        recording: Recording,
+        frames: Sequence[int],
+        radius: float,
+        behind: Sequence[np.ndarray] = (),
+        length: float | None = None,
+    ):
         self._recording = recording
         self._colour = arrow_colour(behind)
         contacts = [recording.contacts(frame) for frame in sample_frames(frames, SAMPLES)]
         self._strongest = max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for _, f in contacts), default=0.0)
-        self._length = LONGEST * radius / self._strongest if self._strongest else 0.0  # [mm/mN]
-        self.tails = np.concatenate([np.zeros((0, 3)), *(point - self._length * force for point, force in contacts)])
+        own = LONGEST * radius / self._strongest if self._strongest else 0.0
+        self.length = own if length is None else length
+        self.tails = np.concatenate([np.zeros((0, 3)), *(point - self.length * force for point, force in contacts)])
 
     def paint(self, picture: Any, camera: PictureCamera, frame: int, section: SectionPlane | None) -> None:
         """Paint a frame's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
@@ -61,7 +71,7 @@ class ForceArrows:
             if section is not None:
                 kept = section.facing(camera.eye).height(points) <= 0.0
                 points, forces = points[kept], forces[kept]
-            _paint_arrows(picture, camera, points - self._length * forces, points, FORCE_WIDTH, [self._colour])
+            _paint_arrows(picture, camera, points - self.length * forces, points, FORCE_WIDTH, [self._colour])
 
     def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour, letters: float) -> None:
         """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene.
@@ -75,7 +85,7 @@ class ForceArrows:
         if not self._strongest:
             return
         force = round_down(self._strongest)
-        apart = camera.target + self._length * force * camera.axes[0]
+        apart = camera.target + self.length * force * camera.axes[0]
         pixels, _ = project(camera, np.array([camera.target, apart]), picture.size)
         height = picture.height
         tip = np.array([picture.width - 0.03 * height, height - 0.04 * height])

@@ -81,7 +81,7 @@ class Colouring:
             wanted = style.cavity_pressure if kind.drawn == "walls" else style.cable_tension
             scale = _effort_scale(recording, kind, np.unique(frames)) if wanted else None
             if scale is not None:
-                self._effort_scales[kind.name] = _common(scale, style)
+                self._effort_scales[kind.name] = with_ranges(scale, style.ranges)
         # Of what opaque bodies hide there is no bar; where silicone is before it, the bar is seen through that, too.
         shown = {
             name: _seen_through(scale, style.soft_opacity) if name in WALLS and style.section is None else scale
@@ -133,7 +133,9 @@ class Colouring:
         shown = [at_vertices(one, sample) for sample in samples for one in mapped] if style.section is None else samples
         highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
         scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, SOFT)
-        return _common(replace(scale, highest=max(float(np.max(some, initial=0.0)) for some in shown)), style)
+        return with_ranges(
+            replace(scale, highest=max(float(np.max(some, initial=0.0)) for some in shown)), style.ranges
+        )
 
 
 def at_vertices(mapping: MappedSurface, values: np.ndarray) -> np.ndarray:
@@ -147,6 +149,12 @@ def merged_ranges(all_ranges: Sequence[Mapping[str, tuple[float, float, float]]]
     titles = dict.fromkeys(title for ranges in all_ranges for title in ranges)
     reach = {title: np.array([ranges[title] for ranges in all_ranges if title in ranges]) for title in titles}
     return {title: (float(ends[:, 0].min()), *map(float, ends[:, 1:].max(axis=0))) for title, ends in reach.items()}
+
+
+def with_ranges(scale: ColourScale, ranges: Mapping[str, tuple[float, ...]]) -> ColourScale:
+    """The scale with the ends that `merged_ranges` gives to its title, if it does."""
+    low, high, highest = ranges.get(scale.title, (scale.low, scale.high, scale.highest))
+    return replace(scale, low=low, high=high, highest=highest)
 
 
 def displacement(recording: Recording) -> NodeValues:
@@ -206,12 +214,6 @@ def _effort_scale(recording: Recording, kind: ActuatorKind, frames: np.ndarray) 
     if kind.drawn == "walls":
         return scale_of(title, recording.column(kind.effort.name)[frames], AIR)
     return scale_of(title, np.concatenate(recording.segment_efforts(kind, frames), axis=1), LINE)
-
-
-def _common(scale: ColourScale, style: Style) -> ColourScale:
-    """The scale with the ends that all recordings share that are drawn side by side."""
-    low, high, highest = style.ranges.get(scale.title, (scale.low, scale.high, scale.highest))
-    return replace(scale, low=low, high=high, highest=highest)
 
 
 def _seen_through(scale: ColourScale, opacity: float) -> ColourScale:

@@ -14,7 +14,7 @@ from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, 
 from taichisoft_outputs.drawing.floor import Floor
 from taichisoft_outputs.drawing.overlay import Overlay, colour_bars_width, letters_of
 from taichisoft_outputs.drawing.planes import is_floor, reaches_under, square_of_plane
-from taichisoft_outputs.drawing.section import cut_open
+from taichisoft_outputs.drawing.section import cut_open, refuse_what_cuts_nothing
 from taichisoft_outputs.drawing.shading import key_light
 from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.drawing.surface_painter import SurfacePainter
@@ -51,9 +51,13 @@ class Drawer:
         if style.colour_by != "none":  # a sheet would hide the colours of what it lies on
             self._surfaces = [surface for surface in self._surfaces if surface.kind != "membrane"]
         points = outermost_points(self._surfaces, frames)
+        self._section = SectionPlane.parse(style.section) if style.section else None
+        if style.section and not room:
+            obstacles = [surface.vertices(frames[0]) for surface in self._surfaces if surface.kind == "obstacle"]
+            refuse_what_cuts_nothing(style.section, np.concatenate([points, *obstacles]))
         self._colouring = Colouring(recording, style, frames, self._surfaces)
         self._overlay = Overlay(recording, style, frames, self._colouring.scales, radius_around_mean(points))
-        side = colour_bars_width(self._colouring.scales, letters_of(style))
+        side = colour_bars_width(self._colouring.scales, letters_of(style)) if style.bars else 0.0
         aspect = max(width - 2 * side, width / 2) / height
         spread = np.concatenate([points + room * (points - points.mean(axis=0)), self._overlay.arrow_tails])
         followed = followed_part(recording, self._surfaces, style.followed) if style.followed is not None else None
@@ -80,7 +84,7 @@ class Drawer:
         light_from = key_light(recording.scene)
         unlit, scale = self._colouring.unlit, self._colouring.values_scale
         self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, scale)
-        self._recording, self._section = recording, SectionPlane.parse(style.section) if style.section else None
+        self._recording = recording
         self._hide_what_is_under(floors[-1:], points)
 
     def measure(self, frame: int, camera: PictureCamera) -> tuple[np.ndarray, np.ndarray]:

@@ -53,7 +53,8 @@ class Overlay:
     ):
         self._recording, self._style, self._scales = recording, style, scales
         behind = [np.array(style.background_colour), *body_colours(recording.scene).values()]
-        self._arrows = ForceArrows(recording, frames, radius, behind) if style.arrows else None
+        length = style.force_length
+        self._arrows = ForceArrows(recording, frames, radius, behind, length) if style.arrows else None
         self._section = SectionPlane.parse(style.section) if style.section else None
         self._ink = text_colour(style.background_colour)
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
@@ -86,7 +87,8 @@ class Overlay:
             self._arrows.paint_scale(image, camera, self._ink, letters)
         if self._style.axes:
             paint_axes(image, camera, self._axis_colours, letters)
-        paint_colour_bars(image, self._scales, self._ink, letters)
+        if self._style.bars:
+            paint_colour_bars(image, self._scales, self._ink, letters)
         words = [self._style.name] if self._style.name else []
         if self._style.caption:
             words += caption_parts(self._recording, frame)

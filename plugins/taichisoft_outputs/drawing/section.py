@@ -5,9 +5,26 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichisoft.meshes import SectionPlane, closed_cap, cut_tetrahedra, split_triangles
+from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.drawing.surface_painter import Section
 from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.reader import Recording
+
+
+def refuse_what_cuts_nothing(section: str, points: np.ndarray) -> None:
+    """Check that a plane, "y=0", has something on both sides.
+
+    Args:
+        section: the plane in words.
+        points: vertices of all that is drawn [mm], shape (point_count, 3).
+
+    Raises:
+        StyleError: it has not.
+    """
+    height = SectionPlane.parse(section).height(points)
+    if not height.min() < 0.0 < height.max():
+        lower, upper = (np.round(end(points, axis=0), 1).tolist() for end in (np.min, np.max))
+        raise StyleError(f"section '{section}' cuts nothing; what is drawn spans {lower} to {upper} mm")
 
 
 def cut_open(

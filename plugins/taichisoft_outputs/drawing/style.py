@@ -58,6 +58,8 @@ class Style:
             STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
         font_size: height of all letters [pixels]; None for a share of the picture's height.
         name: what the caption begins with.
+        bars: whether bars say what colours mean.
+        force_length: length of the arrows of forces [mm/mN]; that which suits the strongest when it is not given.
         ranges: lowest, highest and highest shown value of scales by their titles, see `Colouring.ranges`.
 
     Raises:
@@ -81,6 +83,8 @@ class Style:
     section: str | None = None
     font_size: float | None = None
     name: str = ""
+    bars: bool = True
+    force_length: float | None = None
     ranges: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

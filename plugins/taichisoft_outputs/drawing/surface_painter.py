@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import binary_erosion, label, uniform_filter
 
 from taichisoft.meshes import SectionPlane, split_triangles
 from taichisoft_outputs.drawing.camera import PictureCamera, project, seen_from_front
@@ -22,6 +23,10 @@ NORMALS = " by its normals"
 """Ends the name of what is drawn in colours that say where its normals point, so that its edges can be found."""
 LINE_ANGLE = 30.0
 """Normals of neighbouring pixels that differ by more have a line between them [degrees]."""
+FADING = (1, 2, 3)
+"""Distances from the outline in which a line becomes darker, step by step [pixels]."""
+SHORTEST_LINE = 8
+"""Pixels of a line: fewer are specks, where something is seen through the joint of two faces."""
 LINE_BRIGHTNESS = 0.55
 """Part of its colour that a surface has in such a line [-]."""
 
@@ -126,8 +131,7 @@ class SurfacePainter:
         unlit = [name for name in names if self._unlit.get(name)]
         if unlit:
             others = [one for one in holdouts if one.removesuffix(HOLDOUT) not in unlit]
-            lines = lines_between(self._stage.image(camera, [name + NORMALS for name in unlit] + others))
-            image[lines] = np.rint(LINE_BRIGHTNESS * image[lines])
+            draw_lines(image, self._stage.image(camera, [name + NORMALS for name in unlit] + others))
         return lay_over(picture, image, opacity)
 
     def _put(
@@ -193,23 +197,38 @@ class SurfacePainter:
         self._stage.put(name, vertices, triangles, np.tile(np.array(EMPTY) / 255, (len(vertices), 1)))
 
 
+def draw_lines(image: np.ndarray, normals: np.ndarray) -> None:
+    """Draw lines into a picture, EMPTY where nothing is, along the edges of what its picture of normals shows."""
+    lines = lines_between(normals)
+    here = (lines > 0.0) & (image != np.array(EMPTY, dtype=np.uint8)).any(axis=2)
+    image[here] = np.rint((1.0 - (1.0 - LINE_BRIGHTNESS) * lines[here, None]) * image[here])
+
+
 def lines_between(normals: np.ndarray) -> np.ndarray:
-    """Where a picture of normals has an edge: normals that differ, or the outline; shape (height, width), dtype bool.
+    """How dark the lines are in a picture of normals where these differ, 0 to 1, shape (height, width).
+
+    They have soft sides, and fade towards the outline: a face that is seen edge-on, here one pixel wide and there two,
+    would have a line of dashes.
 
     Args:
         normals: picture of (1 + normal) / 2, EMPTY where nothing is, shape (height, width, 3), dtype uint8.
     """
     covered = (normals != np.array(EMPTY, dtype=np.uint8)).any(axis=2)
     rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
-    lines = np.zeros(covered.shape, dtype=bool)
+    lines = np.zeros(covered.shape, dtype=np.float32)
     if not len(rows):
         return lines
     part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     directions = normals[part].astype(np.float32) / 127.5 - 1.0
-    inner, edges = covered[part], lines[part]
+    inner, edges = covered[part], np.zeros(directions.shape[:2], dtype=bool)
     for before, after in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
         cosine = np.einsum("ijk,ijk->ij", directions[before], directions[after])
         edges[after] |= (cosine < np.cos(np.radians(LINE_ANGLE))) & inner[before] & inner[after]
+    pieces, _ = label(edges, np.ones((3, 3)))
+    edges &= np.bincount(pieces.ravel())[pieces] >= SHORTEST_LINE
+    depth = sum(binary_erosion(inner, iterations=step).astype(np.float32) for step in FADING)
+    soft = uniform_filter(edges * depth / len(FADING), size=2)
+    lines[part] = np.minimum(1.5 * soft, 1.0)
     return lines
 
 

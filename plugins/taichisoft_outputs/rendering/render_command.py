@@ -98,10 +98,10 @@ def render(
     from taichisoft_outputs.rendering.video import check_slow_motion, frame_progress, render_video
     from taichisoft_outputs.rendering.video_file import check_video
 
-    if eye is not None and view:
-        raise TaichisoftError("--eye takes the place of a view; give either --eye or --view")
     if follow is not None:
         view = [*(view or ()), f"follow:{follow}"]
+    if eye is not None and view:
+        raise TaichisoftError("--eye takes the place of a view; give either --eye, or --view and --follow")
     views: list[str | None] = list(dict.fromkeys(view)) if view else [None]
     styles = {
         one: Style(

@@ -1,5 +1,6 @@
-"""Recordings beside each other: at the same times, from the same place, with the same bars, each with its name."""
+"""Recordings beside each other: at the same times, from the same place, with one scale for all, each with its name."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -7,10 +8,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from taichisoft_outputs.drawing.camera import fit_camera
+from taichisoft_outputs.drawing.arrows import ForceArrows
+from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera, radius_around_mean
 from taichisoft_outputs.drawing.camera_path import outermost_points
-from taichisoft_outputs.drawing.colouring import Colouring, merged_ranges
-from taichisoft_outputs.drawing.overlay import colour_bars_width, letters_of
+from taichisoft_outputs.drawing.colouring import Colouring, merged_ranges, with_ranges
+from taichisoft_outputs.drawing.overlay import colour_bars_width, letters_of, paint_colour_bars
+from taichisoft_outputs.drawing.painting import Colour, as_bytes, text_colour
 from taichisoft_outputs.drawing.scales import ColourScale, sample_frames
 from taichisoft_outputs.drawing.style import SMALLEST, Style, StyleError
 from taichisoft_outputs.drawing.visual_surface import with_visual_surfaces
@@ -36,8 +39,13 @@ def pictures_side_by_side(
 
     Raises: what `render_pictures` raises.
     """
-    moments = {path: _times_within(path, times) for path in recordings}
-    styles = _styles(recordings, style, lambda one: [one.frame_at(time) for time in moments[one.path].values()])
+    ends = {path: _end(path) for path in recordings}
+    latest = max(ends.values())  # beyond which no run has anything, as each of them says
+    moments = {
+        path: {name: time if time > latest else min(time, end) for name, time in times.items()}
+        for path, end in ends.items()
+    }
+    styles, bars = _shared(recordings, style, lambda one: [one.frame_at(time) for time in moments[one.path].values()])
     with TemporaryDirectory(prefix="taichisoft-side-by-side-") as room:
         parts = [
             render_pictures(path, moments[path], Path(room) / str(number), styles[number])
@@ -45,7 +53,7 @@ def pictures_side_by_side(
         ]
         folder.mkdir(parents=True, exist_ok=True)
         for row in zip(*parts, strict=True):
-            write_png(_joined(row), folder / row[0].name)
+            write_png(_joined(row, bars), folder / row[0].name)
     return [folder / f"{name}.png" for name in times]
 
 
@@ -69,7 +77,7 @@ def video_side_by_side(
 
     Raises: what `render_video` raises.
     """
-    styles = _styles(recordings, style, lambda one: np.unique(video_frames(one, fps * slow_motion)).tolist())
+    styles, bars = _shared(recordings, style, lambda one: np.unique(video_frames(one, fps * slow_motion)).tolist())
     with TemporaryDirectory(prefix="taichisoft-side-by-side-") as room:
         parts = []
         for number, path in enumerate(recordings):
@@ -77,41 +85,76 @@ def video_side_by_side(
             render_video(path, of_one, styles[number], fps, slow_motion, on_frame)
             parts.append(sorted(of_one.iterdir()))
         count = max(map(len, parts))
-        with open_video(file, _joined([part[0] for part in parts]).shape[1::-1], fps) as add_frame:
+        with open_video(file, _joined([part[0] for part in parts], bars).shape[1::-1], fps) as add_frame:
             for index in range(count):
-                add_frame(_joined([part[min(index, len(part) - 1)] for part in parts]))
+                add_frame(_joined([part[min(index, len(part) - 1)] for part in parts], bars))
     return count
 
 
-def _times_within(path: Path, times: dict[str, float]) -> dict[str, float]:
+def _end(path: Path) -> float:
     with read_recording(path) as recording:
-        end = float(recording.times[-1])
-    return {name: min(time, end) for name, time in times.items()}
+        return float(recording.times[-1])
 
 
-def _styles(recordings: Sequence[Path], style: Style, frames: Callable[[Recording], list[int]]) -> list[Style]:
-    """A style for each recording, of its share of the width, with the bars and the camera of all."""
-    width = style.size[0] // len(recordings)
-    if width < SMALLEST:
-        raise StyleError(f"size {style.size[0]}x{style.size[1]}: too narrow for {len(recordings)} recordings")
-    own = replace(style, size=(width, style.size[1]))
-    ranges, points, up = [], [], np.zeros(3)
-    scales: list[ColourScale] = []
+def _shared(
+    recordings: Sequence[Path], style: Style, frames: Callable[[Recording], list[int]]
+) -> tuple[list[Style], np.ndarray]:
+    """A style for each recording, with the scales of all and a camera for all, and a strip with the bars of all.
+
+    Returns:
+        The styles, each of its share of the width that the strip leaves; and the strip that stands to the right of the
+        pictures, shape (height, strip_width, 3), dtype uint8, without width where colours mean nothing.
+    """
+    ranges, lengths, uprights = [], [], []
+    points: dict[tuple[float, ...], list[np.ndarray]] = {}
+    scales: dict[str, ColourScale] = {}
     for path in recordings:
         with read_recording(path) as recording:
-            own.check(recording.scene)
+            style.check(recording.scene)
             shown, surfaces = frames(recording), with_visual_surfaces(recording, style.surface)
-            colouring = Colouring(recording, own, shown, surfaces)
+            colouring = Colouring(recording, style, shown, surfaces)
             ranges.append(colouring.ranges)
-            scales += colouring.scales
-            points.append(outermost_points(surfaces, sample_frames(shown, LOOKED_AT)))
-            up = recording.scene.up
-    own = replace(own, ranges=merged_ranges(ranges))
+            scales |= {scale.title: scale for scale in colouring.scales}
+            upright = tuple(recording.scene.up.tolist())
+            uprights.append(upright)
+            seen = points.setdefault(upright, [])
+            seen.append(outermost_points(surfaces, sample_frames(shown, LOOKED_AT)))
+            if style.arrows:
+                arrows = ForceArrows(recording, shown, radius_around_mean(seen[-1]))
+                lengths += [arrows.length] * (arrows.length > 0.0)
+                seen.append(arrows.tails)
+            background = style.for_scene(recording.scene).background_colour
+    common = merged_ranges(ranges)
+    bars = _strip_of_bars([with_ranges(scale, common) for scale in scales.values()], style, background)
+    size = ((style.size[0] - bars.shape[1]) // len(recordings), style.size[1])
+    if size[0] < SMALLEST:
+        raise StyleError(
+            f"size {style.size[0]}x{style.size[1]}: too narrow for {len(recordings)} recordings and their bars"
+        )
+    # The strongest force of all has the longest arrow.
+    own = replace(style, size=size, ranges=common, bars=False, force_length=min(lengths, default=None))
+    styles = [replace(own, name=name) for name in _names(recordings)]
     if own.eye is None and own.view in (None, "iso", "front", "top"):
-        free = max(width - 2 * colour_bars_width(scales, letters_of(own)), width / 2)
-        camera = fit_camera(np.concatenate(points), up, own.view or "iso", free / style.size[1])
-        own = replace(own, view=None, eye=tuple(camera.eye.tolist()), target=tuple(camera.target.tolist()))
-    return [replace(own, name=name) for name in _names(recordings)]
+        cameras = {  # scenes with gravity in different directions have no place in common
+            upright: fit_camera(np.concatenate(seen), np.array(upright), own.view or "iso", size[0] / size[1])
+            for upright, seen in points.items()
+        }
+        styles = [_seen_by(cameras[upright], one) for one, upright in zip(styles, uprights, strict=True)]
+    return styles, bars
+
+
+def _seen_by(camera: PictureCamera, style: Style) -> Style:
+    return replace(style, view=None, eye=tuple(camera.eye.tolist()), target=tuple(camera.target.tolist()))
+
+
+def _strip_of_bars(scales: Sequence[ColourScale], style: Style, background: Colour) -> np.ndarray:
+    from PIL import Image
+
+    letters = letters_of(style)
+    size = math.ceil(colour_bars_width(scales, letters)), style.size[1]
+    strip = Image.new("RGB", size, as_bytes(background))
+    paint_colour_bars(strip, scales, text_colour(background), letters)
+    return np.asarray(strip)
 
 
 def _names(recordings: Sequence[Path]) -> list[str]:
@@ -120,11 +163,11 @@ def _names(recordings: Sequence[Path]) -> list[str]:
     return stems if len(set(stems)) == len(stems) else [path.resolve().parent.name for path in recordings]
 
 
-def _joined(pictures: Sequence[Path]) -> np.ndarray:
+def _joined(pictures: Sequence[Path], bars: np.ndarray) -> np.ndarray:
     from PIL import Image
 
     images = []
     for path in pictures:
         with Image.open(path) as picture:
             images.append(np.asarray(picture.convert("RGB")))
-    return np.concatenate(images, axis=1)
+    return np.concatenate([*images, bars], axis=1)

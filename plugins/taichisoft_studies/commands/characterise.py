@@ -17,7 +17,9 @@ def characterise(
     ] = None,
     body: Annotated[str | None, typer.Option(help="The finger  \\[default: the first soft body]")] = None,
     steps: Annotated[int, typer.Option(min=2, max=200, help="Steps of pressure.")] = 8,
-    bends: Annotated[int, typer.Option(min=1, max=50, help="Bends at which a block holds the tip.")] = 3,
+    bends: Annotated[
+        int, typer.Option(min=1, max=50, help="Bends at which a block holds the tip, at most one for each step.")
+    ] = 3,
     set: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="Override a value (repeatable).")] = None,
     second: Annotated[
         list[str] | None,
@@ -46,9 +48,11 @@ def characterise(
         raise StudyError(f"--pressure {pressure:g}: must be a number of kPa other than 0")
     pressures = np.linspace(0.0, pressure, steps + 1).tolist()
     loaded = load_scene(scene, set or ())
-    changes = second or finer_meshes(loaded, body or next(iter(loaded.soft_bodies), None))[0]
+    if pressure < -loaded.atmosphere:
+        raise StudyError(f"--pressure {pressure:g}: must be at least the vacuum's {-loaded.atmosphere:g} kPa")
     console, found = Console(), []
     with warnings_printed_to(console):
+        changes = second or finer_meshes(loaded, body or next(iter(loaded.soft_bodies), None))[0]
         for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
             of_mesh = load_scene(scene, (*(set or ()), *overrides))
             with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
