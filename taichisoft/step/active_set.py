@@ -17,8 +17,8 @@ from taichisoft.contact.reduction import ContactReduction
 from taichisoft.model import Model
 from taichisoft.state import State
 
-# Most times that the problem of a step is solved for renewed rows; usually two, more where bodies turn by a radian.
-MOST_RENEWALS = 50
+# Most times that the rows of a step are renewed, usually two, and how often for contacts that are lifted.
+MOST_RENEWALS, MOST_LOWERINGS = 40, 10
 
 
 class ActiveSet:
@@ -77,6 +77,7 @@ class ActiveSet:
         self._find_violated(node_velocity)
         self._missed[0] = 0.0
         if self._follows_turns and self._rigid.angular.any():
+            self._terms[kernels.MAY_LIFT] = self._renewals >= MOST_LOWERINGS
             renew_rows(
                 self._first_rigid,
                 self._terms,

@@ -7,13 +7,14 @@ point at r from the centre of mass moves by h (v + w x m), exactly, with the mea
 
 So a row with the arm m knows the gap at the end of the step, and an impulse over it does the work of the gap's change:
 what tumbles gains no energy (a discrete gradient; Gonzalez 1996, Time integration and discrete Hamiltonian systems).
-The mean depends on w: rows are renewed, and the problem is solved again, until the gaps are as found.
+The mean depends on w: rows are renewed, and the problem is solved again, until the gaps are as found. Where several
+contacts hold a body, that may lead nowhere: then only rows whose contacts overlap are renewed further.
 """
 
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.kernels.separation import CONTACT_DISTANCE, TIME_STEP, TOLERANCE, Separation
+from taichisoft.contact.kernels.separation import CONTACT_DISTANCE, MAY_LIFT, TIME_STEP, TOLERANCE, Separation
 from taichisoft.contact.kernels.surface_vertices import ROUND, SMOOTH, Carriers
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.rotation_matrices import rotation_of_vector
@@ -55,7 +56,7 @@ def renew_rows(
                 )
                 gap -= terms[CONTACT_DISTANCE]
                 difference = ti.abs(gap - choice.gap[c])
-                if difference > touching:
+                if difference > touching and (gap < choice.gap[c] or terms[MAY_LIFT] == 0.0):
                     if choice.status[c] < BEFORE:
                         closes = ti.i32(gap < ti.min(kept - terms[TIME_STEP] * terms[TOLERANCE], -touching))
                         wanted_count[0] = wanted_count[0] + closes - choice.wanted[c]
