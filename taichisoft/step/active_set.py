@@ -41,6 +41,7 @@ class ActiveSet:
         terms[kernels.HAS_RESTITUTION], terms[kernels.THETA] = model.restitution.any(), model.scene.time.theta
         self._follows_turns = model.scene.time.theta == 1.0
         self._violated_count, self._missed = np.zeros(1, dtype=np.int32), np.zeros(1)
+        self._node_position = np.zeros((model.node_count, 3))
         self.table, self.resting_speed, self._renewals = NO_CONTACTS, 0.0, 0
 
     def begin(self, table: ContactTable, state: State, node_velocity: np.ndarray) -> None:
@@ -51,7 +52,8 @@ class ActiveSet:
             state: state at the start of the step; the rigid bodies have its velocities.
             node_velocity: velocities of the soft nodes at the start [mm/s], shape (node_count, 3).
         """
-        self.table, self._node_position, self._renewals = table, state.position, 0
+        self.table, self._renewals = table, 0
+        self._node_position[:] = state.position  # reused: a kernel launch with new arrays takes longer
         self._reduction.begin(table, state)
         kernels.begin_separation(
             self._first_rigid,
