@@ -111,7 +111,8 @@ def gap_after(
 ) -> ti.f64:
     """Distance of the features of a contact after the step, along the normal that they then have [mm].
 
-    A face turns it, as two edges do. Else it stays, which is the half-space through a corner.
+    A face turns it, as two edges do. It stays, as the half-space through a corner, at other features, and where a side
+    is soft, whose places go straight ways.
     """
     apart, normal = vec3(0.0), contacts.normal[c]
     first_kind, first_line = PLANE, vec3(0.0)
@@ -156,7 +157,7 @@ def gap_after(
                 turned = first_line
             elif first_kind == VERTEX and kind == FACE:
                 turned = line
-            if turned.norm_sqr() > 0.0:
+            if turned.norm_sqr() > 0.0 and contacts.bodies[c, 0] >= first_rigid:
                 turned = turned.normalized()
                 normal = turned * ti.select(turned.dot(normal) < 0.0, -1.0, 1.0)
     return apart.dot(normal)
