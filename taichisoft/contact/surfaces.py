@@ -10,7 +10,7 @@ from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.contact import bounding_volumes
 from taichisoft.contact.features import find_features, find_round_vertices
 from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE, RoundShapes
-from taichisoft.contact.kernels.surface_vertices import Carriers, Planes, Surfaces
+from taichisoft.contact.kernels.surface_vertices import SMOOTH, Carriers, Planes, Surfaces
 from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
 from taichisoft.contact.smooth import find_smooth
 from taichisoft.meshes.surface import count_open_edges, stacked
@@ -63,7 +63,7 @@ class ContactSurfaces:
         touching_itself: numbers of the surfaces with self-contact, shape (count,).
         vertex_range, triangle_range, edge_range: first and last + 1 of each surface's features, (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces, see `find_features`.
-        vertex_is_round: 1 for a vertex that represents a round surface, else 0.
+        vertex_is_round: SHARP, ROUND for a vertex that represents a round surface, or SMOOTH, shape (vertex_count,).
         body_size: smallest initial extent of each body that can move [mm], infinite for others, shape (body_count,).
         may_touch: whether two bodies can touch, shape (body_count, body_count).
         may_pass_through: whether one body could be beyond the other after a step; nothing is beyond a plane.
@@ -101,7 +101,8 @@ class ContactSurfaces:
         )
         is_smooth = self.smooth.is_smooth.astype(bool)
         self.vertex_is_feature, self.edge_is_feature = find_features(self.topology, self.carriers, is_smooth)
-        self.vertex_is_round = find_round_vertices(self.topology, self.carriers).astype(np.int32)
+        is_round = find_round_vertices(self.topology, self.carriers)
+        self.vertex_is_round = np.where(is_smooth, SMOOTH, is_round).astype(np.int32)
         self.trees = bounding_volumes.build(
             self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
         )

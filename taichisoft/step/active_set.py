@@ -12,9 +12,13 @@ import numpy as np
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.contact_table import NO_CONTACTS, ContactTable
 from taichisoft.contact.kernels import separation as kernels
+from taichisoft.contact.kernels.turned_gaps import renew_rows
 from taichisoft.contact.reduction import ContactReduction
 from taichisoft.model import Model
 from taichisoft.state import State
+
+# Most times that the rows of a step are renewed, usually two, and how often for contacts that are lifted.
+MOST_RENEWALS, MOST_LOWERINGS = 40, 10
 
 
 class ActiveSet:
@@ -35,8 +39,10 @@ class ActiveSet:
         terms[kernels.TIME_STEP], terms[kernels.CONTACT_DISTANCE] = model.scene.time.step, settings.contact_distance
         terms[kernels.TOLERANCE], terms[kernels.KEEPS_DEPTH] = settings.tolerance, settings.depth == "position"
         terms[kernels.HAS_RESTITUTION], terms[kernels.THETA] = model.restitution.any(), model.scene.time.theta
-        self._violated_count = np.zeros(1, dtype=np.int32)
-        self.table, self.resting_speed = NO_CONTACTS, 0.0
+        self._follows_turns = model.scene.time.theta == 1.0
+        self._violated_count, self._missed = np.zeros(1, dtype=np.int32), np.zeros(1)
+        self._node_position = np.zeros((model.node_count, 3))
+        self.table, self.resting_speed, self._renewals = NO_CONTACTS, 0.0, 0
 
     def begin(self, table: ContactTable, state: State, node_velocity: np.ndarray) -> None:
         """Choose the contacts that are expected to push.
@@ -46,7 +52,8 @@ class ActiveSet:
             state: state at the start of the step; the rigid bodies have its velocities.
             node_velocity: velocities of the soft nodes at the start [mm/s], shape (node_count, 3).
         """
-        self.table = table
+        self.table, self._renewals = table, 0
+        self._node_position[:] = state.position  # reused: a kernel launch with new arrays takes longer
         self._reduction.begin(table, state)
         kernels.begin_separation(
             self._first_rigid,
@@ -65,9 +72,36 @@ class ActiveSet:
         self._reduction.add_wanted(table, beside=False)
 
     def add_violated(self, node_velocity: np.ndarray) -> bool:
-        """Add contacts that close with these node velocities [mm/s] and the rigid bodies' own; True if any."""
+        """Add contacts that close with these node velocities [mm/s] and the rigid bodies' own; True if any.
+
+        Where that turns bodies so far that a gap is another than its row's, the row is renewed, which counts as well.
+        """
         self._find_violated(node_velocity)
-        return bool(self._violated_count[0]) and self._reduction.add_wanted(self.table, beside=True)
+        self._missed[0] = 0.0
+        if self._follows_turns and self._rigid.angular.any():
+            self._terms[kernels.MAY_LIFT] = self._renewals >= MOST_LOWERINGS
+            renew_rows(
+                self._first_rigid,
+                self._terms,
+                self.table.found,
+                self._surfaces.vertex_is_round,
+                self._surfaces.carriers,
+                self._node_position,
+                node_velocity,
+                self._rigid,
+                self.table.separation,
+                self.table.choice,
+                self._violated_count,
+                self._missed,
+            )
+        added = bool(self._violated_count[0]) and self._reduction.add_wanted(self.table, beside=True)
+        self._renewals += bool(self._missed[0])
+        return added or (self.missed > 0.0 and self._renewals < MOST_RENEWALS)
+
+    @property
+    def missed(self) -> float:
+        """Largest velocity by which a gap at the end of the step is another than its row's [mm/s]."""
+        return float(self._missed[0]) / self._time_step
 
     def add_deep(self, moving: np.ndarray | None) -> bool:
         """Add contacts that overlap at the end of the step; True if any.

@@ -293,5 +293,5 @@ class ConstraintSolver:
             contact_impulse=problem.contacts.impulse.copy(),
             effort=problem.requests.efforts(solver.impulse[rows.actuators], self._time_step),
             iterations=iterations,
-            residual=solver.residual if acts else 0.0,
+            residual=max(solver.residual, self._active_set.missed) if acts else 0.0,
         )

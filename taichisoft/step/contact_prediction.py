@@ -8,6 +8,8 @@ No pair of bodies may penetrate on the way there. If two bodies could approach e
 distance, conservative advancement (Mirtich 1996, Impulse-based Dynamic Simulation of Rigid Body Systems) finds the
 first time at which they come close, and their contacts are measured then; so no body passes through another at any
 speed. Bodies that overlap at the start of the step are measured at the start, because their depth counts.
+
+Where a body is stopped short of its place at the end of the step, or turns on an arc, contacts are sought farther.
 """
 
 from collections.abc import Iterable, Iterator
@@ -57,6 +59,7 @@ class ContactPrediction:
             rigid_radius=np.array([body.radius for body in model.rigid_bodies], dtype=float),
             centre=np.zeros((body_count, 3)),
             radius=np.zeros(body_count),
+            bend=np.zeros(body_count),
             approach=np.zeros((body_count, body_count)),
             reach=np.zeros((body_count, body_count)),
             nearest=np.zeros((body_count, body_count)),
@@ -94,10 +97,11 @@ class ContactPrediction:
         may_touch, approach = self._surfaces.may_touch, self._pairs.approach.copy()
         fraction = np.where(may_touch, 1.0, np.nan)
         self._find_approach_times(self._surfaces.may_pass_through & (approach > self._distance), approach, fraction)
-        # The rest of the step after a pair was measured, the fall by gravity, and the effect of other impacts.
+        # The rest of the step after a pair was measured, arcs, the fall by gravity, and the effect of other impacts.
         strikes = fraction < 1.0
         struck = float(approach[strikes].max()) if strikes.any() else 0.0
-        reach = self._distance + (1.0 - fraction) * approach + self._falls + struck
+        bend = self._pairs.bend[:, None] + self._pairs.bend
+        reach = self._distance + (1.0 - fraction) * approach + bend + self._falls + struck
         reach = np.maximum(reach, self._pairs.least_reach)
         times = np.unique(fraction[may_touch]).tolist()
         return self._joined(
@@ -139,11 +143,19 @@ class ContactPrediction:
     def _with_overlaps(self, contacts: Contacts, reach: np.ndarray, time: float) -> Iterator[Part]:
         """Contacts at the end of the step, with contacts at the start for bodies that overlap there."""
         too_close = self._too_close()
-        ahead = contacts.trimmed()
-        at_start = self._search(np.where(too_close, reach, -1.0), 0.0)
+        farther = self._farther(reach, too_close)
+        ahead = (contacts if farther is reach else self._search(farther, time)).trimmed()
+        at_start = self._search(np.where(too_close, farther, -1.0), 0.0)
         overlapping = self._too_close()
         for chosen, when in ((_chosen(at_start, overlapping), 0.0), (_chosen(ahead, ~overlapping), time)):
             yield chosen, np.full(chosen.count[0], when)
+
+    def _farther(self, reach: np.ndarray, too_close: np.ndarray) -> np.ndarray:
+        """A reach with the ways of the rigid bodies that others stop short of where they would be."""
+        way = self._time_step * (np.linalg.norm(self._pairs.centre, axis=1) + self._pairs.radius)
+        way[: len(self._soft.body_start) - 1] = 0.0
+        way *= too_close.any(axis=1)
+        return np.where(reach < 0.0, reach, reach + way[:, None] + way) if way.any() else reach
 
     def _joined(self, parts: Iterable[Part]) -> Part:
         """Concatenate the parts in reused arrays."""

@@ -154,11 +154,12 @@ def test_energy_never_grows(
     friction: float,
     shape: dict[str, Any],
 ) -> None:
-    """But for this: a step takes the way of a corner as straight, and lifts what turns about it by up to (h w)^2 r / 2.
+    """But for this: a step takes the way of a cylinder's rim as straight, and lifts what turns by up to (h w)^2 r / 2.
 
-    The lift is one of place alone, and comes down again. A ball has no corners, and no such lift. Every step is solved.
+    The lift is one of place alone, and comes down again. Every step is solved. Contacts may be left out for 1e-5 mm,
+    which is 5e-3 mN mm of the weight.
     """
-    reach = 0.0 if "sphere" in shape else math.hypot(20.0, 20.0, 20.0)
+    reach = math.hypot(20.0, 20.0) if "cylinder" in shape else 0.0
     laws = {"friction": friction, "rolling_friction": lengths[0], "spinning_friction": lengths[1]}
     simulation = on_the_floor({**shape, "velocity": list(velocity), "angular_velocity": list(turning)}, laws, height=40)
     before = total_energy(simulation)
@@ -169,7 +170,7 @@ def test_energy_never_grows(
         turned = 0.005 * max(turned, np.linalg.norm(simulation.state.rigid_angular_velocity))
         lift = MASS * GRAVITY * 0.5 * turned**2 * reach
         after = total_energy(simulation)
-        assert after <= before + lift + 1e-6 * abs(before) + 1e-3
+        assert after <= before + lift + 1e-6 * abs(before) + 5e-3
         before = after
 
 

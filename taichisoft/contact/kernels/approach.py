@@ -36,6 +36,8 @@ class BodyPairs(NamedTuple):
         rigid_radius: radius of the bounding ball around the centre of mass of a rigid body [mm], shape (rigid_count,).
         centre, radius: bounding ball of the velocities of each body's points [mm/s], shapes (body_count, 3) and
             (body_count,).
+        bend: bound of the distance of a rigid body's points from where straight ways lead in the step [mm], shape
+            (body_count,).
         approach: upper bound of the approach of two bodies in the step [mm].
         reach: largest distance of contacts to search for [mm], negative if the bodies cannot touch.
         nearest: distance of the closest contact found [mm], FAR without a contact.
@@ -48,6 +50,7 @@ class BodyPairs(NamedTuple):
     rigid_radius: Scalars
     centre: Vectors
     radius: Scalars
+    bend: Scalars
     approach: ScalarTable
     reach: ScalarTable
     nearest: ScalarTable
@@ -78,8 +81,10 @@ def look_ahead(
                 high = ti.max(high, soft.velocity[node])
             pairs.centre[body] = 0.5 * (low + high)
             pairs.radius[body] = 0.5 * (high - low).norm()
+            pairs.bend[body] = 0.0
         for body in range(rigid_count):
             pairs.centre[soft_count + body] = rigid.linear[body]
+            pairs.bend[soft_count + body] = time_step**2 * rigid.angular[body].norm_sqr() * pairs.rigid_radius[body]
             pairs.radius[soft_count + body] = rigid.angular[body].norm() * pairs.rigid_radius[body]
         pairs.count[FAST] = 0
         for first in range(pairs.radius.shape[0]):
@@ -89,7 +94,8 @@ def look_ahead(
                 pairs.approach[first, second] = approach
                 pairs.reach[first, second] = -1.0
                 if pairs.may_touch[first, second] != 0:
-                    pairs.reach[first, second] = ti.max(contact_distance + falls, pairs.least_reach[first, second])
+                    reach = contact_distance + falls + pairs.bend[first] + pairs.bend[second]
+                    pairs.reach[first, second] = ti.max(reach, pairs.least_reach[first, second])
                 if pairs.may_pass_through[first, second] != 0 and approach > contact_distance:
                     pairs.count[FAST] = pairs.count[FAST] + 1
 

@@ -14,8 +14,9 @@ from taichisoft.runtime.taichi_start import SOFT, Integers, Scalars, ScalarTable
 # A contact is expected to push if it would close within this number of steps at its present velocity.
 STEPS_AHEAD = 2.0
 # Entries of `terms`, common to all contacts: time step [s]; contact distance [mm]; tolerance of velocities [mm/s];
-# 1 if penetrations at the start are kept and moved out later, else 0; 1 if any contact has restitution, else 0; theta.
-TIME_STEP, CONTACT_DISTANCE, TOLERANCE, KEEPS_DEPTH, HAS_RESTITUTION, THETA, TERM_COUNT = range(7)
+# 1 if penetrations at the start are kept and moved out later, else 0; 1 if any contact has restitution, else 0; theta;
+# 1 if a contact may push at a gap that is larger than its row's, else 0.
+TIME_STEP, CONTACT_DISTANCE, TOLERANCE, KEEPS_DEPTH, HAS_RESTITUTION, THETA, MAY_LIFT, TERM_COUNT = range(8)
 
 
 class Separation(NamedTuple):
