@@ -42,11 +42,7 @@ class ContactPatches:
     """Finds the patches of a model's states."""
 
     def __init__(self, model: Model):
-        """Join the surfaces of the soft bodies.
-
-        Raises:
-            SceneError: a tactile array lies beside the surface of its body.
-        """
+        """Join the surfaces of the soft bodies."""
         self._model, bodies = model, model.soft_bodies
         sizes = [len(body.surface.nodes) for body in bodies]
         self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -62,7 +58,6 @@ class ContactPatches:
         column = np.arange(len(corners)) - np.repeat(np.cumsum(count) - count, count)
         self._fans = np.full((len(self._rest), int(count.max(initial=1))), -1)
         self._fans[corners[order], column] = order // 3
-        self._check_tactile_arrays()
 
     def patches(self, state: State) -> dict[Pair, ContactPatch]:
         """The patches by pair of bodies, in the scene's order; pairs of which none is soft have none."""
@@ -100,7 +95,12 @@ class ContactPatches:
                 felt[f"{body.name}.{name}"] = np.histogramdd(points, cells, weights=force[touches])[0]
         return felt
 
-    def _check_tactile_arrays(self) -> None:
+    def check_tactile_arrays(self) -> None:
+        """Check that every tactile array has a part of the surface of its body.
+
+        Raises:
+            SceneError: one lies beside it.
+        """
         for body, start in zip(self._model.soft_bodies, self._start[:-1], strict=True):
             corners = self._rest[body.surface.triangles + start]
             for name, table in body.settings.tactile.items():

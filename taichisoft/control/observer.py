@@ -50,13 +50,14 @@ class Observer:
         """Find the fingertips.
 
         Raises:
-            SceneError: a tip cannot show a rotation.
+            SceneError: a tip cannot show a rotation, or a tactile array lies beside the surface of its body.
         """
         self._model = model
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._fingertips = Fingertips(model.soft_bodies, model.frames)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
         self._contact_patches, self._sensors = ContactPatches(model), Sensors(model.scene)
+        self._contact_patches.check_tactile_arrays()
         self.look: Callable[[State, str], Any] | None = None
         self._working = Lock()
         self._last: tuple[State, dict[str, dict[str, Any]]] | None = None
