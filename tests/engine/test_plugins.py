@@ -25,7 +25,9 @@ def test_what_a_plugin_provides_is_found_by_name(install: Install) -> None:
     install("two", taichisoft_controllers=lambda: {"pull": int}, taichisoft_outputs=provide("pull"))
     assert hooks.find("controller", "pull") is int
     assert hooks.find("output", "pull") is object
-    with pytest.raises(PluginError, match=r"^no controller is called 'pul'; there are: pull, push; --plugin FILE\.py brings others$"):
+    with pytest.raises(
+        PluginError, match=r"^no controller is called 'pul'; there are: pull, push; --plugin FILE\.py brings others$"
+    ):
         hooks.find("controller", "pul")
 
 
