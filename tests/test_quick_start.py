@@ -54,7 +54,8 @@ def test_what_the_shipped_plugins_provide_can_be_imported(kind: str) -> None:
         assert kind in ("run option", "material") or callable(found[name]), name
 
 
-def test_the_bar_names_the_kernel_that_a_step_waits_for() -> None:
+def test_the_bar_names_the_kernel_that_a_step_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")  # a dumb terminal has no bar
     screen = io.StringIO()
     session: Any = SimpleNamespace(step_count=2)
     with progress_bar(Console(file=screen, force_terminal=True, width=100), session, "a finger"):

@@ -44,9 +44,9 @@ def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], pre
         case "string_too_long" if location[-1] == "[key]":
             table_key, most = ".".join(str(part) for part in location[:-2]), problem["ctx"]["max_length"]
             return f"{table_key} has a '{problem['input'][:20]}...': a name must not be longer than {most} characters"
-        case "literal_error" if location[-1] == "[key]":
+        case "literal_error" if location[-1:] == ("[key]",):
             valid = [part.strip("' ") for part in re.split(", | or ", problem["ctx"]["expected"])]
-            return f"{key.removesuffix('.[key]')}: unknown name; {nearest(problem['input'], valid, 'valid names')}"
+            return f"{key}: unknown name; {nearest(problem['input'], valid, 'valid names')}"
         case "missing" if isinstance(location[-1], int):  # the entries that a list of fixed length lacks
             absent = [found for found in problems if found["type"] == "missing" and found["loc"][:-1] == path[:-1]]
             given = len(problem["input"])

@@ -52,7 +52,7 @@ def body_in_a_void(occ: Any) -> None:
             r"has 2 solids, of 4000, 1000 mm\^3, and solid 2 shares no face with those joined to solid 1",
         ),
         (body_in_a_void, r"has 2 solids, of 784, 8 mm\^3, and solid 2 shares no face"),
-        (lambda occ: occ.addRectangle(0, 0, 0, 1, 1), "has no solid body, and 1 faces; export the body as a solid"),
+        (lambda occ: occ.addRectangle(0, 0, 0, 1, 1), "has no solid body, and 1 face; export the body as a solid"),
     ],
 )
 def test_one_body_of_solids_is_needed(tmp_path: Path, draw: Callable[[Any], object], problem: str) -> None:
