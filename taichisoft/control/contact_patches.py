@@ -102,9 +102,8 @@ class ContactPatches:
             SceneError: one lies beside it.
         """
         for body, start in zip(self._model.soft_bodies, self._start[:-1], strict=True):
-            corners = self._rest[body.surface.triangles + start]
             for name, table in body.settings.tactile.items():
-                low, high = table.box
+                corners, (low, high) = self._rest[body.surface.triangles + start], table.box
                 inside = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
                 if not inside.all(axis=1).any():
                     ends = [getattr(body.mesh.nodes, end)(axis=0).round(3).tolist() for end in ("min", "max")]

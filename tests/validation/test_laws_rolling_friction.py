@@ -156,10 +156,10 @@ def test_energy_never_grows(
 ) -> None:
     """But for this: a step takes the way of a cylinder's rim as straight, and lifts what turns by up to (h w)^2 r / 2.
 
-    The lift is one of place alone, and comes down again. Every step is solved. Contacts may be left out for 1e-5 mm,
-    which is 5e-3 mN mm of the weight.
+    The lift is one of place alone, and comes down again. Every step is solved. Rows of boxes may be left as they are
+    for 1e-5 mm, which is 5e-3 mN mm of the weight.
     """
-    reach = math.hypot(20.0, 20.0) if "cylinder" in shape else 0.0
+    reach, left = (math.hypot(20.0, 20.0), 1e-3) if "cylinder" in shape else (0.0, 5e-3 if "box" in shape else 1e-3)
     laws = {"friction": friction, "rolling_friction": lengths[0], "spinning_friction": lengths[1]}
     simulation = on_the_floor({**shape, "velocity": list(velocity), "angular_velocity": list(turning)}, laws, height=40)
     before = total_energy(simulation)
@@ -170,7 +170,7 @@ def test_energy_never_grows(
         turned = 0.005 * max(turned, np.linalg.norm(simulation.state.rigid_angular_velocity))
         lift = MASS * GRAVITY * 0.5 * turned**2 * reach
         after = total_energy(simulation)
-        assert after <= before + lift + 1e-6 * abs(before) + 5e-3
+        assert after <= before + lift + 1e-6 * abs(before) + left
         before = after
 
 
