@@ -64,3 +64,15 @@ def finite(name: str, value: Any) -> float:
     if not np.isfinite(number):
         raise SceneError(f"{name} = {value!r}: must be a finite number")
     return number
+
+
+def positive(name: str, value: Any) -> float:
+    """A finite number above zero; `name` begins the error.
+
+    Raises:
+        SceneError: it is none.
+    """
+    number = finite(name, value)
+    if number <= 0.0:
+        raise SceneError(f"{name} = {value!r}: must be above 0")
+    return number

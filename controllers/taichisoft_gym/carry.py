@@ -8,12 +8,14 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_gym.actuation import Travel
-from taichisoft_gym.arguments import numbers
+from taichisoft_gym.arguments import numbers, positive
 from taichisoft_gym.channels import symmetric
 from taichisoft_gym.grasp import STILL, GripperEnvironment
 
 PLACED = 2.0
 """Height over the floor up to which an object stands on it [mm]."""
+LIFTED = 1.0
+"""Height over the start from which an object no longer drags along the floor [mm]."""
 
 
 class Carry(GripperEnvironment):
@@ -23,19 +25,29 @@ class Carry(GripperEnvironment):
     goal_channels = symmetric("object", "mm", 200.0, ("right", "front"))
     goal_options = ("target",)
 
-    def __init__(self, distance: tuple[float, float] = (20.0, 50.0), tolerance: float = 5.0, **common: Any):
+    def __init__(
+        self,
+        distance: tuple[float, float] = (20.0, 50.0),
+        tolerance: float = 5.0,
+        longest_drag: float = 10.0,
+        **common: Any,
+    ):
         """Make the environment; `common` are the arguments of `SoftRobotEnvironment`.
 
         Args:
             distance: shortest and longest horizontal distance to the target [mm], in any direction.
             tolerance: distance to the target within which the object has arrived [mm].
+            longest_drag: way on the floor after which the object is pushed and not carried, and the task has failed
+                [mm].
             common: see above; the scene has a gripper and an object.
 
         Raises:
             SceneError: the scene or an argument is not valid.
         """
-        self._distance, self.tolerance = distance, tolerance
-        reach = distance[1] + 20.0
+        self._distance = distances(distance)
+        self.tolerance = positive("tolerance", tolerance)
+        self._longest_drag = positive("longest_drag", longest_drag)
+        reach = self._distance[1] + 20.0
         self.travel = Travel((-reach, -reach, 0.0), (reach, reach, 60.0))
         super().__init__(**common)
 
@@ -52,6 +64,17 @@ class Carry(GripperEnvironment):
             raise SceneError(
                 f"options['target'] = {target!r}: must be a way to the right and to the front [mm], not zero"
             )
+        self._way, self._dragged = np.zeros(3), 0.0
+
+    def update(self, seen: Observation) -> None:
+        """Measure how far the object has gone on the floor."""
+        before, self._way = self._way, self.way_of_object(seen)
+        if max(before[2], self._way[2]) < LIFTED:
+            self._dragged += float(np.linalg.norm((self._way - before)[:2]))
+
+    def terminated(self, seen: Observation) -> bool:
+        """Whether the object is lost, or was dragged."""
+        return super().terminated(seen) or self._dragged > self._longest_drag
 
     def achieved_goal(self, seen: Observation) -> np.ndarray:
         """Displacement of the object to the right and to the front [mm], shape (2,)."""
@@ -66,11 +89,12 @@ class Carry(GripperEnvironment):
         return 0.2 * grip + 0.8 * progress + float(self._placed(seen))
 
     def information(self, seen: Observation) -> dict[str, Any]:
-        """Success, distance and lift [mm], and the share of fingers that touch."""
+        """Success, distance, lift and way on the floor [mm], and the share of fingers that touch."""
         return {
             "is_success": self._placed(seen) and not self.terminated(seen),
             "distance": self._left(seen),
             "lift": float(self.way_of_object(seen)[2]),
+            "dragged": self._dragged,
             "touching": self.touching(seen),
         }
 
@@ -85,3 +109,15 @@ class Carry(GripperEnvironment):
     def _placed(self, seen: Observation) -> bool:
         is_down = self.way_of_object(seen)[2] < PLACED and self.touching(seen) == 0.0
         return bool(self._left(seen) < self.tolerance and is_down and self.speed(seen) < STILL)
+
+
+def distances(given: Any) -> tuple[float, float]:
+    """Shortest and longest distance of a target [mm].
+
+    Raises:
+        SceneError: they are none.
+    """
+    both = numbers(given)
+    if both.shape != (2,) or not 0.0 < both[0] <= both[1] < np.inf:
+        raise SceneError(f"distance = {given!r}: must be a shortest and a longest distance [mm], above 0")
+    return float(both[0]), float(both[1])

@@ -8,6 +8,7 @@ import numpy as np
 from taichisoft.control import Observation
 from taichisoft.state import State
 from taichisoft_gym.actuation import Travel
+from taichisoft_gym.arguments import positive
 from taichisoft_gym.environment import Quantity, SoftRobotEnvironment
 
 LOST = 80.0
@@ -54,8 +55,8 @@ class Grasp(GripperEnvironment):
         Raises:
             SceneError: the scene or an argument is not valid.
         """
-        self._lift, self._hold = lift, hold
-        self.travel = Travel((0.0, 0.0, 0.0), (0.0, 0.0, 2.0 * lift))
+        self._lift, self._hold = positive("lift", lift), positive("hold", hold)
+        self.travel = Travel((0.0, 0.0, 0.0), (0.0, 0.0, 2.0 * self._lift))
         super().__init__(**common)
 
     def begin(self, start: State, options: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from taichisoft.errors import SceneError
 from taichisoft.scenes import scene_to_toml
 from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, Actuation
-from taichisoft_gym.arguments import numbers
+from taichisoft_gym.arguments import numbers, positive
 from taichisoft_gym.channels import symmetric
 from taichisoft_gym.environment import SoftRobotEnvironment
 
@@ -42,7 +42,7 @@ class Reach(SoftRobotEnvironment):
         Raises:
             SceneError: the scene or an argument is not valid.
         """
-        self.tolerance = tolerance
+        self.tolerance = positive("tolerance", tolerance)
         super().__init__(**common)
 
     def begin(self, start: State, options: dict[str, Any]) -> None:

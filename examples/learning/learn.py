@@ -55,14 +55,14 @@ def grasp(weights: np.ndarray, seen: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def carry(weights: np.ndarray, seen: dict[str, np.ndarray]) -> np.ndarray:
-    """One pressure for all fingers, by whether the object has arrived; a speed upwards, by pressure and height.
+    """One pressure for all fingers and a speed upwards, by grip, height and whether the object has arrived.
 
-    Across, the base goes to the object, and the more it grips the faster to the target.
+    Across, the base goes to the object, and the higher that is the faster to the target.
     """
-    way, pressures = seen["way to the target"], seen["pressure"]
+    way, pressures, lift = seen["way to the target"], seen["pressure"], np.clip(seen["object"][2] / 10.0, 0.0, 1.0)
     grip, left = pressures.mean() / 100.0, min(np.linalg.norm(way) / 5.0, 1.0)
-    pressure, speed = weights[:2] @ [1.0, left], weights[2:5] @ [1.0, grip, seen["base"][2] / 30.0]
-    across = weights[5] * grip * way / 10.0 + weights[6] * (seen["object"] - seen["base"])[:2] / 10.0
+    pressure, speed = weights[:2] @ [1.0, left], weights[2:5] @ [1.0, grip * left, seen["base"][2] / 30.0]
+    across = weights[5] * lift * way / 10.0 + weights[6] * (seen["object"] - seen["base"])[:2] / 10.0
     return np.array([pressure] * len(pressures) + [*across, speed])
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import urllib.request
 import warnings
 from pathlib import Path
@@ -235,6 +236,39 @@ def test_carrying_pays_where_the_object_comes_nearer_and_most_where_it_is_let_go
     *_, told = env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))
     assert told["is_success"]
     assert env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))[1] > far + 1.0
+
+
+def test_an_object_that_is_pushed_along_the_floor_is_not_carried() -> None:
+    env = make("Carry", longest_drag=3.0, tolerance=100.0)
+    env.reset(seed=0, options={"target": (30.0, 0.0)})
+    closed = [1.0, 1.0]
+    for _ in range(8):
+        *_, terminated, _, told = env.step(np.array([*closed, 0.0, 0.0, 0.0]))
+    assert not terminated and told["dragged"] < 1.0
+    for _ in range(10):
+        *_, terminated, _, told = env.step(np.array([*closed, 1.0, 0.0, 0.0]))
+        assert terminated == (told["dragged"] > 3.0)
+        if terminated:
+            break
+    assert terminated and not told["is_success"] and told["lift"] < 1.0
+    _, told = env.reset(seed=0, options={"target": (30.0, 0.0)})
+    assert told["dragged"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("task", "told", "problem"),
+    [
+        ("Carry", {"longest_drag": 0.0}, "longest_drag = 0.0: must be above 0"),
+        ("Carry", {"tolerance": "fine"}, "tolerance = 'fine': must be a finite number"),
+        ("Carry", {"distance": (50.0, 20.0)}, "must be a shortest and a longest distance"),
+        ("Grasp", {"lift": -30.0}, "lift = -30.0: must be above 0"),
+        ("Grasp", {"hold": float("nan")}, "hold = nan: must be a finite number"),
+        ("Reach", {"tolerance": 0.0}, "tolerance = 0.0: must be above 0"),
+    ],
+)
+def test_figures_of_a_task_are_above_zero(task: str, told: dict, problem: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(problem)):
+        make(task, **told)
 
 
 def test_another_object_takes_the_place_of_the_scenes() -> None:
