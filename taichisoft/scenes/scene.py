@@ -249,6 +249,11 @@ class Scene(Table):
         for name, body in self.soft_bodies.items():
             if dynamics == "static" and not body.anchors:
                 raise ValueError(f"time.dynamics = 'static' needs anchors of every soft body; '{name}' has none")
+        kinds = ("soft_bodies", "rigid_bodies") if dynamics == "static" else ()
+        for place, body in ((f"{kind}.{name}", body) for kind in kinds for name, body in getattr(self, kind).items()):
+            for key in ("velocity", "angular_velocity"):
+                if any(getattr(body, key, ())):
+                    raise ValueError(f"{place}.{key}: nothing moves at the start of a run of time.dynamics = 'static'")
         return self
 
     @model_validator(mode="after")

@@ -67,6 +67,10 @@ WRONG = [
         "time.dynamics = 'overdamped' is for soft bodies alone; remove the rigid body 'cube'",
     ),
     (
+        {**rigid(velocity=[0.0, 0.0, 5.0]), "time": {"dynamics": "static"}},
+        "rigid_bodies.cube.velocity: nothing moves at the start of a run of time.dynamics = 'static'",
+    ),
+    (
         with_box(time={"dynamics": "third order"}),
         "time.dynamics = 'third order': input should be 'inertial', 'overdamped' or 'static'",
     ),

@@ -106,6 +106,11 @@ class Translation:
         self.tables.setdefault("frames", {})[name] = {"pivot": pivot}
 
     @property
+    def is_static(self) -> bool:
+        """Whether steps lead to equilibria, in which nothing begins with a velocity."""
+        return bool(self.tables.get("time", {}).get("dynamics") == "static")
+
+    @property
     def is_empty(self) -> bool:
         """Whether the scene has no body that a run could show."""
         return not self.tables.keys() & {"soft_bodies", "rigid_bodies"}

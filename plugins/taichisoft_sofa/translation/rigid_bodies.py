@@ -53,7 +53,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
         "rotation": degrees(pose[3:]),
     }
     velocity = start_velocity(body.state)
-    if velocity.any():
+    if velocity.any() and not translation.is_static:
         turning = velocity[3:] if body.rigid else np.zeros(3)
         table |= {"velocity": velocity[:3].tolist(), "angular_velocity": turning.tolist()}
     given = body.mass.inertia

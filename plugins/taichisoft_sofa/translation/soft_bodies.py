@@ -86,7 +86,7 @@ def add_soft_body(
         "regions": [{"group": f"material{number}", **region} for number, region in enumerate(regions[1:], 1)],
     }
     if solver is not None:
-        if (velocity := start_velocity(body.state)).any():
+        if (velocity := start_velocity(body.state)).any() and not translation.is_static:
             table["velocity"] = velocity.tolist()
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
