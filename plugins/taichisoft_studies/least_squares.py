@@ -1,6 +1,5 @@
 """Calibration: parameters whose runs repeat measured curves, by least squares on the runs of a study."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from taichisoft_studies.workers import Workers
 CONFIDENCE = 0.95
 OVER = "over"
 AT_BOUND = 1e-4
-"""Distance from a bound, over it, below which a value has come to it [-]."""
+"""Distance from a bound, as a share of the way between both, below which a value has come to it [-]."""
 FAR, SMALL = 3.0, 0.01
 """A residual above so many times the noise, and this part of the range of the data, has another cause than noise."""
 STATIC = {"time.dynamics": "static", "time.theta": 1.0}
@@ -120,9 +119,9 @@ def calibrate(
 def misfits(study: Calibration, measurements: Sequence[Measurement], fit: CalibrationFit) -> Iterator[str]:
     """A sentence for each value that ends at a bound, and each curve whose residual has another cause than noise."""
     for key, value in fit.values.items():
-        for name in ("low", "high"):
-            bound = getattr(study.parameters[key], name)
-            if math.isclose(value, bound, rel_tol=AT_BOUND):
+        parameter = study.parameters[key]
+        for name, bound in (("low", parameter.low), ("high", parameter.high)):
+            if abs(_share(parameter, value) - _share(parameter, bound)) < AT_BOUND:
                 yield f"hint: {key} ends at its bound, {name} = {bound:g}: the data ask for more, or say nothing of it"
     for experiment, data, residuals in zip(study.experiments, measurements, fit.residuals, strict=True):
         ranges = np.ptp(data.curves, axis=1)

@@ -190,7 +190,8 @@ def test_a_residual_far_above_the_noise_is_told_and_one_as_large_as_it_is_not(tm
     study = Calibration.model_construct(experiments=(experiment,))
     fits = [CalibrationFit({}, {}, [[residual]], [], 1, 0.0) for residual in (0.1, 0.9, 5.0)]
     assert [len(list(misfits(study, [data], fit))) for fit in fits] == [0, 0, 1], "1 % of the range is 1"
-    bounded = study.model_copy(update={"parameters": {MODULUS: Parameter(start=2.0, low=1.0, high=4.0)}})
-    ends = [CalibrationFit({MODULUS: value}, {}, [[0.1]], [], 1, 0.0) for value in (1.0, 3.9, 3.99999)]
-    hints = [" ".join(misfits(bounded, [data], fit)) for fit in ends]
-    assert "its bound, low = 1" in hints[0] and not hints[1] and "its bound, high = 4" in hints[2]
+    for low, near in ((1.0, 3.9), (0.0, 0.001)):
+        bounded = study.model_copy(update={"parameters": {MODULUS: Parameter(start=2.0, low=low, high=4.0)}})
+        ends = [CalibrationFit({MODULUS: value}, {}, [[0.1]], [], 1, 0.0) for value in (low + 1e-5, near, 3.99999)]
+        hints = [" ".join(misfits(bounded, [data], fit)) for fit in ends]
+        assert f"its bound, low = {low:g}" in hints[0] and not hints[1] and "its bound, high = 4" in hints[2]
