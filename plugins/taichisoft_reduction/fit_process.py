@@ -51,9 +51,9 @@ class FitProcess:
     def __exit__(self, *_: object) -> None:
         self._worker.end()
 
-    def add_modes(self) -> None:
-        """See `ShapeFit.add_modes`."""
-        self._ask(("add modes", None, {}))
+    def use_modes(self, count: int) -> None:
+        """See `ShapeFit.use_modes`."""
+        self._ask(("use modes", count, {}))
 
     def choose(self, part: float = 1.0) -> None:
         """See `ShapeFit.choose`."""
@@ -82,7 +82,7 @@ def serve_fit(link: Link) -> None:
         if method == "choose":
             fit.choose(lambda count, error: None, argument)
             chosen = len(fit.cubature.domain) if fit.cubature is not None else 0
-        elif method == "add modes":
-            fit.add_modes()
+        elif method == "use modes":
+            fit.use_modes(argument)
         else:
             fit.modes(**validated).write(argument)

@@ -81,9 +81,9 @@ class ShapeFit:
         noise = np.random.default_rng(SEED).standard_normal(beside.shape)
         return np.vstack([some, beside + PERTURBATION * amplitudes.std(axis=0) * noise])
 
-    def add_modes(self) -> None:
-        """Use half as many modes again, before `choose`."""
-        self.mode_count = min(self.mode_count + self.mode_count // 2 + 1, len(self.basis.singular_values))
+    def use_modes(self, count: int) -> None:
+        """Use so many modes, or all that the training shows; before `choose`."""
+        self.mode_count = min(count, len(self.basis.singular_values))
 
     @cached_property
     def _criterion(self) -> MotionCriterion:

@@ -225,11 +225,11 @@ def _refine(
         progress.line(f"{title}; error of the training {100.0 * error:.2g} %")
         return pairs, error <= wishes.tolerance
 
-    for attempt in range(ATTEMPTS if wishes.modes is None else 0):
-        if tried(FOLLOWED_BY_MODES, f"{shape.name}: {fit.mode_count} modes with all {fit.domain_count} domains")[1]:
-            break
-        if attempt < ATTEMPTS - 1:
-            fit.add_modes()
+    def is_followed() -> bool:
+        return tried(FOLLOWED_BY_MODES, f"{shape.name}: {fit.mode_count} modes with all {fit.domain_count} domains")[1]
+
+    if wishes.modes is None:
+        find_mode_count(fit, is_followed)
     pairs: list[tuple[RunResult, RunResult]] = []
     before = 0
     for attempt in range(ATTEMPTS):
@@ -242,6 +242,24 @@ def _refine(
         if followed:
             break
     return pairs
+
+
+def find_mode_count(fit: FitProcess, is_followed: Callable[[], bool]) -> None:
+    """Use half as many modes again until the motions are followed, then half of those that came last if these do."""
+    too_few = 0
+    for _ in range(ATTEMPTS - 1):
+        if is_followed():
+            break
+        too_few = fit.mode_count
+        fit.use_modes(too_few + too_few // 2 + 1)
+    else:
+        if not is_followed():
+            return
+    enough = fit.mode_count
+    if 0 < too_few < enough - 1:
+        fit.use_modes((too_few + enough) // 2)
+        if not is_followed():
+            fit.use_modes(enough)
 
 
 def _reduced_runs(

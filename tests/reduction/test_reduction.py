@@ -24,7 +24,7 @@ from taichisoft_reduction.pressing import presses
 from taichisoft_reduction.reduce_command import reduce
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
 from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
-from taichisoft_reduction.shape_reduction import Progress, Wishes, reduce_scene
+from taichisoft_reduction.shape_reduction import Progress, Wishes, find_mode_count, reduce_scene
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
 TURNED = {"rotation": [20.0, -35.0, 50.0], "translation": [3.0, 1.0, -2.0]}
@@ -98,6 +98,25 @@ def test_modes_are_orthonormal_in_the_mass_and_hold_the_training():
     errors = [basis.error(count) for count in (1, 2, 3, 4)]
     assert errors == sorted(errors, reverse=True) and errors[3] < 1e-6 < errors[2]
     assert basis.count_for(1e-4) == 4
+
+
+@pytest.mark.parametrize(("needed", "found"), [(20, 20), (25, 25), (30, 31), (40, 47), (60, 47)])
+def test_modes_are_added_until_motions_are_followed_and_half_of_the_last_left_out(needed, found):
+    class Fit:
+        mode_count = 20
+
+        def use_modes(self, count):
+            self.mode_count = count
+
+    fit, tried = Fit(), []
+
+    def is_followed():
+        tried.append(fit.mode_count)
+        return fit.mode_count >= needed
+
+    find_mode_count(fit, is_followed)
+    assert fit.mode_count == found
+    assert len(tried) == len(set(tried)) <= 4
 
 
 def test_a_training_without_motion_is_refused():
