@@ -2,9 +2,9 @@
 
 A page's commands are run in its order, in one folder and in this process, and then its programs. What would take long
 is smaller: shipped scenes are two pads and a cube that have their names, and end after some steps; pictures are blank,
-plots empty, meshes of fingers are a pad's, runs of studies are made here, and pages are not served. Tests of their own
-show that these things work. What is shown here is that whoever types a line gets what it names, by the options that it
-gives.
+plots empty, meshes of fingers are a pad's, runs of studies are made here, bodies are reduced by few runs, and pages
+are not served. Tests of their own show that these things work. What is shown here is that whoever types a line gets
+what it names, by the options that it gives.
 """
 
 import re
@@ -68,6 +68,7 @@ SHORTER = (
     ),  # pads have no arm
     (r"--duration [\d.]+", "--duration 0.03"),
     (r"--steps \d+", "--steps 3"),
+    (r"(taichisoft reduce \S+)", r"\1 --processes 1"),  # a process takes longer to start than all runs of pads
     (r"--(at|time) [\d.]+", r"--\1 0.02"),
     (r"runs/1aaaa8ec010c7dbe out/study/runs/3c6447d2fcc3c084", "runs/FIRST out/study/runs/SECOND"),
 )
@@ -185,6 +186,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from taichisoft_meshing.mould import part_pictures
     from taichisoft_outputs.rendering import render, video
     from taichisoft_outputs.web import recording_page, web_output
+    from taichisoft_reduction import pressing, shape_reduction
     from taichisoft_studies import workers
 
     shutil.copytree(ROOT / "data", data)
@@ -199,6 +201,8 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_process, "_known_elsewhere", lambda job: False)
     monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
+    monkeypatch.setattr(pressing, "PRESSES", 2)
+    monkeypatch.setattr(shape_reduction, "ATTEMPTS", 1)
     monkeypatch.setattr(workers, "dask_workers", workers_here)
     monkeypatch.setattr(web_output.WebOutput, "follow", lambda self, session: None)
     monkeypatch.setattr(recording_page.RecordingPage, "serve", lambda self: None)
