@@ -253,7 +253,9 @@ class Scene(Table):
         for place, body in ((f"{kind}.{name}", body) for kind in kinds for name, body in getattr(self, kind).items()):
             for key in ("velocity", "angular_velocity"):
                 if any(getattr(body, key, ())):
-                    raise ValueError(f"{place}.{key}: nothing moves at the start of a run of time.dynamics = 'static'")
+                    raise ValueError(
+                        f"{place}.{key}: nothing moves at the start with time.dynamics = 'static'; remove it"
+                    )
         return self
 
     @model_validator(mode="after")

@@ -68,7 +68,7 @@ WRONG = [
     ),
     (
         {**rigid(velocity=[0.0, 0.0, 5.0]), "time": {"dynamics": "static"}},
-        "rigid_bodies.cube.velocity: nothing moves at the start of a run of time.dynamics = 'static'",
+        "rigid_bodies.cube.velocity: nothing moves at the start with time.dynamics = 'static'; remove it",
     ),
     (
         with_box(time={"dynamics": "third order"}),
