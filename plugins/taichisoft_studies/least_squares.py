@@ -120,8 +120,9 @@ def misfits(study: Calibration, measurements: Sequence[Measurement], fit: Calibr
     """A sentence for each value that ends at a bound, and each curve whose residual has another cause than noise."""
     for key, value in fit.values.items():
         parameter = study.parameters[key]
-        for name, bound in (("low", parameter.low), ("high", parameter.high)):
-            if abs(_share(parameter, value) - _share(parameter, bound)) < AT_BOUND:
+        share = _share(parameter, value)
+        for name, bound, left in (("low", parameter.low, share), ("high", parameter.high, 1.0 - share)):
+            if left < AT_BOUND:
                 yield f"hint: {key} ends at its bound, {name} = {bound:g}: the data ask for more, or say nothing of it"
     for experiment, data, residuals in zip(study.experiments, measurements, fit.residuals, strict=True):
         ranges = np.ptp(data.curves, axis=1)

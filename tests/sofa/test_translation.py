@@ -614,8 +614,12 @@ def test_a_static_solver_leads_to_equilibrium(folder: Path) -> None:
         node.removeObject("EulerImplicitSolver")
         node.addObject("StaticSolver", newton_iterations=10)
         """
-    translation = translated(folder, still.format("a"))
+    moving = (
+        "state = node.getMechanicalState()\n        state.velocity = [[1, 2, 3]] * len(state.position.value)\n        "
+    )
+    translation = translated(folder, still.format("a") + moving)
     assert not translation.refused
     assert translation.tables["time"]["dynamics"] == "static"
+    assert "velocity" not in translation.tables["soft_bodies"]["a"], "nothing moves at the start in statics"
     (line,) = translated(folder, still.format("a") + "body(root, 'b')").refused
     assert "StaticSolver for some of the bodies; all of a scene are at equilibrium, or none is" in line
