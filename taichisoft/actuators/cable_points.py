@@ -15,7 +15,7 @@ from taichisoft.errors import SceneError
 from taichisoft.meshes.point_files import read_points
 from taichisoft.meshes.surface import stacked
 from taichisoft.meshes.ten_nodes import linear_parts
-from taichisoft.runtime.taichi_start import SOFT, STATIC
+from taichisoft.runtime.language import SOFT, STATIC
 from taichisoft.scenes import actuators as settings
 
 # A cable that rubs must stretch a little: where it sticks at some points and slides at others, its tensions would else

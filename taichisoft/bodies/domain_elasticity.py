@@ -14,7 +14,7 @@ from taichisoft.bodies.kernels import domain_deformation as kernels
 from taichisoft.bodies.kernels import hooke_domains, rubber_domains
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
-from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.language import THREADS
 from taichisoft.runtime.waiting import COUNTERS
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ class DomainSystem:
             self._total.progress[:] = 0
             data = self._hooke_data if damped else self._undamped_hooke
             hooke_domains.add_hooke_domains(
-                data, self._movement, self._hooke.block, self._entries, self._hooke.parts, self._total
+                data, self._movement, self._hooke.block, self._entries, self._hooke.parts, self._total, THREADS
             )
         if self._rubber is not None:
             self._total.progress[:] = 0

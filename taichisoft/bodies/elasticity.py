@@ -19,6 +19,7 @@ from taichisoft.bodies.shape_functions import linear_tetrahedra
 from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
+from taichisoft.runtime.language import THREADS
 from taichisoft.runtime.waiting import COUNTERS
 from taichisoft.scenes.time_stepping import Time
 
@@ -235,7 +236,9 @@ class ElasticSystem:
         self._matrix.progress[:] = 0
         elements = self._elements if damped else self._undamped_elements
         if self._has_full_bodies:
-            kernels.assemble(elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix)
+            kernels.assemble(
+                elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix, THREADS
+            )
         if self._domains is not None:
             self._domains.add(damped)
         if self._reinforcements is not None:

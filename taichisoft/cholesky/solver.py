@@ -13,7 +13,7 @@ from taichisoft.cholesky.kernels.front_layout import Factor
 from taichisoft.cholesky.kernels.sparse_columns import SparseColumns
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import NotPositiveDefinite
-from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.language import THREADS
 from taichisoft.runtime.tiles import TILE
 from taichisoft.runtime.waiting import COUNTERS
 

@@ -8,7 +8,7 @@ from taichisoft.cholesky.fronts import lay_out
 from taichisoft.cholesky.kernels.front_layout import BELOW, COLUMNS
 from taichisoft.cholesky.kernels.sparse_columns import EliminationTree
 from taichisoft.cholesky.ordering import find_supernodes
-from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.language import THREADS
 
 
 class SymbolicFactor:

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.cholesky.kernels.front_layout import AWAITED, FIRST_FRONT, LAST_FRONT
 from taichisoft.cholesky.schedule import schedule
-from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.language import THREADS
 from taichisoft.runtime.tiles import TILE
 from taichisoft.runtime.waiting import PER_LOOK
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichisoft.contact.kernels.surface_vertices import Carriers, Surfaces
-from taichisoft.runtime.taichi_start import SOFT
+from taichisoft.runtime.language import SOFT
 
 # On an undeformable body, faces whose normals differ by less than this angle from the first face's normal form one
 # plane facet [rad]; an edge inside a facet touches nothing that the facet does not touch.

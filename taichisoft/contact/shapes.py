@@ -9,7 +9,7 @@ from taichisoft.bodies.closed_form_shapes import RoundShape
 from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
 from taichisoft.contact.kernels.round_shapes import SURFACE_PAIR_COLUMNS, MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_distance import FACING
-from taichisoft.runtime.taichi_start import STATIC
+from taichisoft.runtime.language import STATIC
 from taichisoft.state import State
 
 # A load leans to one side if it goes through an end farther from the axis than this fraction of the radius.

@@ -14,7 +14,7 @@ from taichisoft.contact.kernels.surface_vertices import SMOOTH, Carriers, Planes
 from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
 from taichisoft.contact.smooth import find_smooth
 from taichisoft.meshes.surface import count_open_edges, stacked
-from taichisoft.runtime.taichi_start import SOFT, STATIC
+from taichisoft.runtime.language import SOFT, STATIC
 
 # A rolling ball with ten thousand vertices sinks by the tolerance at each vertex that it passes, and gains the energy:
 # 2 % in a second with 1e-4 mm, 0.4 % with 1e-5 mm. Soft faces that lie on each other have so many similar contacts

@@ -1,9 +1,9 @@
 """Rotations from vectors and from deformations."""
 
-from taichisoft.runtime.taichi_start import mat3, ti, vec3
+from taichisoft.runtime.language import func, mat3, ti, vec3
 
 
-@ti.func
+@func
 def rotation_of_vector(w: vec3) -> mat3:
     """Rotation by the angle |w| about w (Rodrigues' formula)."""
     angle = w.norm()
@@ -17,7 +17,7 @@ def rotation_of_vector(w: vec3) -> mat3:
     return ti.Matrix.identity(ti.f64, 3) + sine_part * skew + cosine_part * (skew @ skew)
 
 
-@ti.func
+@func
 def fitted_rotation(deformation: mat3, start: mat3) -> mat3:
     """Rotation nearest to a deformation gradient, also an inverted one (Mueller et al. 2016, A Robust Method to
     Extract the Rotational Part of Deformations); stops when the correction is below 1e-14 rad."""

@@ -1,7 +1,6 @@
 """Sorting within a kernel."""
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Integers, ScalarTable, ti
+from taichisoft.runtime.language import Integers, ScalarTable, func, ti
 
 
 @func

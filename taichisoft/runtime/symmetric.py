@@ -8,14 +8,14 @@ found to round-off (Eberly 2014, A Robust Eigensolver for 3x3 Symmetric Matrices
 see `deviator`.
 """
 
-from taichisoft.runtime.taichi_start import mat3, ti, vec3
+from taichisoft.runtime.language import func, mat3, ti, vec3
 
 # Added to a divisor that is zero where the dividend is zero.
 TINY = 1e-200
 SQUARE_ROOT_OF_THREE = 3.0**0.5
 
 
-@ti.func
+@func
 def symmetric_eigen(matrix: mat3):
     """Eigenvalues, and eigenvectors as columns of a rotation."""
     mean = (matrix[0, 0] + matrix[1, 1] + matrix[2, 2]) / 3.0
@@ -42,7 +42,7 @@ def symmetric_eigen(matrix: mat3):
     return mean + values, vectors
 
 
-@ti.func
+@func
 def deviator(matrix: mat3) -> mat3:
     """The matrix less the mean of its eigenvalues, whose trace is small beside itself, not only beside the matrix.
 
@@ -58,7 +58,7 @@ def deviator(matrix: mat3) -> mat3:
     return result
 
 
-@ti.func
+@func
 def lonely_eigenvector(a: mat3) -> vec3:
     """The eigenvector of the eigenvalue that is far from the others, of a matrix with trace zero."""
     scaled = a / (ti.sqrt(a.norm_sqr() / 6.0) + TINY)
@@ -82,7 +82,7 @@ def lonely_eigenvector(a: mat3) -> vec3:
     return best / best.norm()
 
 
-@ti.func
+@func
 def positive_part(matrix: mat3) -> mat3:
     """The nearest symmetric matrix without negative eigenvalues."""
     minor = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[0, 1]

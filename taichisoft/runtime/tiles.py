@@ -6,33 +6,33 @@ vectors to a loop's counter: it then fears that 32 bits overflow between the lan
 `advance` and `opaque` see to both with the help of `one`, an argument of the kernel that is 1.
 """
 
-from taichisoft.runtime.taichi_start import ti
+from taichisoft.runtime.language import Arrays, func, ti
 
 TILE = 8
 SHIFT = 3  # the logarithm of TILE
 Column = ti.types.vector(TILE, ti.f64)
-Columns = ti.types.ndarray(dtype=Column, ndim=1)
+Columns = Arrays(Column, 1)
 
 
-@ti.func
+@func
 def advance(counter: ti.i32, step: ti.i32, one: ti.i32) -> ti.i32:
     """The counter, which is not negative, plus a step."""
     return ti.max(counter + step, one)
 
 
-@ti.func
+@func
 def opaque(index: ti.i32, one: ti.i32) -> ti.i32:
     """An index that is not negative, as it is."""
     return ti.max(index, one - 1)
 
 
-@ti.func
+@func
 def tiles_in(scalars: ti.i32) -> ti.i32:
     """How many tiles hold that many rows."""
     return (scalars + TILE - 1) >> SHIFT
 
 
-@ti.func
+@func
 def triangle(rows: ti.i32) -> ti.i32:
     """Number of columns of tiles in that many rows of tiles of a lower triangle."""
     return rows * (rows + 1) << SHIFT - 1

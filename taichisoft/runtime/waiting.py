@@ -6,8 +6,7 @@ one. So a thread waits as long as the work of the other takes and then leaves wh
 anything that only it would do. Whoever finishes last never waits, so that all gets done.
 """
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Integers, ti
+from taichisoft.runtime.language import Integers, func, ti
 
 # Counters of work in two parts, all 0 at the start: tasks begun and tasks finished of the first part, and tasks begun
 # of the second part.

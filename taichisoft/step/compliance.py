@@ -5,6 +5,7 @@ import numpy as np
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.cholesky.kernels.sparse_columns import GROUP
+from taichisoft.runtime.language import THREADS
 from taichisoft.solver.constraint_rows import ConstraintRows
 from taichisoft.solver.kernels import moment_rows, row_velocities
 from taichisoft.solver.kernels.row_compliance import lay_out_columns, soft_compliance, soft_compliance_serially
@@ -64,15 +65,16 @@ def _assemble_soft_compliance(
     symbolic = solver.symbolic
     if row_count * symbolic.factor_entries < SMALL_COMPLIANCE:
         # The largest possible size is small here, and allocating it saves a launch.
-        assemble, entries = soft_compliance_serially, -(-row_count // GROUP) * 3 * len(symbolic.order)
+        assemble, workers, entries = soft_compliance_serially, 1, -(-row_count // GROUP) * 3 * len(symbolic.order)
     else:
         lay_out_columns(rows, coordinates, soft.system.modes, symbolic.tree, symbolic.fronts, problem.columns)
-        assemble, entries = soft_compliance, int(problem.columns.size[0])
+        assemble, workers, entries = soft_compliance, THREADS, int(problem.columns.size[0])
     problem.make_room_for_columns(entries)
     columns = problem.columns
     columns.progress[:] = 0
     tree, fronts, w = symbolic.tree, symbolic.fronts, problem.compliance
-    assemble(rows, coordinates, gradient, soft.system.modes, tree, fronts, solver.factor, columns, solver.begun, w, 1)
+    modes, factor, begun = soft.system.modes, solver.factor, solver.begun
+    assemble(rows, coordinates, gradient, modes, tree, fronts, factor, columns, begun, w, workers, 1)
 
 
 def _add_own_compliances(first_row: int, own_compliances: tuple[tuple[int, np.ndarray], ...], w: np.ndarray) -> None:

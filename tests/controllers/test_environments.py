@@ -383,7 +383,7 @@ def test_a_limit_of_a_cavity_counts_as_one_of_the_scene() -> None:
 def test_environments_side_by_side_give_the_bits_of_one_alone(
     mode: str | None, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from taichisoft.runtime.taichi_start import THREADS
+    from taichisoft.runtime.language import THREADS
 
     monkeypatch.setenv("TAICHISOFT_THREADS", str(THREADS))  # kernels for another number would have to be compiled
     alone = make("Grasp")

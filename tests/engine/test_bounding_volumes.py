@@ -19,7 +19,7 @@ from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
-from taichisoft.runtime.taichi_start import STATIC
+from taichisoft.runtime.language import STATIC
 from taichisoft.scenes.file import scene_from_dict
 
 ALL = 10**6  # triangles in a leaf: one box around each body

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 {before}
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Scalars, ti
+from taichisoft.runtime.language import Scalars, ti
 @kernel
 def fill(value: ti.f64, values: Scalars):
     for i in values:

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from taichisoft.runtime.taichi_private import timed_launches
 
 from taichisoft.runtime import launch, taichi_private
-from taichisoft.runtime.launch import compilations_shown, forget, func, kernel
-from taichisoft.runtime.taichi_private import timed_launches
-from taichisoft.runtime.taichi_start import Scalars, Vectors, ti, vec3
+from taichisoft.runtime.language import Scalars, Vectors, func, ti, vec3
+from taichisoft.runtime.launch import compilations_shown, forget, kernel
 
 
 class Particles(NamedTuple):

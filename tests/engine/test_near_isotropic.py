@@ -13,8 +13,8 @@ from taichisoft.bodies.kernels.principal_stretches import LAW_NUMBERS, MODULI, P
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
+from taichisoft.runtime.language import Matrices, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Matrices, ti
 from taichisoft.scenes.file import scene_from_dict
 
 HALF_ULP = 2.0**-53

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from taichisoft.contact.kernels.local_distance import CONE_TOLERANCE, edge_pseudonormal, in_normal_cone, normal_cone
 from taichisoft.contact.kernels.surface_vertices import Surfaces
+from taichisoft.runtime.language import Integers, Scalars, Vectors, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, Scalars, Vectors, ti
 
 TURNS = np.linspace(0.0, 2.0 * np.pi, 2000)  # [rad]
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies.kernels.polar_rotation import polar_rotation
+from taichisoft.runtime.language import Matrices
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Matrices
 
 COUNT = 200
 

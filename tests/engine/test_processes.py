@@ -22,7 +22,7 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system doe
 
 def fall(scene: str, speed: float) -> tuple[bytes, int]:
     """Where a thrown cube is after ten steps, and the number of threads that computed it."""
-    from taichisoft.runtime.taichi_start import THREADS
+    from taichisoft.runtime.language import THREADS
 
     simulation = taichisoft.Simulation(
         taichisoft.load_scene(scene, [f"rigid_bodies.cube.velocity=[{speed}, 0.0, 0.0]"])

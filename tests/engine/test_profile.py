@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import pytest
+from taichisoft.runtime.taichi_private import CompiledKernel
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.running.profile import REST, TOTAL, profiled
-from taichisoft.runtime.taichi_private import CompiledKernel
 from taichisoft.scenes.file import scene_from_dict
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from taichisoft.bodies.kernels.principal_stretches import for_kernels
 from taichisoft.rubber_laws import RUBBER_LAWS, SMALLEST_STRETCH
+from taichisoft.runtime.language import Scalars
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Scalars
 
 VARIABLE = np.linspace(0.3, 3.0, 50)
 

@@ -31,7 +31,7 @@ def test_a_number_of_threads_that_is_none_is_refused_in_one_line() -> None:
 
 @pytest.mark.parametrize("threads", ["-3", "0.5"])
 def test_neither_a_negative_number_nor_a_fraction_is_a_number_of_threads(threads: str) -> None:
-    from taichisoft.runtime.taichi_start import thread_count
+    from taichisoft.runtime.language import thread_count
 
     with pytest.raises(TaichisoftError, match=f"^TAICHISOFT_THREADS = '{threads}': must be a whole number"):
         thread_count(threads)
@@ -39,7 +39,7 @@ def test_neither_a_negative_number_nor_a_fraction_is_a_number_of_threads(threads
 
 @pytest.mark.parametrize(("setting", "count"), [("3", 3), (" 2 ", 2)])
 def test_a_number_of_threads_is_taken(setting: str, count: int) -> None:
-    from taichisoft.runtime.taichi_start import thread_count
+    from taichisoft.runtime.language import thread_count
 
     assert thread_count(setting) == count
 
@@ -48,7 +48,7 @@ def test_a_number_of_threads_is_taken(setting: str, count: int) -> None:
 def test_all_cores_are_those_that_the_process_may_use() -> None:
     code = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
-        "from taichisoft.runtime.taichi_start import THREADS; print(THREADS)"
+        "from taichisoft.runtime.language import THREADS; print(THREADS)"
     )
     environment = {name: value for name, value in os.environ.items() if name != "TAICHISOFT_THREADS"}
     shown = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
@@ -58,7 +58,7 @@ def test_all_cores_are_those_that_the_process_may_use() -> None:
 KERNEL = """
 import numpy as np
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Scalars
+from taichisoft.runtime.language import Scalars
 @kernel
 def fill(values: Scalars):
     for i in values:

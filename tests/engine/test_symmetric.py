@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from taichisoft.runtime.language import Matrices, Vectors, ti
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.symmetric import positive_part, symmetric_eigen
-from taichisoft.runtime.taichi_start import Matrices, Vectors, ti
 
 
 @kernel

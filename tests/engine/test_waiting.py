@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from taichisoft.runtime.language import Integers, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, ti
 from taichisoft.runtime.waiting import BEGUN, COUNTERS, FINISHED, reaches
 
 

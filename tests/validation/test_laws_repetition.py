@@ -11,7 +11,7 @@ from conftest import PATIENCE
 
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.model import Model
-from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.language import THREADS
 from taichisoft.state import State
 
 

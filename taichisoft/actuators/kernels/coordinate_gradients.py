@@ -5,7 +5,7 @@ The effort of a coordinate is what does work on it: the pressure in a cavity, th
 
 from typing import NamedTuple
 
-from taichisoft.runtime.taichi_start import Integers, ScalarTable, Vectors
+from taichisoft.runtime.language import Integers, ScalarTable, Vectors
 
 
 class Coordinates(NamedTuple):

@@ -5,8 +5,8 @@ A surface has flat triangles or, around quadratic elements, six-node triangles, 
 
 from typing import NamedTuple
 
+from taichisoft.runtime.language import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti, vec3
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti, vec3
 
 
 class CavitySurfaces(NamedTuple):

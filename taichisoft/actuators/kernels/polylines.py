@@ -3,8 +3,7 @@
 from typing import NamedTuple
 
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
-from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import (
+from taichisoft.runtime.language import (
     SOFT,
     Integers,
     IntegerTable,
@@ -15,6 +14,7 @@ from taichisoft.runtime.taichi_start import (
     ti,
     vec3,
 )
+from taichisoft.runtime.launch import kernel
 
 
 class CablePaths(NamedTuple):

@@ -10,8 +10,7 @@ shorter form of the sums (`hooke_domains.py`); `rubber_domains.py` has the gener
 
 from typing import NamedTuple
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, ScalarTable, Vectors, ti
+from taichisoft.runtime.language import Integers, Matrices, Scalars, ScalarTable, Vectors, func, ti
 
 # Columns of `volume`.
 SHAPE, DILATION = range(2)

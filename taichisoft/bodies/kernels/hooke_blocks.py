@@ -8,11 +8,10 @@ Domains of one lambda / mu stand together, so that their products are summed bef
 
 from typing import NamedTuple
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Integers, Scalars, Vectors, mat3, ti, vec3
+from taichisoft.runtime.language import Arrays, Integers, Scalars, Vectors, func, mat3, ti, vec3
 
 vec4 = ti.types.vector(4, ti.f64)
-Quads = ti.types.ndarray(dtype=vec4, ndim=1)
+Quads = Arrays(vec4, 1)
 
 
 class HookeEntries(NamedTuple):

@@ -11,8 +11,8 @@ from taichisoft.bodies.kernels.domain_deformation import (
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries, gathered_force, gathered_stiffness, vec4
 from taichisoft.bodies.kernels.polar_rotation import polar_rotation
 from taichisoft.bodies.kernels.principal_stretches import LAMBDA, MU
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import CHUNK, THREADS, Integers, mat3, ti
+from taichisoft.runtime.language import CHUNK, Integers, func, mat3, ti
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 # What a thread does in one go.
@@ -63,6 +63,7 @@ def add_hooke_domains(
     entries: HookeEntries,
     parts: BlockParts,
     sums: DomainSums,
+    workers: ti.i32,
 ):
     """Add the domains' nodal forces f - lag K v, and K times its factor, to forces and matrix.
 
@@ -72,7 +73,7 @@ def add_hooke_domains(
     domain_count, block_count = domains.lag.shape[0], block.shape[0]
     domain_tasks = (domain_count + DOMAINS_A_TASK - 1) // DOMAINS_A_TASK
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
-    for worker in range(THREADS * CHUNK):
+    for worker in range(workers * CHUNK):
         if worker % CHUNK == 0:
             t = ti.atomic_add(sums.progress[BEGUN], 1)
             while t < domain_tasks:

@@ -12,10 +12,8 @@ from typing import NamedTuple
 
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries, gathered_force, gathered_stiffness, vec4
 from taichisoft.bodies.kernels.polar_rotation import polar_rotation
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import (
+from taichisoft.runtime.language import (
     CHUNK,
-    THREADS,
     Integers,
     IntegerTable,
     Matrices,
@@ -23,10 +21,12 @@ from taichisoft.runtime.taichi_start import (
     ScalarTable,
     Vectors,
     VectorTable,
+    func,
     mat3,
     ti,
     vec3,
 )
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 # Elements and blocks of a task.
@@ -86,7 +86,7 @@ class SystemMatrix(NamedTuple):
     progress: Integers
 
 
-@ti.func
+@func
 def edge_frame(along: vec3, across: vec3) -> mat3:
     """Orthonormal frame: first column along one edge, third normal to the plane of both."""
     first = along.normalized()
@@ -95,7 +95,7 @@ def edge_frame(along: vec3, across: vec3) -> mat3:
     return ti.Matrix.cols([first, second, third])
 
 
-@ti.func
+@func
 def stress(gradient: mat3, lame_lambda: ti.f64, lame_mu: ti.f64) -> mat3:
     """Isotropic Hooke's law for a displacement gradient."""
     return lame_lambda * gradient.trace() * ti.Matrix.identity(ti.f64, 3) + lame_mu * (gradient + gradient.transpose())
@@ -149,7 +149,12 @@ def fill_block(b: ti.i32, entries: HookeEntries, parts: BlockParts, system: Syst
 
 @kernel
 def assemble(
-    elements: Elements, deformation: Deformation, entries: HookeEntries, parts: BlockParts, system: SystemMatrix
+    elements: Elements,
+    deformation: Deformation,
+    entries: HookeEntries,
+    parts: BlockParts,
+    system: SystemMatrix,
+    workers: ti.i32,
 ):
     """Nodal forces f - lag K v and the matrix A = diagonal + K, K already times its factor in A.
 
@@ -162,7 +167,7 @@ def assemble(
     element_count, block_count = elements.polar.shape[0], system.blocks.shape[0]
     element_tasks = (element_count + ELEMENTS_A_TASK - 1) // ELEMENTS_A_TASK
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
-    for worker in range(THREADS * CHUNK):
+    for worker in range(workers * CHUNK):
         if worker % CHUNK == 0:
             t = ti.atomic_add(system.progress[BEGUN], 1)
             while t < element_tasks:

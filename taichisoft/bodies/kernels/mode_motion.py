@@ -6,8 +6,8 @@ axes. The modes are orthonormal in the mass, so that of all amplitudes q = Phi^T
 
 from typing import NamedTuple
 
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, Vectors, mat3, ti, vec3
+from taichisoft.runtime.language import Integers, Matrices, Scalars, Vectors, func, mat3, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque
 
 
@@ -111,7 +111,7 @@ def gather(b: ti.i32, block: ti.i32, modes: ModeShapes, vectors: ti.template()):
     return x, y, z
 
 
-@ti.func
+@func
 def turn(axes: mat3, x: Column, y: Column, z: Column):
     """x, y and z of axes @ vectors."""
     return (

@@ -14,8 +14,7 @@ closed form loses digits; there R comes from the largest eigenvector of Davenpor
 is nothing, as in an element that has become a line or a point, several rotations are equally near; it is one of them.
 """
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import mat3, ti, vec3
+from taichisoft.runtime.language import func, mat3, ti, vec3
 
 vec4 = ti.types.vector(4, ti.f64)
 mat4 = ti.types.matrix(4, 4, ti.f64)

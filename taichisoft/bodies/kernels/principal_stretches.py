@@ -13,8 +13,7 @@ from typing import Any
 
 from taichisoft.bodies.kernels.domain_deformation import DILATION, SHAPE, Domains
 from taichisoft.rubber_laws import RUBBER_LAWS, SMALLEST_STRETCH, InvariantLaw, RubberLaw, StretchLaw
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import mat3, ti, vec3
+from taichisoft.runtime.language import func, mat3, ti, vec3
 
 # Laws of invariants come before laws of stretches.
 _BY_FORM = sorted(RUBBER_LAWS, key=lambda name: isinstance(RUBBER_LAWS[name], StretchLaw))
@@ -45,7 +44,7 @@ EQUAL_STRETCHES = 1e-4
 
 def for_kernels(function: Callable[..., Any]) -> Any:
     """A function of numpy's arithmetic as one of Taichi's: np.exp is ti.exp in it, and so on."""
-    return ti.func(FunctionType(function.__code__, function.__globals__ | {"np": ti}, function.__name__))
+    return func(FunctionType(function.__code__, function.__globals__ | {"np": ti}, function.__name__))
 
 
 # Number of the law, derivatives, and columns of each term of each law.
@@ -61,19 +60,19 @@ INVARIANT_TERMS, STRETCH_TERMS = (
 )
 
 
-@ti.func
+@func
 def products_of_others(s: vec3) -> vec3:
     """The derivatives of J = s1 s2 s3."""
     return vec3(s[1] * s[2], s[2] * s[0], s[0] * s[1])
 
 
-@ti.func
+@func
 def off_diagonal(v: vec3) -> mat3:
     """The symmetric matrix whose entry of two axes is that of the third."""
     return ti.Matrix([[0.0, v[2], v[1]], [v[2], 0.0, v[0]], [v[1], v[0], 0.0]])
 
 
-@ti.func
+@func
 def diagonal(v: vec3) -> mat3:
     """The diagonal matrix of v."""
     return ti.Matrix([[v[0], 0.0, 0.0], [0.0, v[1], 0.0], [0.0, 0.0, v[2]]])

@@ -24,8 +24,8 @@ from taichisoft.bodies.kernels.hooke_domains import corotated_stress
 from taichisoft.bodies.kernels.mode_motion import Amplitudes, ModeShapes
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, mat3, ti, vec3
+from taichisoft.runtime.language import Integers, Matrices, Scalars, func, mat3, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque
 
 # Shares of an entry of B: in the force, and in each row of S.
@@ -81,7 +81,7 @@ class ReducedStiffness(NamedTuple):
     blocks: Matrices
 
 
-@ti.func
+@func
 def safe_root(pivot: ti.f64):
     """A root and its inverse, both 0 where the pivot of a semi-definite matrix is not positive."""
     root, inverse = 0.0, 0.0
@@ -91,7 +91,7 @@ def safe_root(pivot: ti.f64):
     return root, inverse
 
 
-@ti.func
+@func
 def is_positive(number: ti.f64) -> ti.i32:
     """1 or 0."""
     return ti.select(number > 0.0, 1, 0)

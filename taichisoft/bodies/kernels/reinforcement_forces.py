@@ -17,9 +17,9 @@ e1: S = Et e1 m m^T. As S has no negative eigenvalue, the energy is convex in th
 from typing import NamedTuple
 
 from taichisoft.bodies.kernels.domain_deformation import DomainSums, Movement
-from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.language import Integers, Scalars, ScalarTable, Vectors, func, mat3, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.symmetric import TINY
-from taichisoft.runtime.taichi_start import Integers, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 
 STIFF, THREAD, SHEET = 0, 1, 2
 """What a part does where it would be compressed: resist, hang loose, or wrinkle as an isotropic sheet does."""

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
+from taichisoft.runtime.language import Matrices, ScalarBlocks, Scalars, ScalarTable, Vectors, func, mat3, ti, vec3
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.rotation_matrices import rotation_of_vector
-from taichisoft.runtime.taichi_start import Matrices, ScalarBlocks, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 
 # For the gyroscopic torque by Newton's method, and for the axes that turn with half of what is found: errors of these
 # shrink by h |w| / 2 in each.
@@ -49,7 +49,7 @@ class RigidState(NamedTuple):
     impulse: ScalarTable
 
 
-@ti.func
+@func
 def skew(v: vec3) -> mat3:
     """Matrix of the cross product with v."""
     return ti.Matrix([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -16,9 +16,9 @@ from taichisoft.bodies.kernels.hooke_blocks import Quads, vec4
 from taichisoft.bodies.kernels.polar_rotation import polar_rotation
 from taichisoft.bodies.kernels.principal_stretches import FIRST_STRETCH_LAW, respond_by_invariants, respond_by_sums
 from taichisoft.rubber_laws import SMALLEST_STRETCH
-from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.language import CHUNK, Arrays, Integers, func, mat3, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.symmetric import TINY, positive_part, symmetric_eigen
-from taichisoft.runtime.taichi_start import CHUNK, THREADS, Integers, mat3, ti, vec3
 from taichisoft.runtime.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 # How many blocks a thread sums in one go.
@@ -27,7 +27,7 @@ BLOCKS_A_TASK = 512
 ROWS = 12
 
 vec8 = ti.types.vector(8, ti.f64)
-Octets = ti.types.ndarray(dtype=vec8, ndim=1)
+Octets = Arrays(vec8, 1)
 
 
 class DomainGroups(NamedTuple):
@@ -56,9 +56,9 @@ class GroupSums(NamedTuple):
         block: all of a slot's block but the last number, row by row, shape (slot_count, 8).
         rest: that number, and in a slot on the diagonal the node's force [mN], shape (slot_count, 4).
         tangent: of the domain at hand w (h^2 C + h b D)_ik,jl, nine rows a thread for kl = 00, 01, ..., with all ij but
-            the last, shape (9 THREADS, 8).
-        last_tangent: the last ij, three rows a thread for l, each with all k, shape (3 THREADS, 4).
-        gradient: of the domain's entries along the axes k of the tangent, shape (THREADS, most entries, 4), flat.
+            the last, shape (9 threads, 8).
+        last_tangent: the last ij, three rows a thread for l, each with all k, shape (3 threads, 4).
+        gradient: of the domain's entries along the axes k of the tangent, shape (threads, most entries, 4), flat.
     """
 
     block: Octets
@@ -84,7 +84,7 @@ class BlockCopies(NamedTuple):
     node: Integers
 
 
-@ti.func
+@func
 def column(matrix: mat3, k: ti.template()) -> vec3:
     """A column of a matrix."""
     return vec3(matrix[0, k], matrix[1, k], matrix[2, k])
@@ -171,7 +171,7 @@ def set_tangent(worker: ti.i32, left: mat3, hessian: mat3, same: mat3, swapped: 
         sums.last_tangent[3 * worker + k] = vec4(last[0, k], last[1, k], last[2, k], 0.0)
 
 
-@ti.func
+@func
 def all_but_last(matrix: mat3) -> vec8:
     """The entries of a matrix row by row, without the last."""
     return vec8(
@@ -187,7 +187,7 @@ def add_domain(d: ti.i32, worker: ti.i32, domains: Domains, movement: Movement, 
     stress, left, right, hessian, same, swapped = respond_by_stretches(d, deformation, rate, domains)
     set_tangent(worker, left, hessian, same, swapped, sums)
     response = ROWS * worker + 9
-    own = worker * (sums.gradient.shape[0] // THREADS)
+    own = worker * (sums.gradient.shape[0] // (sums.tangent.shape[0] // ROWS))
     for c in range(first, last):
         g = domains.gradient[c]
         along = right.transpose() @ g
@@ -253,7 +253,7 @@ def add_rubber_domains(
     """
     group_count, block_count = groups.start.shape[0] - 1, copies.block.shape[0]
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
-    for worker in range(THREADS * CHUNK):
+    for worker in range(sums.tangent.shape[0] // ROWS * CHUNK):
         if worker % CHUNK == 0:
             t = ti.atomic_add(total.progress[BEGUN], 1)
             while t < group_count:

@@ -6,8 +6,8 @@ from taichisoft.bodies.kernels.domain_deformation import Domains, Movement, defo
 from taichisoft.bodies.kernels.hooke_domains import corotated_stress
 from taichisoft.bodies.kernels.principal_stretches import HOOKE
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
+from taichisoft.runtime.language import Integers, Vectors, ti, vec3
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, Vectors, ti, vec3
 
 
 class DomainsOfNodes(NamedTuple):

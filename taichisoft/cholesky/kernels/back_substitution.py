@@ -8,8 +8,8 @@ the branches in turn.
 from taichisoft.cholesky.kernels.forward_substitution import Substitution, take_branch
 from taichisoft.cholesky.kernels.front_layout import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
 from taichisoft.cholesky.kernels.sparse_columns import GROUP, NOWHERE, SparseColumns
-from taichisoft.runtime.launch import Kernel, func, kernel
-from taichisoft.runtime.taichi_start import CHUNK, Scalars, ti, vec3
+from taichisoft.runtime.language import CHUNK, Scalars, func, ti, vec3
+from taichisoft.runtime.launch import Kernel, kernel
 from taichisoft.runtime.tiles import TILE, Column, advance, opaque, tiles_in
 from taichisoft.runtime.waiting import BEGUN, BEGUN_LATER, FINISHED, reaches
 

@@ -34,8 +34,8 @@ from taichisoft.cholesky.kernels.front_layout import (
     Factor,
     Fronts,
 )
-from taichisoft.runtime.launch import Kernel, func, kernel
-from taichisoft.runtime.taichi_start import CHUNK, Matrices, ti
+from taichisoft.runtime.language import CHUNK, Matrices, func, ti
+from taichisoft.runtime.launch import Kernel, kernel
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque, tiles_in, triangle
 from taichisoft.runtime.waiting import load
 

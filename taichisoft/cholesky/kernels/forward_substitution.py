@@ -19,8 +19,8 @@ from taichisoft.cholesky.kernels.front_layout import (
     Factor,
     Fronts,
 )
-from taichisoft.runtime.launch import Kernel, func, kernel
-from taichisoft.runtime.taichi_start import CHUNK, Integers, Scalars, Vectors, ti
+from taichisoft.runtime.language import CHUNK, Integers, Scalars, Vectors, func, ti
+from taichisoft.runtime.launch import Kernel, kernel
 from taichisoft.runtime.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 from taichisoft.runtime.waiting import BEGUN, FINISHED
 
@@ -52,7 +52,7 @@ class Substitution(NamedTuple):
     progress: Integers
 
 
-@ti.func
+@func
 def multiply_row(tiles: Columns, row: ti.i32, columns: ti.i32, x: Scalars, first: ti.i32, one: ti.i32):
     """A row of tiles, of a number of columns divisible by 4, times the entries of x from `first`."""
     s = [Column(0.0) for _ in range(4)]

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars
+from taichisoft.runtime.language import Integers, IntegerTable, Scalars
 from taichisoft.runtime.tiles import Columns
 
 # Columns of the table of fronts: number of own columns, the same padded, number of rows below; start of the panel and

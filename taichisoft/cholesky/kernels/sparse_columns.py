@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from taichisoft.cholesky.kernels.front_layout import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, ti
+from taichisoft.runtime.language import Integers, IntegerTable, func, ti
 from taichisoft.runtime.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 from taichisoft.runtime.waiting import COUNTERS
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.kernels.surface_vertices import PoseArrays
+from taichisoft.runtime.language import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.rotation_matrices import rotation_of_vector
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti
 
 # Larger than any distance of two bodies; stands for infinity in kernels.
 FAR = 1e30

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, ti, vec3
+from taichisoft.runtime.language import Integers, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 
 
 class Trees(NamedTuple):

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti, vec3
+from taichisoft.runtime.language import Integers, IntegerTable, Scalars, ScalarTable, Vectors, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 
 ALIKE = 0.7  # least cosine between normals of one neighbourhood: the two walls of a groove are two
 NONE, WANTED, BEFORE, NEW = range(4)

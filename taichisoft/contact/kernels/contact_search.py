@@ -5,8 +5,8 @@ from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, put_in_or
 from taichisoft.contact.kernels.edge_contacts import edges_against_edges
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
 from taichisoft.contact.kernels.vertex_contacts import vertices_against_planes, vertices_against_triangles
+from taichisoft.runtime.language import ScalarTable, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import ScalarTable, ti
 
 
 @kernel

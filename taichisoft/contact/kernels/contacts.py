@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.sorting import sort_rows
-from taichisoft.runtime.taichi_start import (
+from taichisoft.runtime.language import (
     IntegerBlocks,
     Integers,
     IntegerTable,
@@ -14,9 +12,11 @@ from taichisoft.runtime.taichi_start import (
     ScalarTable,
     Vectors,
     VectorTable,
+    func,
     ti,
     vec3,
 )
+from taichisoft.runtime.sorting import sort_rows
 
 ivec3 = ti.types.vector(3, ti.i32)
 

@@ -9,8 +9,7 @@ import math
 from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append_points, ivec3
 from taichisoft.contact.kernels.round_shapes import MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_distance import FACING, HALVINGS, LEVEL, QUARTERS, RIM_POINTS, signed_distance
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import ti
+from taichisoft.runtime.language import func, ti
 
 SAME_PLACE = 1e-6  # [mm]
 ROUNDING = 1e-9  # of unit vectors

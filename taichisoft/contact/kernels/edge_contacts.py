@@ -10,8 +10,7 @@ from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, i
 from taichisoft.contact.kernels.local_distance import edge_pseudonormal, in_normal_cone, normal_cone
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Surfaces
 from taichisoft.contact.kernels.vertex_contacts import COINCIDENT
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import ScalarTable, Vectors, ti, vec3
+from taichisoft.runtime.language import ScalarTable, Vectors, func, ti, vec3
 
 
 @func

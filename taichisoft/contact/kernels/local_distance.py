@@ -7,8 +7,7 @@ Pseudonormal), which separate inside from outside at edges and corners too.
 import math
 
 from taichisoft.contact.kernels.surface_vertices import Surfaces
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Vectors, ti, vec3
+from taichisoft.runtime.language import Vectors, func, ti, vec3
 
 # Edges of a deformed flat patch are slightly convex or concave at random: normals may leave an edge's normal cone
 # by this much (sine of the angle).

@@ -7,8 +7,8 @@ ends.
 from typing import NamedTuple
 
 from taichisoft.contact.kernels.surface_vertices import PoseArrays
+from taichisoft.runtime.language import Integers, IntegerTable, Scalars, Vectors, VectorTable, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, Vectors, VectorTable, ti
 
 # Columns of `RoundShapes.surface_pairs`.
 SHAPE, SURFACE, IS_SOFT, SURFACE_PAIR_COLUMNS = range(4)

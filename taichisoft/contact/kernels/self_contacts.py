@@ -23,8 +23,8 @@ from taichisoft.contact.kernels.local_distance import (
 )
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Surfaces
 from taichisoft.contact.kernels.vertex_contacts import COINCIDENT, on_triangle
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Scalars, ScalarTable, Vectors, ti, vec3
+from taichisoft.runtime.language import Integers, Scalars, ScalarTable, Vectors, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 
 FIRST_GROUP = 1 << 22  # after the groups of contacts between different surfaces
 

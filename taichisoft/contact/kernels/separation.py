@@ -8,8 +8,8 @@ from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.kernels.surface_vertices import Carriers
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import SOFT, Integers, Scalars, ScalarTable, Vectors, VectorTable, ti, vec3
+from taichisoft.runtime.language import SOFT, Integers, Scalars, ScalarTable, Vectors, VectorTable, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 
 # A contact is expected to push if it would close within this number of steps at its present velocity.
 STEPS_AHEAD = 2.0

@@ -13,8 +13,7 @@ from taichisoft.contact.kernels.shape_distance import (
     signed_distance,
 )
 from taichisoft.contact.kernels.surface_vertices import Planes
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import ScalarTable, ti
+from taichisoft.runtime.language import ScalarTable, func, ti
 
 SAME_PLACE = 1e-6  # [mm]
 

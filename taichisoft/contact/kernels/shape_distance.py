@@ -7,8 +7,7 @@ sign.
 import math
 
 from taichisoft.contact.kernels.round_shapes import MovedShapes, RoundShapes
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import ti, vec3
+from taichisoft.runtime.language import func, ti, vec3
 
 # Position of a point: beside the axis, beyond an end of the axis, or (flat ends only) beyond both side and end.
 SIDE, END, RIM = range(3)

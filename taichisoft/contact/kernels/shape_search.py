@@ -6,8 +6,8 @@ from taichisoft.contact.kernels.round_shapes import MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_contacts import shapes_against_planes, shapes_against_shapes
 from taichisoft.contact.kernels.shape_surface_contacts import shapes_against_surfaces
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
+from taichisoft.runtime.language import ScalarTable, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import ScalarTable, ti
 
 # First groups, larger than all groups of `find_contacts`, whose numbers grow with the pairs of surfaces.
 ON_SURFACES, ON_PLANES, ON_SHAPES = 1 << 28, 1 << 29, 1 << 30

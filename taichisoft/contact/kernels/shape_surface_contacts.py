@@ -27,8 +27,7 @@ from taichisoft.contact.kernels.shape_distance import (
 )
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Surfaces
 from taichisoft.contact.kernels.vertex_contacts import COINCIDENT, find_triangles, on_triangle
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import ScalarTable, ti, vec3
+from taichisoft.runtime.language import ScalarTable, func, ti, vec3
 
 vec2 = ti.types.vector(2, ti.f64)
 vec4 = ti.types.vector(4, ti.f64)

@@ -10,8 +10,8 @@ from taichisoft.contact.kernels.local_distance import closest_on_triangle, face_
 from taichisoft.contact.kernels.smooth_surfaces import SmoothSurfaces, curved_normal, curved_point, weights_of_normal
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
 from taichisoft.contact.kernels.vertex_contacts import find_triangles
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import ScalarTable, ti, vec3
+from taichisoft.runtime.language import ScalarTable, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 
 # First groups of these contacts, larger than the groups of other searches.
 ON_FACES, ON_EDGES, ON_PLANES = 1 << 24, 1 << 25, 1 << 26

@@ -8,8 +8,8 @@ reproduces a sphere to the fourth order of the triangle's size. The normal is th
 from typing import NamedTuple
 
 from taichisoft.contact.kernels.surface_vertices import Carriers, MovedSurfaces, PoseArrays, Surfaces
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Vectors, ti, vec3
+from taichisoft.runtime.language import Integers, IntegerTable, Vectors, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 
 ON_EDGE = 1e-12  # tolerance of negative weights: at least one of two triangles has the points on their edge
 

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
+from taichisoft.runtime.language import SOFT, Integers, IntegerTable, Matrices, ScalarTable, Vectors, ti, vec3
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import SOFT, Integers, IntegerTable, Matrices, ScalarTable, Vectors, ti, vec3
 
 # What surface a vertex stands for, of `ContactSurfaces.vertex_is_round`: with a corner, round, treated as curved.
 SHARP, ROUND, SMOOTH = range(3)

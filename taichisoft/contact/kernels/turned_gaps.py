@@ -16,9 +16,9 @@ from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.kernels.separation import CONTACT_DISTANCE, MAY_LIFT, TIME_STEP, TOLERANCE, Separation
 from taichisoft.contact.kernels.surface_vertices import ROUND, SMOOTH, Carriers
-from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.language import SOFT, Integers, Scalars, Vectors, func, mat3, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.rotation_matrices import rotation_of_vector
-from taichisoft.runtime.taichi_start import SOFT, Integers, Scalars, Vectors, mat3, ti, vec3
 
 # What a contact touches on a side, by the number of vertices; a round shape of a body has none either.
 PLANE, VERTEX, EDGE, FACE = range(4)

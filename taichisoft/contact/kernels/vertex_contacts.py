@@ -8,8 +8,7 @@ from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets, squa
 from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
 from taichisoft.contact.kernels.local_distance import closest_on_triangle, is_local_minimum, outward_normal
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import ScalarTable, Vectors, ti, vec3
+from taichisoft.runtime.language import ScalarTable, Vectors, func, ti, vec3
 
 COINCIDENT = 1e-9  # [mm]
 

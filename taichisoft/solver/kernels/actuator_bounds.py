@@ -13,8 +13,7 @@ bounds the ratio of the tensions on both sides by exp(mu theta), theta being the
 the tension on the pulled side and g = exp(mu theta) - 1, -T g <= l <= T g / (1 + g), and l opposes the sliding.
 """
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Scalars, ScalarTable, ti
+from taichisoft.runtime.language import Scalars, ScalarTable, func, ti
 
 # Columns of the table of bounds. GRIP is g for a row of friction, which uses no other column, and -1 for other rows.
 PREFERRED, LOWER_END, UPPER_END, LOWEST, HIGHEST, GRIP = range(6)

@@ -8,19 +8,19 @@ only costs time, in compilation and in code generation at every start. So the lo
 fewer than eight remaining numbers and cannot count the tiles (`next_tile`).
 """
 
-from taichisoft.runtime.taichi_start import Scalars, ti
+from taichisoft.runtime.language import Scalars, func, ti
 
 TILE = 8
 Tile = ti.types.vector(TILE, ti.f64)
 
 
-@ti.func
+@func
 def next_tile(place: ti.i32, first: ti.i32) -> ti.i32:
     """Start of the next tile, which is after `first`."""
     return ti.max(place + TILE, first)
 
 
-@ti.func
+@func
 def add_multiple(y: Scalars, at: ti.i32, factor: ti.f64, x: Scalars, first: ti.i32, count: ti.i32):
     """Add `factor` times x[first : first + count] to y[at : at + count]."""
     i, beside = at, count & TILE - 1
@@ -37,7 +37,7 @@ def add_multiple(y: Scalars, at: ti.i32, factor: ti.f64, x: Scalars, first: ti.i
         y[at + k] = y[at + k] + factor * x[first + k]
 
 
-@ti.func
+@func
 def add_three_multiples(y: Scalars, factors: ti.types.vector(3, ti.f64), x: Scalars, first: ti.i32, count: ti.i32):
     """Add three rows of x, `count` long and one after the other from `first`, each times its factor, to y[:count]."""
     i, beside = 0, count & TILE - 1

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Integers, Scalars, ScalarTable, ti
+from taichisoft.runtime.language import Integers, Scalars, ScalarTable, func, ti
 from taichisoft.solver.kernels.axpy import add_multiple
 from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS
 

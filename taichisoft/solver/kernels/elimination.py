@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Integers, Scalars, ti
+from taichisoft.runtime.language import Integers, Scalars, func, ti
 from taichisoft.runtime.tiles import TILE, Columns, advance, opaque, tiles_in
 
 BLOCK = 32
@@ -33,7 +32,7 @@ class LinearSystem(NamedTuple):
     step: Scalars
 
 
-@ti.func
+@func
 def row_length(count: ti.i32) -> ti.i32:
     """Distance between rows of the matrix in memory, in numbers."""
     return TILE * tiles_in(count)

@@ -15,8 +15,8 @@ as sticking. The sweeps that follow correct these assumptions.
 
 from typing import NamedTuple
 
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Scalars, ti, vec3
+from taichisoft.runtime.language import Scalars, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.solver.kernels.actuator_bounds import AT_UPPER_END, GRIP, LOWER_END, NOT_HELD, UPPER_END, held_end
 from taichisoft.solver.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
 from taichisoft.solver.kernels.elimination import LinearSystem, factorise, row_length, substitute
@@ -53,20 +53,20 @@ class InteriorPoint(NamedTuple):
     unit: Scalars
 
 
-@ti.func
+@func
 def entries(values: Scalars, k: ti.i32) -> vec3:
     """Entries of contact k."""
     return vec3(values[3 * k], values[3 * k + 1], values[3 * k + 2])
 
 
-@ti.func
+@func
 def put(values: Scalars, k: ti.i32, entry: vec3):
     """Set the entries of contact k."""
     for i in ti.static(range(3)):
         values[3 * k + i] = entry[i]
 
 
-@ti.func
+@func
 def shear(y: vec3, z: vec3) -> vec3:
     """Change z of y, less the change of |y_t| in its first entry."""
     size = ti.sqrt(y[1] * y[1] + y[2] * y[2])

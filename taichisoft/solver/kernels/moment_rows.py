@@ -9,8 +9,8 @@ rotation.
 
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.bodies.kernels.rigid_integration import RigidState
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Scalars, ti, vec3
+from taichisoft.runtime.language import Scalars, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS, Rows
 
 

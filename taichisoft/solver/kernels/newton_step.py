@@ -8,8 +8,7 @@ diverge, and the caller must check it.
 
 from typing import NamedTuple
 
-from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import Scalars, ti
+from taichisoft.runtime.language import Scalars, func, ti
 from taichisoft.solver.kernels.actuator_bounds import (
     AT_UPPER_END,
     GRIP,

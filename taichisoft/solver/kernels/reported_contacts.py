@@ -6,8 +6,8 @@ import numpy as np
 
 from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.contact.kernels.contacts import Contacts
+from taichisoft.runtime.language import Integers, IntegerTable, Vectors, ti, vec3
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Vectors, ti, vec3
 from taichisoft.solver.kernels.constraint_problem import Iterate
 from taichisoft.solver.kernels.row_velocities import contact_basis
 

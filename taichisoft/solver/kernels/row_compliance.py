@@ -15,8 +15,8 @@ from taichisoft.cholesky.kernels.sparse_columns import (
     eliminate,
     mark_path,
 )
-from taichisoft.runtime.launch import Kernel, func, kernel
-from taichisoft.runtime.taichi_start import CHUNK, THREADS, Scalars, ti, vec3
+from taichisoft.runtime.language import CHUNK, Scalars, func, ti, vec3
+from taichisoft.runtime.launch import Kernel, kernel
 from taichisoft.runtime.tiles import SHIFT, Column, advance, opaque
 from taichisoft.runtime.waiting import BEGUN_LATER, FINISHED, PATIENCE, reaches
 from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS, Rows
@@ -198,8 +198,8 @@ def patience(group_count: ti.i32, fronts: Fronts) -> ti.i32:
     return PATIENCE + ti.cast(ti.min(0.25 * group_count * columns_of_tiles, 1e8), ti.i32)
 
 
-def make_soft_compliance(workers: int) -> Kernel:
-    """Make the kernel for `workers` threads; with one, no other thread is woken."""
+def make_soft_compliance(alone: bool) -> Kernel:
+    """Make the kernel; `alone` it wakes no other thread, and takes one worker."""
 
     @kernel
     def soft_compliance(
@@ -213,6 +213,7 @@ def make_soft_compliance(workers: int) -> Kernel:
         columns: SparseColumns,
         begun: Scalars,
         w: Scalars,
+        workers: ti.i32,
         one: ti.i32,
     ):
         """Compute Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
@@ -220,12 +221,12 @@ def make_soft_compliance(workers: int) -> Kernel:
         The effect of the right-hand side b, given as L^-1 b in `begun`, is added to the rows' velocities, `rows.free`.
         Neighbouring groups, which act on the same body, go to the same thread and share its cache.
         """
-        ti.loop_config(serialize=workers == 1)
+        ti.loop_config(serialize=alone)
         for worker_ in range(workers * CHUNK):
             if worker_ % CHUNK == 0:
                 row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
                 worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
-                if ti.static(workers == 1):
+                if ti.static(alone):
                     give_places(rows, coordinates, modes, tree, fronts, columns)
                 for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
                     fill_group(g, rows, coordinates, gradient, modes, tree, fronts, columns)
@@ -246,4 +247,4 @@ def make_soft_compliance(workers: int) -> Kernel:
     return soft_compliance
 
 
-soft_compliance, soft_compliance_serially = make_soft_compliance(THREADS), make_soft_compliance(1)
+soft_compliance, soft_compliance_serially = make_soft_compliance(alone=False), make_soft_compliance(alone=True)

@@ -8,8 +8,7 @@ from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.kernels.separation import Separation
 from taichisoft.contact.kernels.surface_vertices import Carriers
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import (
+from taichisoft.runtime.language import (
     SOFT,
     Integers,
     IntegerTable,
@@ -18,10 +17,12 @@ from taichisoft.runtime.taichi_start import (
     Scalars,
     ScalarTable,
     Vectors,
+    func,
     mat3,
     ti,
     vec3,
 )
+from taichisoft.runtime.launch import kernel
 
 # Entries of `Rows.size`.
 CONTACTS, ACTUATORS, MOMENTS = range(3)
@@ -86,7 +87,7 @@ class Rows(NamedTuple):
     free: Scalars
 
 
-@ti.func
+@func
 def contact_basis(normal: vec3) -> mat3:
     """Normal and two tangents as rows; the first tangent is across the axis least aligned with the normal."""
     axis = vec3(1.0, 0.0, 0.0)

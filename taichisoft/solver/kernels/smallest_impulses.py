@@ -12,8 +12,8 @@ problems, section 6.1). If the iteration leaves the set, the impulses go to the 
 
 from typing import NamedTuple
 
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Scalars, Vectors, ti, vec3
+from taichisoft.runtime.language import Integers, Scalars, Vectors, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.solver.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
 from taichisoft.solver.kernels.elimination import LinearSystem, factorise, row_length, substitute
 from taichisoft.solver.kernels.friction_cone import way_to_boundary
@@ -53,7 +53,7 @@ class Shares(NamedTuple):
     aim: Scalars
 
 
-@ti.func
+@func
 def entries(values: Scalars, c: ti.i32) -> vec3:
     """Entries of contact c."""
     return vec3(values[3 * c], values[3 * c + 1], values[3 * c + 2])

@@ -4,8 +4,8 @@
 as a step of a few contacts; steps and check are one kernel, because the Newton step is among the slowest to compile.
 """
 
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Scalars, ti
+from taichisoft.runtime.language import Scalars, func, ti
+from taichisoft.runtime.launch import kernel
 from taichisoft.solver.kernels.actuator_bounds import best_impulse, tension_before
 from taichisoft.solver.kernels.constraint_problem import (
     Iterate,

@@ -5,8 +5,8 @@ The blocks: a contact has three rows, one normal with lambda_n >= 0 and two tang
 come from its contact's normal impulse (moment_rows.py).
 """
 
-from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Scalars, mat3, ti, vec3
+from taichisoft.runtime.language import Scalars, func, mat3, ti, vec3
+from taichisoft.runtime.launch import kernel
 from taichisoft.solver.kernels.actuator_bounds import best_impulse, tension_before
 from taichisoft.solver.kernels.axpy import add_multiple, add_three_multiples
 from taichisoft.solver.kernels.constraint_problem import Iterate, Problem, first_moment, measure_velocity, row_count
@@ -29,7 +29,7 @@ def largest_of_two(first_row: ti.i32, problem: Problem) -> ti.f64:
     return 0.5 * (first + second) + ti.sqrt((0.5 * (first - second)) ** 2 + mixed**2)
 
 
-@ti.func
+@func
 def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> vec3:
     """Improved impulse of one contact with all others fixed; `velocity` belongs to the impulse `old`.
 

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from taichisoft.bodies.kernels.domain_deformation import Domains
+from taichisoft.runtime.language import Integers, IntegerTable, Scalars, Vectors, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, Vectors, ti
 
 # Integration points of a quadratic element.
 POINTS = 4

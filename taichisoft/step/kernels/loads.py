@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.runtime.language import Integers, Matrices, Scalars, Vectors, ti
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, Vectors, ti
 
 
 class Anchors(NamedTuple):

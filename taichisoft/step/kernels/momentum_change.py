@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
+from taichisoft.runtime.language import Integers, Scalars, ScalarTable, Vectors, ti, vec3
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.taichi_start import Integers, Scalars, ScalarTable, Vectors, ti, vec3
 
 
 class HeldBodies(NamedTuple):
