@@ -144,8 +144,8 @@ class TaichiKernel:
         _start_taichi()
         _, self._kernel, self._compiled = _compile(kernel)
 
-    def make_context(self, flat: list[Any]) -> tuple[Any, Any]:
-        """What a launch gets, with the arrays among the arguments `flat` but no number, twice."""
+    def make_context(self, flat: list[Any], serial: bool) -> tuple[Any, Any]:
+        """What a launch gets, twice: the arrays among the arguments `flat`, but no number."""
         context = self._kernel.make_launch_context()
         for place, array in enumerate(flat):
             if isinstance(array, np.ndarray):
@@ -355,6 +355,11 @@ OPENING = {"]": "[", ">": "<", "}": "{", ")": "("}
 
 def with_opaque_pointers(text: str) -> str:
     """A module in the language of LLVM 15 in that of LLVM 17 and later."""
+    arguments = re.search(r"getelementptr (?:inbounds )?(\{.+\}), \1\* %", text)
+    if arguments:  # the type of all arguments, which nearly every line repeats
+        text = text.replace(arguments[1], "%arguments").replace(
+            "\n%struct.", f"\n%arguments = type {arguments[1]}\n%struct.", 1
+        )
     lines = text.split("\n")
     for number, line in enumerate(lines):
         if "*" in line:

@@ -86,11 +86,12 @@ class Kernel:
         flat: names and types of its parameters, with one for each array of a bundle.
     """
 
-    def __init__(self, function: Callable[..., None]):
+    def __init__(self, function: Callable[..., None], serial: bool = False):
         """Nothing is compiled before the first call."""
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self.function = function
+        self._serial = serial
         parameters = inspect.signature(function).parameters.values()
         self._names = [parameter.name for parameter in parameters]
         self.bundles = {p.name: p.annotation for p in parameters if is_bundle(p.annotation)}
@@ -130,6 +131,10 @@ class Kernel:
     def _start(launch: "_Launch") -> None:
         launch.run(launch.address)
 
+    def serial(self) -> "Kernel":
+        """The same kernel run by one thread, which wakes no other."""
+        return Kernel(self.function, serial=True)
+
     def forget(self, unwanted: set[int]) -> None:
         """Forget the launches with any argument whose `id` is in `unwanted`."""
         for identity in [known for known in self._remembered if not unwanted.isdisjoint(known[1:])]:
@@ -148,7 +153,7 @@ class Kernel:
         with _preparing:
             if self._compiled is None:
                 self._compiled = self._compile()
-            launch = _Launch(self._compiled, flat, arguments)
+            launch = _Launch(self._compiled, flat, arguments, self._serial)
             while len(self._remembered) >= REMEMBERED:
                 del self._remembered[next(iter(self._remembered))]
             self._remembered[identity] = launch
@@ -184,9 +189,9 @@ class _Launch:
 
     __slots__ = ("_arguments", "address", "compiled", "context", "numbers", "run")
 
-    def __init__(self, compiled: Any, flat: list[Any], arguments: tuple[Any, ...]):
+    def __init__(self, compiled: Any, flat: list[Any], arguments: tuple[Any, ...], serial: bool):
         self.compiled, self.run = compiled, compiled.run
-        self.context, self.address = compiled.make_context(flat)
+        self.context, self.address = compiled.make_context(flat, serial)
         self.numbers: tuple[Any, ...] | None = None
         self._arguments = arguments
 

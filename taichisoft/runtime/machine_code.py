@@ -49,6 +49,8 @@ POOL_SIZE = 512
 OLD = 90 * 86400.0  # [s]
 LOOKS = 500  # of a waiting thread before it sleeps: a few microseconds
 V3 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave")
+_LOADED: dict[str, "MachineCode"] = {}
+_THREAD = threading.local()
 _Function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
@@ -74,11 +76,13 @@ def load(kernel: Any, show: Callable[[], None]) -> "MachineCode":
         TaichisoftError: the kernel uses something of Taichi that machine code does not have.
     """
     name = kept_name(kernel)
-    data = kept(name)
-    if data is None:
-        show()
-        data = _compiled(kernel, name)
-    return MachineCode(name, data)
+    if name not in _LOADED:
+        data = kept(name)
+        if data is None:
+            show()
+            data = _compiled(kernel, name)
+        _LOADED[name] = MachineCode(name, data)
+    return _LOADED[name]
 
 
 class MachineCode:
@@ -93,9 +97,12 @@ class MachineCode:
         self._layout = json.loads(layout)
         self.run = _Function(_linked(code, symbol(name)))
 
-    def make_context(self, flat: list[Any]) -> tuple["_Context", int]:
-        """What a launch of this thread gets, and its address: the arrays among the arguments `flat`, but no number."""
-        context = _Context(self._layout["size"])
+    def make_context(self, flat: list[Any], serial: bool) -> tuple["_Context", int]:
+        """What a launch of this thread gets, and its address: the arrays among the arguments `flat`, but no number.
+
+        A `serial` launch wakes no other thread.
+        """
+        context = _Context(self._layout["size"], serial)
         for place, array in zip(self._layout["places"], flat, strict=True):
             if isinstance(array, np.ndarray):
                 shape, dimensions, pointer = place
@@ -114,23 +121,24 @@ class _Context:
 
     __slots__ = ("_thread", "arguments", "words")
 
-    def __init__(self, size: int):
-        self._thread = _thread_arrays()
+    def __init__(self, size: int, serial: bool):
+        self._thread = _thread_arrays(serial)
         runtime, temporaries = self._thread
         self.arguments = np.zeros(max(8, size), np.uint8)
         self.words = np.array([_address(self.arguments), _address(runtime), 0, _address(temporaries)], np.uint64)
 
 
-def _thread_arrays() -> tuple[np.ndarray, np.ndarray]:
+def _thread_arrays(serial: bool) -> tuple[np.ndarray, np.ndarray]:
     """LLVMRuntime and temporaries of this Python thread."""
-    if not hasattr(_THREAD, "arrays"):
+    known = _THREAD.__dict__
+    if serial not in known:
         runtime, temporaries = np.zeros(TEMPORARIES + 8, np.uint8), np.zeros(TEMPORARIES_SIZE, np.uint8)
         pool = _pool()
-        fields = {POOL: pool.address, PARALLEL_FOR: pool.parallel_for, TEMPORARIES: _address(temporaries)}
-        for place, address in fields.items():
+        loop = pool.serial_for if serial else pool.parallel_for
+        for place, address in ((POOL, pool.address), (PARALLEL_FOR, loop), (TEMPORARIES, _address(temporaries))):
             struct.pack_into("<Q", runtime, place, address)
-        _THREAD.arrays = runtime, temporaries
-    return _THREAD.arrays
+        known[serial] = runtime, temporaries
+    return known[serial]
 
 
 class _Pool:
@@ -145,7 +153,7 @@ class _Pool:
         if code is None:
             code = target_machine().emit_object(_llvm().parse_assembly(source))
             keep(name, code)
-        self.parallel_for = _linked(code, "parallel_for")
+        self.parallel_for, self.serial_for = _linked(code, "parallel_for"), _address_of("serial_for")
         self._start = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_int)(_address_of("start_pool"))
         self.start()
         os.register_at_fork(after_in_child=self.start)
@@ -157,7 +165,6 @@ class _Pool:
 
 
 _pool = functools.cache(_Pool)
-_THREAD = threading.local()
 
 
 def symbol(name: str) -> str:

@@ -115,6 +115,22 @@ leave:
   br label %wait
 }
 
+; A loop without other threads.
+define void @serial_for(ptr %p, i32 %n, i32 %threads, ptr %context, ptr %body) {
+entry:
+  br label %loop
+loop:
+  %i = phi i32 [ 0, %entry ], [ %i1, %work ]
+  %some = icmp slt i32 %i, %n
+  br i1 %some, label %work, label %end
+work:
+  call void %body(ptr %context, i32 0, i32 %i)
+  %i1 = add i32 %i, 1
+  br label %loop
+end:
+  ret void
+}
+
 define void @parallel_for(ptr %p, i32 %n, i32 %threads, ptr %context, ptr %body) {
 entry:
   %counts = getelementptr %pool, ptr %p, i32 0, i32 3, i32 6
@@ -129,14 +145,7 @@ acquire:
   %mine = extractvalue { i32, i1 } %exchanged, 1
   br i1 %mine, label %together, label %serial
 serial:
-  %i = phi i32 [ 0, %entry ], [ 0, %acquire ], [ %i1, %work ]
-  %some = icmp slt i32 %i, %n
-  br i1 %some, label %work, label %done
-work:
-  call void %body(ptr %context, i32 0, i32 %i)
-  %i1 = add i32 %i, 1
-  br label %serial
-done:
+  call void @serial_for(ptr %p, i32 %n, i32 %threads, ptr %context, ptr %body)
   ret void
 together:
   %next = getelementptr %pool, ptr %p, i32 0, i32 3, i32 5

@@ -9,7 +9,7 @@ from taichisoft.cholesky.kernels.forward_substitution import Substitution, take_
 from taichisoft.cholesky.kernels.front_layout import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
 from taichisoft.cholesky.kernels.sparse_columns import GROUP, NOWHERE, SparseColumns
 from taichisoft.runtime.language import CHUNK, Scalars, func, ti, vec3
-from taichisoft.runtime.launch import Kernel, kernel
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.tiles import TILE, Column, advance, opaque, tiles_in
 from taichisoft.runtime.waiting import BEGUN, BEGUN_LATER, FINISHED, reaches
 
@@ -82,42 +82,37 @@ def hand_out(s: ti.i32, fronts: Fronts, solution: Substitution):
         solution.found[solution.order[place]] = vec3(x[3 * place], x[3 * place + 1], x[3 * place + 2])
 
 
-def make_back(alone: bool) -> Kernel:
-    """Make the kernel; `alone` it wakes no other thread, and takes one worker."""
-
-    @kernel
-    def back(
-        row_count: ti.i32,
-        impulse: Scalars,
-        columns: SparseColumns,
-        fronts: Fronts,
-        factor: Factor,
-        solution: Substitution,
-        workers: ti.i32,
-        one: ti.i32,
-    ):
-        """Fill `solution.found`."""
-        ti.loop_config(serialize=alone)
-        for worker in range(workers * CHUNK):
-            if worker % CHUNK == 0:
-                start, progress = ti.static(solution.branch_start, solution.progress)
-                above = start.shape[0] - 2
-                t = above
-                if ti.atomic_add(progress[BEGUN], 1) > 0:
-                    t = above + 1
-                    if reaches(progress, FINISHED, 1, fronts.patience[0]):  # tasks of the factorisation take longer
-                        t = take_branch(progress, BEGUN_LATER, above)
-                while t < above + 1:
-                    for i in range(start[t + 1] - start[t]):
-                        s = solution.supernodes[start[t + 1] - 1 - i]
-                        combine(s, row_count, impulse, columns, fronts, solution)
-                        substitute_back(s, fronts, factor, solution, one)
-                        hand_out(s, fronts, solution)
-                    if t == above:
-                        ti.atomic_add(progress[FINISHED], 1)
+@kernel
+def back(
+    row_count: ti.i32,
+    impulse: Scalars,
+    columns: SparseColumns,
+    fronts: Fronts,
+    factor: Factor,
+    solution: Substitution,
+    workers: ti.i32,
+    one: ti.i32,
+):
+    """Fill `solution.found`."""
+    for worker in range(workers * CHUNK):
+        if worker % CHUNK == 0:
+            start, progress = ti.static(solution.branch_start, solution.progress)
+            above = start.shape[0] - 2
+            t = above
+            if ti.atomic_add(progress[BEGUN], 1) > 0:
+                t = above + 1
+                if reaches(progress, FINISHED, 1, fronts.patience[0]):  # tasks of the factorisation take longer
                     t = take_branch(progress, BEGUN_LATER, above)
+            while t < above + 1:
+                for i in range(start[t + 1] - start[t]):
+                    s = solution.supernodes[start[t + 1] - 1 - i]
+                    combine(s, row_count, impulse, columns, fronts, solution)
+                    substitute_back(s, fronts, factor, solution, one)
+                    hand_out(s, fronts, solution)
+                if t == above:
+                    ti.atomic_add(progress[FINISHED], 1)
+                t = take_branch(progress, BEGUN_LATER, above)
 
-    return back
 
-
-back, back_alone = make_back(False), make_back(True)
+# The same for small problems: it wakes no other thread.
+back_alone = back.serial()

@@ -35,7 +35,7 @@ from taichisoft.cholesky.kernels.front_layout import (
     Fronts,
 )
 from taichisoft.runtime.language import CHUNK, Matrices, func, ti
-from taichisoft.runtime.launch import Kernel, kernel
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque, tiles_in, triangle
 from taichisoft.runtime.waiting import load
 
@@ -224,39 +224,32 @@ def work_on(
     ti.atomic_add(factor.done[s], 1)
 
 
-def make_factorise(alone: bool) -> Kernel:
-    """Make the kernel; `alone` it wakes no other thread, and takes one worker."""
+@kernel
+def factorise(fronts: Fronts, blocks: Matrices, factor: Factor, solution: Substitution, workers: ti.i32, one: ti.i32):
+    """Factorise all fronts, and fill `solution.forward`, which is 0 at the start.
 
-    @kernel
-    def factorise(
-        fronts: Fronts, blocks: Matrices, factor: Factor, solution: Substitution, workers: ti.i32, one: ti.i32
-    ):
-        """Factorise all fronts, and fill `solution.forward`, which is 0 at the start.
-
-        Each worker, a thread, takes tasks until none is left, or it has lost patience.
-        """
-        ti.loop_config(serialize=alone)
-        for worker in range(workers * CHUNK):
-            if worker % CHUNK == 0:
-                first, t, looks, leaves = 0, 0, 0, 0
-                while first < fronts.tasks.shape[0] and leaves == 0:
-                    looks += 1
-                    takes = 0
-                    if load(factor.taken, t) != 0:
-                        first += ti.select(t == first, 1, 0)
-                    else:
-                        takes = is_ready(t, fronts, factor)
-                    if takes != 0:
-                        takes = 1 - ti.atomic_max(factor.taken[t], 1)
-                    t += 1
-                    if takes != 0:
-                        for s in range(fronts.tasks[t - 1, FIRST_FRONT], fronts.tasks[t - 1, LAST_FRONT]):
-                            work_on(t - 1, s, fronts, blocks, factor, solution, one)
-                        t, looks = first, 0
-                    elif t == fronts.tasks.shape[0]:  # having seen the whole list: alone, it finds something in it
-                        t, leaves = first, ti.select(looks < fronts.patience[0], 0, 1)
-
-    return factorise
+    Each worker, a thread, takes tasks until none is left, or it has lost patience.
+    """
+    for worker in range(workers * CHUNK):
+        if worker % CHUNK == 0:
+            first, t, looks, leaves = 0, 0, 0, 0
+            while first < fronts.tasks.shape[0] and leaves == 0:
+                looks += 1
+                takes = 0
+                if load(factor.taken, t) != 0:
+                    first += ti.select(t == first, 1, 0)
+                else:
+                    takes = is_ready(t, fronts, factor)
+                if takes != 0:
+                    takes = 1 - ti.atomic_max(factor.taken[t], 1)
+                t += 1
+                if takes != 0:
+                    for s in range(fronts.tasks[t - 1, FIRST_FRONT], fronts.tasks[t - 1, LAST_FRONT]):
+                        work_on(t - 1, s, fronts, blocks, factor, solution, one)
+                    t, looks = first, 0
+                elif t == fronts.tasks.shape[0]:  # having seen the whole list: alone, it finds something in it
+                    t, leaves = first, ti.select(looks < fronts.patience[0], 0, 1)
 
 
-factorise, factorise_alone = make_factorise(False), make_factorise(True)
+# The same for small problems: it wakes no other thread.
+factorise_alone = factorise.serial()

@@ -20,7 +20,7 @@ from taichisoft.cholesky.kernels.front_layout import (
     Fronts,
 )
 from taichisoft.runtime.language import CHUNK, Integers, Scalars, Vectors, func, ti
-from taichisoft.runtime.launch import Kernel, kernel
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 from taichisoft.runtime.waiting import BEGUN, FINISHED
 
@@ -122,30 +122,25 @@ def take_branch(counters: Integers, i: ti.i32, branch_count: ti.i32) -> ti.i32:
     return t + ti.select(t == branch_count, 1, 0)
 
 
-def make_forward(alone: bool) -> Kernel:
-    """Make the kernel; `alone` it wakes no other thread, and takes one worker."""
-
-    @kernel
-    def forward(fronts: Fronts, factor: Factor, solution: Substitution, workers: ti.i32, one: ti.i32):
-        """Fill `solution.forward`, which is 0 at the start."""
-        ti.loop_config(serialize=alone)
-        for worker in range(workers * CHUNK):
-            if worker % CHUNK == 0:
-                start, progress = ti.static(solution.branch_start, solution.progress)
-                branch_count = start.shape[0] - 2
-                t = take_branch(progress, BEGUN, branch_count)
-                while t < branch_count + 1:
-                    for i in range(start[t], start[t + 1]):
-                        s = solution.supernodes[i]
-                        row_count = fronts.table[s, COLUMNS] // TILE + tiles_in(fronts.table[s, BELOW])
-                        gather(s, fronts, solution)
-                        substitute_forward(s, 0, row_count, fronts, factor, solution, one)
-                    if ti.atomic_add(progress[FINISHED], 1) == branch_count - 1:
-                        t = branch_count
-                    else:
-                        t = take_branch(progress, BEGUN, branch_count)
-
-    return forward
+@kernel
+def forward(fronts: Fronts, factor: Factor, solution: Substitution, workers: ti.i32, one: ti.i32):
+    """Fill `solution.forward`, which is 0 at the start."""
+    for worker in range(workers * CHUNK):
+        if worker % CHUNK == 0:
+            start, progress = ti.static(solution.branch_start, solution.progress)
+            branch_count = start.shape[0] - 2
+            t = take_branch(progress, BEGUN, branch_count)
+            while t < branch_count + 1:
+                for i in range(start[t], start[t + 1]):
+                    s = solution.supernodes[i]
+                    row_count = fronts.table[s, COLUMNS] // TILE + tiles_in(fronts.table[s, BELOW])
+                    gather(s, fronts, solution)
+                    substitute_forward(s, 0, row_count, fronts, factor, solution, one)
+                if ti.atomic_add(progress[FINISHED], 1) == branch_count - 1:
+                    t = branch_count
+                else:
+                    t = take_branch(progress, BEGUN, branch_count)
 
 
-forward, forward_alone = make_forward(False), make_forward(True)
+# The same for small problems: it wakes no other thread.
+forward_alone = forward.serial()

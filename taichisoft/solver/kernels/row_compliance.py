@@ -16,7 +16,7 @@ from taichisoft.cholesky.kernels.sparse_columns import (
     mark_path,
 )
 from taichisoft.runtime.language import CHUNK, Scalars, func, ti, vec3
-from taichisoft.runtime.launch import Kernel, kernel
+from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.tiles import SHIFT, Column, advance, opaque
 from taichisoft.runtime.waiting import BEGUN_LATER, FINISHED, PATIENCE, reaches
 from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS, Rows
@@ -198,53 +198,48 @@ def patience(group_count: ti.i32, fronts: Fronts) -> ti.i32:
     return PATIENCE + ti.cast(ti.min(0.25 * group_count * columns_of_tiles, 1e8), ti.i32)
 
 
-def make_soft_compliance(alone: bool) -> Kernel:
-    """Make the kernel; `alone` it wakes no other thread, and takes one worker."""
+@kernel
+def soft_compliance(
+    rows: Rows,
+    coordinates: Coordinates,
+    gradient: Gradient,
+    modes: ModeShapes,
+    tree: EliminationTree,
+    fronts: Fronts,
+    factor: Factor,
+    columns: SparseColumns,
+    begun: Scalars,
+    w: Scalars,
+    workers: ti.i32,
+    one: ti.i32,
+):
+    """Compute Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
 
-    @kernel
-    def soft_compliance(
-        rows: Rows,
-        coordinates: Coordinates,
-        gradient: Gradient,
-        modes: ModeShapes,
-        tree: EliminationTree,
-        fronts: Fronts,
-        factor: Factor,
-        columns: SparseColumns,
-        begun: Scalars,
-        w: Scalars,
-        workers: ti.i32,
-        one: ti.i32,
-    ):
-        """Compute Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
-
-        The effect of the right-hand side b, given as L^-1 b in `begun`, is added to the rows' velocities, `rows.free`.
-        Neighbouring groups, which act on the same body, go to the same thread and share its cache.
-        """
-        ti.loop_config(serialize=alone)
-        for worker_ in range(workers * CHUNK):
-            if worker_ % CHUNK == 0:
-                row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
-                worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
-                if ti.static(alone):
-                    give_places(rows, coordinates, modes, tree, fronts, columns)
-                for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
-                    fill_group(g, rows, coordinates, gradient, modes, tree, fronts, columns)
-                    for s in range(tree.parent.shape[0]):
-                        if columns.place[g, s] != NOWHERE:
-                            eliminate(g, s, fronts, factor, tree, columns, one)
-                    add_begun(g, row_count, begun, fronts, columns, rows.free)
-                ti.atomic_add(columns.progress[FINISHED], 1)
-                if reaches(columns.progress, FINISHED, workers, patience(group_count, fronts)):
+    The effect of the right-hand side b, given as L^-1 b in `begun`, is added to the rows' velocities, `rows.free`.
+    Neighbouring groups, which act on the same body, go to the same thread and share its cache.
+    """
+    for worker_ in range(workers * CHUNK):
+        if worker_ % CHUNK == 0:
+            row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
+            worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
+            if workers == 1:
+                give_places(rows, coordinates, modes, tree, fronts, columns)
+            for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
+                fill_group(g, rows, coordinates, gradient, modes, tree, fronts, columns)
+                for s in range(tree.parent.shape[0]):
+                    if columns.place[g, s] != NOWHERE:
+                        eliminate(g, s, fronts, factor, tree, columns, one)
+                add_begun(g, row_count, begun, fronts, columns, rows.free)
+            ti.atomic_add(columns.progress[FINISHED], 1)
+            if reaches(columns.progress, FINISHED, workers, patience(group_count, fronts)):
+                share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)
+                while share < workers:
+                    for pair in range(group_count * group_count):
+                        g, h = pair // group_count, pair % group_count
+                        if g >= h and (g + h) % workers == share:
+                            multiply_groups(g, h, row_count, fronts, columns, w, one)
                     share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)
-                    while share < workers:
-                        for pair in range(group_count * group_count):
-                            g, h = pair // group_count, pair % group_count
-                            if g >= h and (g + h) % workers == share:
-                                multiply_groups(g, h, row_count, fronts, columns, w, one)
-                        share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)
-
-    return soft_compliance
 
 
-soft_compliance, soft_compliance_serially = make_soft_compliance(alone=False), make_soft_compliance(alone=True)
+# The same for small problems: it wakes no other thread.
+soft_compliance_serially = soft_compliance.serial()
