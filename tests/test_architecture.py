@@ -379,7 +379,7 @@ def private_parts(path: Path) -> set[str]:
 def test_taichis_private_interface_is_used_in_one_file():
     folders = [*PACKAGES, ROOT / "tests", ROOT / "docs", ROOT / "examples"]
     users = {path for folder in folders for path in folder.rglob("*.py") if private_parts(path)}
-    assert users == {ENGINE / "runtime/taichi_private.py"}
+    assert users == {ENGINE / "runtime/compiler.py"}
 
 
 def test_a_class_has_a_name_of_its_own():

@@ -72,7 +72,7 @@ def environment_of(case: Case, folder: Path) -> dict[str, str]:
     if case.threads:
         changes = dict.fromkeys(("TAICHISOFT_THREADS", *BLAS_THREADS), str(case.threads))
     if isinstance(case, StartCase) and case.cold:
-        changes["TI_OFFLINE_CACHE_FILE_PATH"] = str(folder / "kernels")
+        changes["XDG_CACHE_HOME"] = str(folder / "cache")
     return changes
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.runtime.taichi_private import timed_launches
+from taichisoft.runtime.launch import timed_launches
 from taichisoft.time_stepper import TimeStepper
 
 REST = "rest"

@@ -251,8 +251,13 @@ def kept(name: str) -> bytes | None:
             continue
         if hashlib.sha256(data).hexdigest().encode() == checksum:
             return data
-        print(f"taichisoft: {path} is damaged; its kernel is compiled anew", file=sys.stderr)
+        _tell_of_damage(path)
     return None
+
+
+@functools.cache
+def _tell_of_damage(path: Path) -> None:
+    print(f"taichisoft: {path} is damaged; its kernel is compiled anew", file=sys.stderr)
 
 
 def keep(name: str, data: bytes, folder: Path | None = None) -> None:

@@ -21,7 +21,7 @@ def test_the_threads_of_a_case_hold_for_the_engine_and_for_numpy(tmp_path):
 
 
 def test_a_cold_start_finds_no_compiled_kernel(tmp_path):
-    folder = Path(environment(tmp_path, cold=True)["TI_OFFLINE_CACHE_FILE_PATH"])
+    folder = Path(environment(tmp_path, cold=True)["XDG_CACHE_HOME"])
     assert folder.parent == tmp_path
     assert not folder.exists()
 

@@ -5,11 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from taichisoft.runtime.taichi_private import timed_launches
 
-from taichisoft.runtime import launch, taichi_private
+from taichisoft.runtime import launch
 from taichisoft.runtime.language import Scalars, Vectors, func, ti, vec3
-from taichisoft.runtime.launch import compilations_shown, forget, kernel
+from taichisoft.runtime.launch import compilations_shown, forget, kernel, timed_launches
 
 
 class Particles(NamedTuple):
@@ -128,7 +127,7 @@ def test_only_the_launch_itself_is_timed(monkeypatch: pytest.MonkeyPatch) -> Non
         return prepare(*arguments)
 
     monkeypatch.setattr(launch.Kernel, "_prepare", slow_prepare)
-    monkeypatch.setattr(taichi_private.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(launch.time, "perf_counter", lambda: clock[0])
     result = np.zeros(4)
     with timed_launches(seconds.append):
         add_up(np.ones((4, 3)), 1.0, 0, result)

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import pytest
-from taichisoft.runtime.taichi_private import CompiledKernel
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.running.profile import REST, TOTAL, profiled
+from taichisoft.runtime.launch import Kernel
 from taichisoft.scenes.file import scene_from_dict
 
 
@@ -33,7 +33,7 @@ def test_the_phases_add_up_to_the_step(simulation: Simulation) -> None:
 
 
 def test_profiling_leaves_the_motion_and_no_trace(simulation: Simulation) -> None:
-    start, launch = simulation.state, CompiledKernel.launch
+    start, launch = simulation.state, Kernel._start
     for _ in range(3):
         simulation.step()
     expected = simulation.state
@@ -42,7 +42,7 @@ def test_profiling_leaves_the_motion_and_no_trace(simulation: Simulation) -> Non
         for _ in range(3):
             simulation.step()
     assert simulation.state == expected
-    assert CompiledKernel.launch is launch
+    assert Kernel._start is launch
     assert "step" not in vars(simulation)
     assert "assemble" not in vars(simulation.model.elasticity)
 
