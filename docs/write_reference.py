@@ -32,6 +32,7 @@ from taichisoft.scenes import (
     table,
     time_stepping,
 )
+from taichisoft.scenes.table import key_descriptions
 from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.without_effect import IGNORED
@@ -271,13 +272,14 @@ def _type(annotation: Any) -> str:
 def _scenes_page() -> str:
     parts = [SCENES]
     for title, made in TABLES.items():
-        rows = [_row(key, field) for key, field in made.model_fields.items() if _has_row(field)]
+        meanings = key_descriptions(made)
+        rows = [_row(key, field, meanings[key]) for key, field in made.model_fields.items() if _has_row(field)]
         text = " ".join((made.__doc__ or "").split())
         parts.append("\n".join([f"## {title}\n\n{text}\n\n| key | value | default | |\n|---|---|---|---|", *rows]))
     return _joined(parts)
 
 
-def _row(key: str, field: FieldInfo) -> str:
+def _row(key: str, field: FieldInfo, meaning: str) -> str:
     if field.is_required():
         default = "required"
     elif field.default in (None, ""):
@@ -286,8 +288,8 @@ def _row(key: str, field: FieldInfo) -> str:
         default = f"`{field.default}`".lower()
     else:
         default = f"`{list(field.default) if isinstance(field.default, tuple) else field.default}`"
-    meaning = " ".join((field.description or "").split()).replace("|", chr(92) + "|")
-    return f"| `{key}` | {_kind(field.annotation)} | {default} | {meaning} |"
+    text = " ".join(meaning.split()).replace("|", chr(92) + "|")
+    return f"| `{key}` | {_kind(field.annotation)} | {default} | {text} |"
 
 
 def _kind(annotation: Any) -> str:

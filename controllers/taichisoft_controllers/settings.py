@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from taichisoft.control import Slider
 from taichisoft.errors import SceneError
 from taichisoft.scenes import Table, first_problem
+from taichisoft.scenes.table import key_descriptions
 
 
 class ControllerSettings(Table):
@@ -31,7 +32,7 @@ def tunable_settings(settings: type[ControllerSettings]) -> dict[str, Slider]:
 
     The unit is what stands in brackets at the end of a setting's docstring.
     """
-    found = {}
+    found, meanings = {}, key_descriptions(settings)
     for name, field in settings.model_fields.items():
         if not isinstance(field.default, float):
             continue
@@ -42,6 +43,6 @@ def tunable_settings(settings: type[ControllerSettings]) -> dict[str, Slider]:
             for key in ("gt", "ge")
             if (one := getattr(bound, key, None)) is not None
         )
-        unit = re.search(r"\[([^\]]*)\]\.?$", field.description or "")
+        unit = re.search(r"\[([^\]]*)\]\.?$", meanings[name])
         found[name] = Slider(field.default, lowest, 3.0 * field.default, step, unit[1] if unit else "1")
     return found

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from taichisoft.scenes.shipped import data_folder
+from taichisoft.scenes.table import key_descriptions
 from taichisoft_arm.arm_controller import ArmSettings
 from taichisoft_arm.arm_keys import AXES_KEY, MOVES, TURNS
 from taichisoft_arm.arm_script import ArmScript, Move
@@ -20,7 +21,7 @@ SCENE, STEPS = (tomllib.loads(block) for block in re.findall(r"^```toml\n(.*?)^`
 @pytest.mark.parametrize("table", [ArmSettings, Move])
 def test_every_key_has_its_row(table):
     others = {*KeyboardSettings.model_fields, *LargestValues.model_fields}
-    rows = [f"| `{key}` | {field.description} |" for key, field in table.model_fields.items() if key not in others]
+    rows = [f"| `{key}` | {meaning} |" for key, meaning in key_descriptions(table).items() if key not in others]
     for row in rows:
         assert f"\n{' '.join(row.split())}\n" in PAGE
     assert len(re.findall(r"^\| `", PAGE, re.MULTILINE)) >= len(rows)

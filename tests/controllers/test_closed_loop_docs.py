@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from taichisoft.scenes.shipped import data_folder
+from taichisoft.scenes.table import key_descriptions
 from taichisoft_controllers.closed_loop.grasp_sequence import Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
@@ -13,7 +14,8 @@ NOTES = (DOCS / "notes" / "closed_loop.md").read_text(encoding="utf-8")
 
 
 def test_every_setting_has_its_row_in_the_guide_and_in_the_notes() -> None:
-    rows = [f"| `{key}` | {field.default} | {field.description} |" for key, field in GraspSettings.model_fields.items()]
+    meanings, fields = key_descriptions(GraspSettings), GraspSettings.model_fields
+    rows = [f"| `{key}` | {fields[key].default} | {meaning} |" for key, meaning in meanings.items()]
     assert "|---|---|---|\n" + "\n".join(rows) + "\n" in GUIDE
     tuned = [(key, str(field.default)) for key, field in GraspSettings.model_fields.items()]
     assert re.findall(r"^\| `(\w+)` \| ([^|]*) \|", NOTES, re.MULTILINE) == tuned

@@ -15,6 +15,7 @@ from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
+from taichisoft.scenes.table import key_descriptions
 from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController, KeyboardSettings
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")
@@ -198,9 +199,8 @@ def test_a_step_that_is_no_positive_number_is_refused_by_name(name: str, value: 
 
 def test_every_setting_has_its_row_in_the_documents() -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "controllers.md").read_text(encoding="utf-8")
-    table = [
-        f"| `{key}` | {field.default} | {field.description} |" for key, field in KeyboardSettings.model_fields.items()
-    ]
+    meanings, fields = key_descriptions(KeyboardSettings), KeyboardSettings.model_fields
+    table = [f"| `{key}` | {fields[key].default} | {meaning} |" for key, meaning in meanings.items()]
     assert "|---|---|---|\n" + "\n".join(table) + "\n\n" in page
 
 

@@ -13,6 +13,7 @@ from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed
 from taichisoft.scenes.shipped import data_folder
+from taichisoft.scenes.table import key_descriptions
 from taichisoft_controllers.scripted.quantities import QUANTITIES
 from taichisoft_controllers.scripted.script_file import Keyframe, Step
 from taichisoft_controllers.scripted.scripted_controller import ScriptSettings, scripted_controller
@@ -34,7 +35,7 @@ def controller(folder: Path, content: str, name: str = "script.toml", **settings
 
 @pytest.mark.parametrize("table", [ScriptSettings, Keyframe, Step])
 def test_every_key_has_its_row(table: type[BaseModel]) -> None:
-    rows = "\n".join(f"| `{key}` | {field.description} |" for key, field in table.model_fields.items())
+    rows = "\n".join(f"| `{key}` | {meaning} |" for key, meaning in key_descriptions(table).items())
     assert f"|---|---|\n{rows}\n\n" in SECTION
 
 
