@@ -64,6 +64,8 @@ LAYERS = {
         "child_process",
         "interruption",
         "runtime",
+        "kept_files",
+        "rotation_angles",
         "cache_folder",
         "terminal_text",
         "expressions",

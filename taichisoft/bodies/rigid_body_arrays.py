@@ -83,6 +83,15 @@ class Obstacle:
 
 ROUNDING = 1e-6
 """Relative error of an inertia that was written with a few digits."""
+BOX_VERTICES = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+"""Corners of a cube of length 1, shape (8, 3)."""
+BOX_TRIANGLES = np.array(
+    [
+        *([1, 3, 0], [4, 1, 0], [0, 3, 2], [2, 4, 0], [1, 7, 3], [5, 1, 4]),
+        *([5, 7, 1], [3, 7, 2], [6, 4, 2], [2, 7, 6], [6, 5, 4], [7, 5, 6]),
+    ]
+)
+"""Its outward triangles, shape (12, 3)."""
 
 
 def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
@@ -168,20 +177,34 @@ def _mass_properties(
     body: settings.RigidBodySettings, shape: RoundShape | None, vertices: np.ndarray, triangles: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass [kg], centre of mass [mm], shape (3,), and inertia about it [kg mm^2], shape (3, 3)."""
-    import trimesh  # takes long, and scenes of soft bodies do without
-
     if shape is not None:
         mass = body.mass if body.mass is not None else (body.density or 0.0) * shape.volume
         centre, inertia = np.zeros(3), shape.inertia(mass)
     else:
-        solid = trimesh.Trimesh(vertices, triangles, process=False)
-        solid.density = body.density if body.density is not None else (body.mass or 0.0) / solid.volume
-        mass, centre, inertia = float(solid.mass), solid.center_mass, solid.mass_properties["inertia"]
+        volume, centre, inertia = volume_properties(vertices, triangles)
+        density = body.density if body.density is not None else (body.mass or 0.0) / volume
+        mass, inertia = density * volume, density * inertia
     if body.centre_of_mass is not None:
         centre = np.array(body.centre_of_mass)
     if body.inertia is not None:
         inertia = np.array(body.inertia)
     return mass, centre, inertia
+
+
+def volume_properties(vertices: np.ndarray, triangles: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Volume [mm^3], centroid [mm], shape (3,), and inertia about it at density 1 [mm^5], shape (3, 3), of a solid.
+
+    Each triangle makes a tetrahedron with a point inside, whose integral of x x^T is
+    V / 20 (sum of c c^T over its corners c + s s^T), where s is the sum of the corners.
+    """
+    inside = vertices.mean(axis=0)
+    corners = vertices[triangles] - inside
+    volumes = np.linalg.det(corners) / 6.0
+    volume, sums = volumes.sum(), corners.sum(axis=1)
+    centroid = volumes @ sums / (4.0 * volume)
+    second = np.einsum("t,tci,tcj->ij", volumes, corners, corners) + np.einsum("t,ti,tj->ij", volumes, sums, sums)
+    second = second / 20.0 - volume * np.outer(centroid, centroid)
+    return float(volume), inside + centroid, np.trace(second) * np.eye(3) - second
 
 
 def _encloses_nothing(vertices: np.ndarray, triangles: np.ndarray) -> bool:
@@ -197,9 +220,6 @@ def _surface(
     if shape is not None:
         return shape.triangulated()
     if body.box is not None:
-        import trimesh
-
-        box = trimesh.creation.box(extents=body.box)
-        return np.array(box.vertices), np.array(box.faces)
+        return BOX_VERTICES * body.box, BOX_TRIANGLES
     vertices, triangles = read_surface(body.surface or "")
     return vertices * body.scale, triangles

@@ -1,32 +1,17 @@
-"""Rotations that place bodies, and directions, with the conventions of scenes and states.
-
-SciPy refuses read-only arrays, such as the arrays of a state: it gets copies.
-"""
+"""Rotations that place bodies, and directions, with the conventions of scenes and states."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-
-def rotation_from_degrees(angles: tuple[float, float, float]) -> np.ndarray:
-    """Rotation matrix (3, 3) for turns [degrees] about the fixed x, y and z axes, in this order."""
-    return Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
-
-
-def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
-    """Rotation matrix (3, 3) by the angle |vector| [rad] about it."""
-    if not vector.any():
-        return np.eye(3)
-    return Rotation.from_rotvec(vector.copy()).as_matrix()
+from taichisoft.rotation_angles import quaternion_from_matrix as quaternion_from_matrix
+from taichisoft.rotation_angles import rotation_from_degrees as rotation_from_degrees
+from taichisoft.rotation_angles import rotation_from_vector as rotation_from_vector
 
 
 def vector_from_rotation(matrix: np.ndarray) -> np.ndarray:
     """The rotation vector [rad], shape (3,), of a rotation matrix."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_matrix(matrix).as_rotvec()
-
-
-def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
-    """Unit quaternion (w, x, y, z) of a rotation matrix."""
-    return Rotation.from_matrix(matrix).as_quat()[[3, 0, 1, 2]]
 
 
 def matrices_from_quaternions(quaternions: np.ndarray) -> np.ndarray:
@@ -44,6 +29,8 @@ def matrices_from_quaternions(quaternions: np.ndarray) -> np.ndarray:
 
 def compose_rotation_vectors(second: np.ndarray, first: np.ndarray) -> np.ndarray:
     """The rotation vector [rad], shape (3,), of turning by `first` and then by `second`."""
+    from scipy.spatial.transform import Rotation
+
     return (Rotation.from_rotvec(second.copy()) * Rotation.from_rotvec(first.copy())).as_rotvec()
 
 
@@ -61,6 +48,8 @@ def turn_towards(start: np.ndarray, end: np.ndarray, furthest: float) -> np.ndar
     """From the rotation vector `start` the shortest way to `end`, but by no more than `furthest` [rad]."""
     if (start == end).all():
         return end
+    from scipy.spatial.transform import Rotation
+
     way = (Rotation.from_rotvec(end.copy()) * Rotation.from_rotvec(start.copy()).inv()).as_rotvec()
     angle = float(np.linalg.norm(way))
     return end if angle <= furthest else compose_rotation_vectors(furthest / angle * way, start)

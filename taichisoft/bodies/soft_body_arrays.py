@@ -5,6 +5,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.elastic_laws import ElasticLaws, elastic_law
@@ -280,10 +282,10 @@ def _surface_of_file(
 
 def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
     """The connected parts of a closed surface that enclose silicone: the walls of cavities have a negative volume."""
-    import trimesh
-
     triangles = closed_outward(vertices, triangles, source)
-    part = trimesh.graph.connected_component_labels(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2))[triangles[:, 0]]
+    first, second = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2).T
+    edges = coo_matrix((np.ones(len(first)), (first, second)), (len(vertices), len(vertices)))
+    part = connected_components(edges, directed=False)[1][triangles[:, 0]]
     encloses = {label: enclosed_volume(vertices, triangles[part == label]) > 0.0 for label in set(part)}
     return triangles[[encloses[label] for label in part]]
 

@@ -1,5 +1,8 @@
 """Surfaces in files: triangles as STL, OBJ and PLY."""
 
+import functools
+import hashlib
+import io
 import re
 from pathlib import Path
 
@@ -7,6 +10,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
+from taichisoft.kept_files import keep, kept_folder, read_kept
 from taichisoft.meshes.coordinates import refuse_coordinates
 from taichisoft.meshes.file_kind import existing_file, unreadable
 
@@ -17,7 +21,7 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     """Read a triangulated surface from STL, OBJ or PLY; polygons are cut into triangles.
 
     Vertices at exactly the same place become one (STL repeats them for every triangle), those in no triangle
-    are dropped, and so are triangles with two equal corners.
+    are dropped, and so are triangles with two equal corners. What was read is kept for the next process.
 
     Returns:
         Vertices [mm], shape (vertex_count, 3), and triangles of vertex indices, shape (triangle_count, 3).
@@ -25,9 +29,31 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         MeshError: the file is missing, unreadable or of another kind, or has no triangle or a NaN.
     """
+    path = existing_file(path, "surface", SURFACE_SUFFIXES)
+    try:
+        key = hashlib.sha256(b"\n".join([path.suffix.lower().encode(), path.read_bytes(), _own_source()])).hexdigest()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    kept = kept_folder("surfaces") / f"{key}.npz"
+    if (data := read_kept(kept)) is not None:
+        arrays = np.load(io.BytesIO(data))
+        return arrays["vertices"], arrays["triangles"]
+    vertices, triangles = _parsed(path)
+    stream = io.BytesIO()
+    np.savez(stream, vertices=vertices, triangles=triangles)
+    keep(kept, stream.getvalue())
+    return vertices, triangles
+
+
+@functools.cache
+def _own_source() -> bytes:
+    return Path(__file__).read_bytes()
+
+
+def _parsed(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """What trimesh reads from a file, which takes half a second to import."""
     import trimesh
 
-    path = existing_file(path, "surface", SURFACE_SUFFIXES)
     try:
         if path.suffix.lower() == ".ply":
             _refuse_truncated_ply(path.read_bytes())

@@ -32,8 +32,9 @@ import numpy as np
 
 from taichisoft.cache_folder import cache_folder
 from taichisoft.errors import ForkedProcess, TaichisoftError
-from taichisoft.runtime import launch, machine_code
-from taichisoft.runtime.language import THREADS, Arrays, Function, TaichiExpression, is_bundle
+from taichisoft.kept_files import keep
+from taichisoft.runtime import machine_code
+from taichisoft.runtime.language import KERNELS, THREADS, VARIABLE, Arrays, Function, TaichiExpression, is_bundle
 from taichisoft.runtime.machine_code import references, symbol
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -83,7 +84,7 @@ def compile_all(parent: int) -> None:
     while missing and os.getppid() == parent:
         with contextlib.ExitStack() as locks:
             for name, data in compile_kernels(batch(locks)).items():
-                machine_code.keep(name, data)
+                keep(machine_code.kept_path(name), data)
     machine_code.remove_old()
 
 
@@ -92,7 +93,7 @@ def package_kernels() -> dict[str, Any]:
     package = Path(__file__).parents[1]
     for path in sorted(package.glob("*/kernels/*.py")):
         import_module(f"{package.name}.{path.parent.parent.name}.kernels.{path.stem}")
-    return {machine_code.kept_name(kernel): kernel for kernel in launch.KERNELS}
+    return {machine_code.kept_name(kernel): kernel for kernel in KERNELS}
 
 
 def compile_kernels(named: Iterable[tuple[str, Any]]) -> dict[str, bytes]:
@@ -304,7 +305,7 @@ def _machine_code(names: dict[str, str], meta: dict[str, Any], text: str) -> byt
     if not fields <= PROVIDED:
         raise TaichisoftError(
             f"kernel {kernel}: it asserts, prints or draws random numbers, which machine code does not; "
-            f"{launch.VARIABLE}=taichi runs it by Taichi"
+            f"{VARIABLE}=taichi runs it by Taichi"
         )
     places = []
     for argument in meta["args_type"]["content"]["elements_"]:

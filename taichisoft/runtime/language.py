@@ -26,6 +26,13 @@ import numpy as np
 from taichisoft.errors import TaichisoftError
 
 
+VARIABLE = "TAICHISOFT_KERNELS"
+"""Environment variable: "taichi" lets Taichi run the kernels instead of machine code that is kept."""
+
+KERNELS: list[Any] = []
+"""All kernels that were decorated."""
+
+
 class TaichiExpression:
     """An expression in terms of the module `ti`, equal to any other of the same text."""
 

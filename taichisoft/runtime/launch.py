@@ -22,16 +22,14 @@ from typing import Any
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.runtime import machine_code
-from taichisoft.runtime.language import Arrays, is_bundle, ti
+from taichisoft.runtime.language import KERNELS, VARIABLE, Arrays, is_bundle, ti
 
 # Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
 # alive; code that replaces arrays by larger ones calls `forget`.
 REMEMBERED = 16
-KERNELS: list["Kernel"] = []
 SHOWING: list[Callable[[str], None]] = []
 _preparing = RLock()
 
-VARIABLE = "TAICHISOFT_KERNELS"
 SETTING = os.environ.get(VARIABLE) or "machine-code"
 if SETTING not in ("machine-code", "taichi"):
     raise TaichisoftError(f"{VARIABLE} = '{SETTING}': must be machine-code or taichi")
@@ -172,11 +170,16 @@ class Kernel:
     def _compile(self) -> Any:
         """The kernel's machine code, or what Taichi makes of it."""
         if SETTING == "machine-code" and machine_code.is_supported():
-            return machine_code.load(self, self._show)
+            return machine_code.load(self, self._compile_now, self._show)
         self._show()
         from taichisoft.runtime.compiler import TaichiKernel
 
         return TaichiKernel(self)
+
+    def _compile_now(self, name: str) -> bytes:
+        from taichisoft.runtime.compiler import compile_kernels
+
+        return compile_kernels([(name, self)])[name]
 
     def _show(self) -> None:
         with suppress(OSError):  # such as a terminal that was closed

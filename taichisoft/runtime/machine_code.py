@@ -33,8 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.cache_folder import cache_folder
-from taichisoft.caller_warnings import warn_caller
+from taichisoft.kept_files import keep, kept_folder, read_kept
 from taichisoft.runtime.language import THREADS, Arrays, Function, TaichiExpression, available_cores, is_bundle
 
 HERE = Path(__file__).parent
@@ -69,8 +68,13 @@ def target() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), features.flatten()
 
 
-def load(kernel: Any, show: Callable[[], None]) -> "MachineCode":
-    """A kernel's machine code; `show` is called before it is compiled.
+def load(kernel: Any, compile_now: Callable[[str], bytes], show: Callable[[], None]) -> "MachineCode":
+    """A kernel's machine code; before it is compiled, `show` is called.
+
+    Args:
+        kernel: the kernel.
+        compile_now: compiles it in this process, to be kept under a name.
+        show: tells that it is being compiled.
 
     Raises:
         TaichisoftError: the kernel uses something of Taichi that machine code does not have.
@@ -80,7 +84,7 @@ def load(kernel: Any, show: Callable[[], None]) -> "MachineCode":
         data = kept(name)
         if data is None:
             show()
-            data = _compiled(kernel, name)
+            data = _compiled(kernel, name, compile_now)
         _LOADED[name] = MachineCode(name, data)
     return _LOADED[name]
 
@@ -152,7 +156,7 @@ class _Pool:
         code = kept(name)
         if code is None:
             code = target_machine().emit_object(_llvm().parse_assembly(source))
-            keep(name, code)
+            keep(kept_path(name), code)
         self.parallel_for, self.serial_for = _linked(code, "parallel_for"), _address_of("serial_for")
         self._start = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_int)(_address_of("start_pool"))
         self.start()
@@ -242,56 +246,24 @@ def _described(value: Any) -> str:
 
 
 def kept(name: str) -> bytes | None:
-    """What was kept under a name, if it is whole."""
-    for folder in (SHIPPED, _folder()):
-        path = folder / f"{name}{SUFFIX}"
-        try:
-            checksum, _, data = path.read_bytes().partition(b"\n")
-        except OSError:
-            continue
-        if hashlib.sha256(data).hexdigest().encode() == checksum:
+    """What was kept under a name."""
+    for folder in (SHIPPED, kept_folder("kernels")):
+        if (data := read_kept(folder / f"{name}{SUFFIX}")) is not None:
             return data
-        _tell_of_damage(path)
     return None
 
 
-@functools.cache
-def _tell_of_damage(path: Path) -> None:
-    print(f"taichisoft: {path} is damaged; its kernel is compiled anew", file=sys.stderr)
-
-
-def keep(name: str, data: bytes, folder: Path | None = None) -> None:
-    """Keep data under a name for other processes; where nothing can be written, a warning says so."""
-    path = (folder or _folder()) / f"{name}{SUFFIX}"
-    partial = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
-    try:
-        partial.write_bytes(hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
-        partial.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
-        _warn_of(path.parent, error.strerror or str(error))
+def kept_path(name: str) -> Path:
+    """The file in which a kernel is kept for other processes."""
+    return kept_folder("kernels") / f"{name}{SUFFIX}"
 
 
 def remove_old() -> None:
     """Remove what was kept long ago, which is of earlier versions."""
-    for path in _folder().glob(f"*{SUFFIX}"):
+    for path in kept_folder("kernels").glob(f"*{SUFFIX}"):
         with suppress(OSError):
             if time.time() - path.stat().st_mtime > OLD:
                 path.unlink()
-
-
-@functools.cache
-def _warn_of(folder: Path, why: str) -> None:
-    warn_caller(f"compiled kernels cannot be kept in {folder} ({why}), and every start compiles them anew")
-
-
-@functools.cache
-def _folder() -> Path:
-    folder = cache_folder() / "kernels"
-    with suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 @contextmanager
@@ -302,7 +274,7 @@ def locked(name: str, wait: bool) -> Iterator[bool]:
     """
     import fcntl
 
-    path = _folder() / f"{name}.lock"
+    path = kept_folder("kernels") / f"{name}.lock"
     try:
         file = path.open("w")
     except OSError:  # nothing can be written there: everybody compiles
@@ -319,7 +291,7 @@ def locked(name: str, wait: bool) -> Iterator[bool]:
             path.unlink()
 
 
-def _compiled(kernel: Any, name: str) -> bytes:
+def _compiled(kernel: Any, name: str, compile_now: Callable[[str], bytes]) -> bytes:
     """Compile a kernel: one of ours with all others, in processes of their own, one of a user's here."""
     if kernel.function.__module__.startswith("taichisoft."):
         while any([helper.poll() is None for helper in _helpers()]):
@@ -329,10 +301,8 @@ def _compiled(kernel: Any, name: str) -> bytes:
     with locked(name, wait=True):
         data = kept(name)  # another process may have compiled it meanwhile
         if data is None:
-            from taichisoft.runtime.compiler import compile_kernels
-
-            data = compile_kernels([(name, kernel)])[name]
-            keep(name, data)
+            data = compile_now(name)
+            keep(kept_path(name), data)
     return data
 
 

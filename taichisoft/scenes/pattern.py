@@ -63,17 +63,18 @@ def _turned(table: dict[str, Any], pattern: CircularPattern, place: str, number:
     if number == 0 or not all(map(_is_vector, vectors)):
         return table  # what is not a vector is refused later, with the key
     import numpy as np
-    from scipy.spatial.transform import Rotation
+
+    from taichisoft.rotation_angles import degrees_from_rotation, rotation_from_degrees, rotation_from_vector
 
     axis = np.eye(3)["xyz".index(pattern.axis[-1])] * (-1.0 if pattern.axis.startswith("-") else 1.0)
-    turn = Rotation.from_rotvec(np.radians(number * pattern.angle / pattern.count) * axis)
+    turn = rotation_from_vector(np.radians(number * pattern.angle / pattern.count) * axis)
     centre = np.array(pattern.centre)
-    before = Rotation.from_euler("xyz", table.get("rotation", (0.0, 0.0, 0.0)), degrees=True)
-    moved = centre + turn.apply(np.array(table.get(place, (0.0, 0.0, 0.0)), float) - centre)
-    changed = {"rotation": (turn * before).as_euler("xyz", degrees=True).tolist(), place: moved.tolist()}
+    before = rotation_from_degrees(table.get("rotation", (0.0, 0.0, 0.0)))
+    moved = centre + turn @ (np.array(table.get(place, (0.0, 0.0, 0.0)), float) - centre)
+    changed = {"rotation": degrees_from_rotation(turn @ before), place: moved.tolist()}
     for key in DIRECTIONS:
         if key in table:
-            changed[key] = turn.apply(table[key]).tolist()
+            changed[key] = (turn @ table[key]).tolist()
     return {**table, **changed}
 
 
