@@ -3,12 +3,13 @@
 # make bench   time the engine on this machine; the results are in out/bench. OPTIONS=--quick is passed on
 # make scoreboard  friction: problems of FCLIB and Siconos in the folder DATA=..., creep beside other programs
 # make site    the documents as a site in out/site, which opens from the disk
+# make wheel   the packages to publish, with the kernels' machine code, in out/wheel
 # make clean   remove what these made
 #
 # All first install what they need into .venv; `make grasp` has no need of the tools of `make test`.
 # PYTHON=/path/to/python chooses the interpreter.
 
-.PHONY: grasp test bench scoreboard site lint kernels clean system-libraries browser
+.PHONY: grasp test bench scoreboard site wheel lint kernels clean system-libraries browser
 
 grasp: system-libraries
 	mkdir -p out/grasp
@@ -17,13 +18,13 @@ grasp: system-libraries
 	    --video out/grasp/grasp.mp4 --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
 
 # A process a core, four at most. Each has half of the tests in their order, because those of a file share what is
-# expensive, and takes from the others when it is done. The kernels are compiled once for all, while mypy has a core.
+# expensive, and takes from the others when it is done. The kernels are compiled once for all.
 test: system-libraries browser .venv/test-tools
 	$(MAKE) --no-print-directory --jobs 2 lint kernels
 	.venv/bin/pytest --numprocesses logical --maxprocesses 4 --dist worksteal
 
 kernels: system-libraries
-	.venv/bin/python -c 'import taichisoft as t; t.Simulation(t.load_scene("gripper")).step(t.Control())'
+	.venv/bin/python -c 'from taichisoft.runtime.machine_code import compile_package; compile_package()'
 
 bench: system-libraries .venv/test-tools
 	.venv/bin/python -m taichisoft_benchmarks --output out/bench $(OPTIONS)
@@ -36,6 +37,10 @@ scoreboard: system-libraries .venv/test-tools
 site: .venv/test-tools
 	.venv/bin/sphinx-build --quiet --fail-on-warning --keep-going -c docs/site . out/site
 	@echo "open out/site/index.html"
+
+wheel: .venv/test-tools
+	.venv/bin/python -c 'from taichisoft.runtime.compiler import ship; ship()'
+	.venv/bin/python -m build --outdir out/wheel
 
 lint: .venv/test-tools
 	.venv/bin/ruff check

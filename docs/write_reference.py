@@ -22,6 +22,7 @@ from taichisoft.scenes import (
     actuators,
     contact_settings,
     frame_settings,
+    key_descriptions,
     pattern,
     reinforcement_settings,
     rigid_body,
@@ -32,7 +33,6 @@ from taichisoft.scenes import (
     table,
     time_stepping,
 )
-from taichisoft.scenes.table import key_descriptions
 from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.without_effect import IGNORED

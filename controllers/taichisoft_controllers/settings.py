@@ -7,8 +7,7 @@ from pydantic import ValidationError
 
 from taichisoft.control import Slider
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Table, first_problem
-from taichisoft.scenes.table import key_descriptions
+from taichisoft.scenes import Table, first_problem, key_descriptions
 
 
 class ControllerSettings(Table):

@@ -18,6 +18,7 @@ import io
 import json
 import os
 import re
+import shutil
 import tempfile
 import textwrap
 import time
@@ -86,6 +87,21 @@ def compile_all(parent: int) -> None:
             for name, data in compile_kernels(batch(locks)).items():
                 keep(machine_code.kept_path(name), data)
     machine_code.remove_old()
+
+
+def ship() -> None:
+    """Put the machine code of all kernels into the package, from where wheels take it, and nothing else.
+
+    Raises:
+        TaichisoftError: this processor is not of the level that wheels are for.
+    """
+    if machine_code.target() != machine_code.LEVEL:
+        raise TaichisoftError(f"wheels are for {machine_code.LEVEL[0]}, and this processor is not of that level")
+    machine_code.compile_package()
+    shutil.rmtree(machine_code.SHIPPED, ignore_errors=True)
+    machine_code.SHIPPED.mkdir()
+    for name in [machine_code.pool_name(), *package_kernels()]:
+        shutil.copy(machine_code.kept_path(name), machine_code.SHIPPED)
 
 
 def package_kernels() -> dict[str, Any]:

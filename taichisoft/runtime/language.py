@@ -25,7 +25,6 @@ import numpy as np
 
 from taichisoft.errors import TaichisoftError
 
-
 VARIABLE = "TAICHISOFT_KERNELS"
 """Environment variable: "taichi" lets Taichi run the kernels instead of machine code that is kept."""
 

@@ -47,6 +47,7 @@ TEMPORARIES_SIZE = 1 << 20  # Taichi's own, which a kernel cannot exceed
 POOL_SIZE = 512
 OLD = 90 * 86400.0  # [s]
 LOOKS = 500  # of a waiting thread before it sleeps: a few microseconds
+LEVEL = "x86-64-v3", ""
 V3 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave")
 _LOADED: dict[str, "MachineCode"] = {}
 _THREAD = threading.local()
@@ -64,7 +65,7 @@ def target() -> tuple[str, str]:
     llvm = _llvm()
     features = llvm.get_host_cpu_features()
     if all(features.get(name, False) for name in V3):
-        return "x86-64-v3", ""
+        return LEVEL
     return llvm.get_host_cpu_name(), features.flatten()
 
 
@@ -151,11 +152,10 @@ class _Pool:
     def __init__(self) -> None:
         self._memory = np.zeros(POOL_SIZE, np.uint8)
         self.address = _address(self._memory)
-        source = (HERE / "pool.ll").read_text()
-        name = f"pool-{hashlib.sha256(repr((source, target())).encode()).hexdigest()[:32]}"
+        name = pool_name()
         code = kept(name)
         if code is None:
-            code = target_machine().emit_object(_llvm().parse_assembly(source))
+            code = target_machine().emit_object(_llvm().parse_assembly(_pool_source()))
             keep(kept_path(name), code)
         self.parallel_for, self.serial_for = _linked(code, "parallel_for"), _address_of("serial_for")
         self._start = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_int)(_address_of("start_pool"))
@@ -169,6 +169,15 @@ class _Pool:
 
 
 _pool = functools.cache(_Pool)
+
+
+def pool_name() -> str:
+    """Name of the file with the machine code of the pool."""
+    return f"pool-{hashlib.sha256(repr((_pool_source(), target())).encode()).hexdigest()[:32]}"
+
+
+def _pool_source() -> str:
+    return (HERE / "pool.ll").read_text()
 
 
 def symbol(name: str) -> str:
@@ -294,6 +303,7 @@ def locked(name: str, wait: bool) -> Iterator[bool]:
 def _compiled(kernel: Any, name: str, compile_now: Callable[[str], bytes]) -> bytes:
     """Compile a kernel: one of ours with all others, in processes of their own, one of a user's here."""
     if kernel.function.__module__.startswith("taichisoft."):
+        _tell_of_compilation()
         while any([helper.poll() is None for helper in _helpers()]):
             if (data := kept(name)) is not None:
                 return data
@@ -306,10 +316,20 @@ def _compiled(kernel: Any, name: str, compile_now: Callable[[str], bytes]) -> by
     return data
 
 
+def compile_package() -> None:
+    """Compile all kernels of the package that are not kept, on all cores."""
+    for helper in _helpers():
+        helper.wait()
+
+
+@functools.cache
+def _tell_of_compilation() -> None:
+    print("taichisoft: compiles its kernels, once on this machine: 10 seconds or more", file=sys.stderr)
+
+
 @functools.cache
 def _helpers() -> list[subprocess.Popen[bytes]]:
     """Processes that compile all kernels of the package, one a core: Taichi's part of it is Python."""
-    print("taichisoft: compiles its kernels, once on this machine: 10 seconds or more", file=sys.stderr)
     code = (
         f"import sys; sys.path[:] = {sys.path!r}\n"
         f"from taichisoft.runtime.compiler import compile_all; compile_all({os.getpid()})"

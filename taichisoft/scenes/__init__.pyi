@@ -24,4 +24,5 @@ from .table import Number as Number
 from .table import Positive as Positive
 from .table import Table as Table
 from .table import Vector as Vector
+from .table import key_descriptions as key_descriptions
 from .validation_errors import first_problem as first_problem

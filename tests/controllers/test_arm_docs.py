@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from taichisoft.scenes import key_descriptions
 from taichisoft.scenes.shipped import data_folder
-from taichisoft.scenes.table import key_descriptions
 from taichisoft_arm.arm_controller import ArmSettings
 from taichisoft_arm.arm_keys import AXES_KEY, MOVES, TURNS
 from taichisoft_arm.arm_script import ArmScript, Move

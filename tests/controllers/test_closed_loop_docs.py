@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
+from taichisoft.scenes import key_descriptions
 from taichisoft.scenes.shipped import data_folder
-from taichisoft.scenes.table import key_descriptions
 from taichisoft_controllers.closed_loop.grasp_sequence import Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 

@@ -15,7 +15,7 @@ from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.table import key_descriptions
+from taichisoft.scenes import key_descriptions
 from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController, KeyboardSettings
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")

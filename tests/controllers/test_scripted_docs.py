@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed
+from taichisoft.scenes import key_descriptions
 from taichisoft.scenes.shipped import data_folder
-from taichisoft.scenes.table import key_descriptions
 from taichisoft_controllers.scripted.quantities import QUANTITIES
 from taichisoft_controllers.scripted.script_file import Keyframe, Step
 from taichisoft_controllers.scripted.scripted_controller import ScriptSettings, scripted_controller
