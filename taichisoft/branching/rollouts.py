@@ -179,7 +179,7 @@ def rollouts(
 
     The first call starts the processes, which takes seconds; they stay ready until `Simulation.close`, or until the
     simulation is deleted. The call returns at once, and what it returns waits when a result is read. The bits do not
-    depend on the number of workers. Taichi runs one loop at a time in a process, so that Python's threads gain nothing.
+    depend on the number of workers.
 
     Args:
         simulation: the simulation.
