@@ -21,7 +21,7 @@ grasp: system-libraries
 # expensive, and takes from the others when it is done. The kernels are compiled once for all.
 test: system-libraries browser .venv/test-tools
 	$(MAKE) --no-print-directory --jobs 2 lint kernels
-	.venv/bin/pytest --numprocesses logical --maxprocesses 4 --dist worksteal
+	.venv/bin/pytest --numprocesses logical --maxprocesses 4 --dist worksteal --durations 25 --durations-min 5
 
 kernels: system-libraries
 	.venv/bin/python -c 'from taichisoft.runtime.machine_code import compile_package; compile_package()'

@@ -2,14 +2,22 @@
 
 import functools
 import hashlib
+import io
 import os
 import sys
 import threading
+import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from taichisoft.cache_folder import cache_folder
 from taichisoft.caller_warnings import warn_caller
+
+OLD = 90 * 86400.0
+"""Age at which results, most of them of earlier versions, are removed [s]."""
 
 
 @functools.cache
@@ -39,10 +47,38 @@ def keep(path: Path, data: bytes) -> None:
     try:
         partial.write_bytes(hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
         partial.replace(path)
+        for other in path.parent.iterdir():
+            if time.time() - other.stat().st_mtime > OLD:
+                other.unlink()
+    except FileNotFoundError:  # another process has removed it
+        pass
     except OSError as error:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
         _warn_of(path.parent, error.strerror or str(error))
+
+
+def kept_arrays(
+    kind: str, depends_on: Sequence[bytes], make: Callable[[], Sequence[np.ndarray]]
+) -> tuple[np.ndarray, ...]:
+    """The arrays that `make` gives, kept from an earlier process if there `depends_on` was the same."""
+    key = hashlib.sha256()
+    for part in depends_on:
+        key.update(len(part).to_bytes(8) + part)
+    path = kept_folder(kind) / f"{key.hexdigest()}.npz"
+    if (data := read_kept(path)) is not None:
+        return tuple(np.load(io.BytesIO(data)).values())
+    arrays = make()
+    stream = io.BytesIO()
+    np.savez(stream, *arrays)
+    keep(path, stream.getvalue())
+    return tuple(arrays)
+
+
+@functools.cache
+def source_of(file: str) -> bytes:
+    """Source of a module, on which what it makes depends."""
+    return Path(file).read_bytes()
 
 
 @functools.cache

@@ -1,8 +1,5 @@
 """Surfaces in files: triangles as STL, OBJ and PLY."""
 
-import functools
-import hashlib
-import io
 import re
 from pathlib import Path
 
@@ -10,7 +7,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
-from taichisoft.kept_files import keep, kept_folder, read_kept
+from taichisoft.kept_files import kept_arrays, source_of
 from taichisoft.meshes.coordinates import refuse_coordinates
 from taichisoft.meshes.file_kind import existing_file, unreadable
 
@@ -31,23 +28,12 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     """
     path = existing_file(path, "surface", SURFACE_SUFFIXES)
     try:
-        key = hashlib.sha256(b"\n".join([path.suffix.lower().encode(), path.read_bytes(), _own_source()])).hexdigest()
+        content = path.read_bytes()
     except OSError as error:
         raise unreadable(path, error) from error
-    kept = kept_folder("surfaces") / f"{key}.npz"
-    if (data := read_kept(kept)) is not None:
-        arrays = np.load(io.BytesIO(data))
-        return arrays["vertices"], arrays["triangles"]
-    vertices, triangles = _parsed(path)
-    stream = io.BytesIO()
-    np.savez(stream, vertices=vertices, triangles=triangles)
-    keep(kept, stream.getvalue())
+    depends_on = [source_of(__file__), path.suffix.lower().encode(), content]
+    vertices, triangles = kept_arrays("surfaces", depends_on, lambda: _parsed(path))
     return vertices, triangles
-
-
-@functools.cache
-def _own_source() -> bytes:
-    return Path(__file__).read_bytes()
 
 
 def _parsed(path: Path) -> tuple[np.ndarray, np.ndarray]:

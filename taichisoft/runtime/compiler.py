@@ -86,7 +86,6 @@ def compile_all(parent: int) -> None:
         with contextlib.ExitStack() as locks:
             for name, data in compile_kernels(batch(locks)).items():
                 keep(machine_code.kept_path(name), data)
-    machine_code.remove_old()
 
 
 def ship() -> None:

@@ -45,7 +45,6 @@ PARALLEL_FOR = POOL + 8
 TEMPORARIES = PARALLEL_FOR + 8 + 3 * 1024 * 8
 TEMPORARIES_SIZE = 1 << 20  # Taichi's own, which a kernel cannot exceed
 POOL_SIZE = 512
-OLD = 90 * 86400.0  # [s]
 LOOKS = 500  # of a waiting thread before it sleeps: a few microseconds
 LEVEL = "x86-64-v3", ""
 V3 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave")
@@ -265,14 +264,6 @@ def kept(name: str) -> bytes | None:
 def kept_path(name: str) -> Path:
     """The file in which a kernel is kept for other processes."""
     return kept_folder("kernels") / f"{name}{SUFFIX}"
-
-
-def remove_old() -> None:
-    """Remove what was kept long ago, which is of earlier versions."""
-    for path in kept_folder("kernels").glob(f"*{SUFFIX}"):
-        with suppress(OSError):
-            if time.time() - path.stat().st_mtime > OLD:
-                path.unlink()
 
 
 @contextmanager
