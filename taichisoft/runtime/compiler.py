@@ -86,6 +86,8 @@ def compile_all(parent: int) -> None:
         with contextlib.ExitStack() as locks:
             for name, data in compile_kernels(batch(locks)).items():
                 keep(machine_code.kept_path(name), data)
+                if not machine_code.kept_path(name).exists():  # such as a disk that is full: nobody can wait for this
+                    return
 
 
 def ship() -> None:

@@ -24,7 +24,7 @@ from taichisoft.errors import TaichisoftError
 from taichisoft.runtime import machine_code
 from taichisoft.runtime.language import KERNELS, VARIABLE, Arrays, is_bundle, ti
 
-# Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
+# Sets of arrays that a kernel remembers for a thread, for problems of several sizes and models side by side. A set keeps its arrays
 # alive; code that replaces arrays by larger ones calls `forget`.
 REMEMBERED = 16
 SHOWING: list[Callable[[str], None]] = []
@@ -152,8 +152,9 @@ class Kernel:
             if self._compiled is None:
                 self._compiled = self._compile()
             launch = _Launch(self._compiled, flat, arguments, self._serial)
-            while len(self._remembered) >= REMEMBERED:
-                del self._remembered[next(iter(self._remembered))]
+            of_thread = [known for known in self._remembered if known[0] == identity[0]]
+            if len(of_thread) >= REMEMBERED:
+                del self._remembered[of_thread[0]]
             self._remembered[identity] = launch
         return launch
 
