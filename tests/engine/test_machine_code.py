@@ -143,7 +143,7 @@ def test_kernel_that_prints_is_refused() -> None:
 
 @kernel
 def add_products(x: Scalars, y: Scalars, result: Scalars):
-    """Sums that LLVM vectorises, products that it fuses with sums, and functions of libm."""
+    """Long chains of sums, sums that LLVM vectorises, products that it fuses with sums, and functions of libm."""
     ti.loop_config(serialize=True)
     for i in range(result.shape[0]):
         total, product = 0.0, 1.0
@@ -152,7 +152,11 @@ def add_products(x: Scalars, y: Scalars, result: Scalars):
         for k in range(x.shape[0]):
             product = product * (1.0 + 1e-3 * x[k]) + y[k]
         vector = ti.Vector([x[(i + c) % x.shape[0]] for c in range(8)])
-        result[i] = total + ti.sqrt(ti.abs(product)) + ti.sin(total) + (vector * vector).sum() / vector.norm()
+        chain, longer = x[i] / y[i], 1.0
+        for k in ti.static(range(12)):
+            chain += x[i + k] / y[i + k] + x[i + k]
+            longer *= 1.0 + 0.1 * y[i + k] * x[i + 2 * k] * chain
+        result[i] = chain * longer + total + ti.sqrt(ti.abs(product)) + ti.sin(total) + (vector * vector).sum() / vector.norm()
 
 
 def test_every_processor_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
