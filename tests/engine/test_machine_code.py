@@ -75,6 +75,17 @@ def test_damaged_file_is_made_anew(damage: str, program: Callable, tmp_path: Pat
     assert program().communicate(timeout=PATIENCE) == ("kept\n", "")
 
 
+def test_kernels_of_the_package_are_taken_first(program: Callable, tmp_path: Path) -> None:
+    program().communicate(timeout=PATIENCE)
+    shipped, cache = tmp_path / "shipped", tmp_path / "taichisoft"
+    (cache / "kernels").rename(shipped)
+    file = tmp_path / "program.py"
+    setting = "from pathlib import Path\nfrom taichisoft.runtime import machine_code\n"
+    file.write_text(f"{setting}machine_code.SHIPPED = Path({str(shipped)!r})\n{PROGRAM}")
+    assert program().communicate(timeout=PATIENCE) == ("kept\n", "")
+    assert list((cache / "kernels").iterdir()) == []
+
+
 def test_folder_that_cannot_be_written_costs_only_time(program: Callable, tmp_path: Path) -> None:
     (tmp_path / "taichisoft").mkdir()
     (tmp_path / "taichisoft/kernels").touch()
