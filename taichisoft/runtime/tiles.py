@@ -6,12 +6,14 @@ vectors to a loop's counter: it then fears that 32 bits overflow between the lan
 `advance` and `opaque` see to both with the help of `one`, an argument of the kernel that is 1.
 """
 
+from typing import Any
+
 from taichisoft.runtime.language import Arrays, func, ti
 
 TILE = 8
 SHIFT = 3  # the logarithm of TILE
 Column = ti.types.vector(TILE, ti.f64)
-Columns = Arrays(Column, 1)
+Columns: Any = Arrays(Column, 1)
 
 
 @func

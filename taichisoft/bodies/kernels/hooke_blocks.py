@@ -6,12 +6,12 @@ contain both nodes of a block, the block is
 Domains of one lambda / mu stand together, so that their products are summed before they are multiplied by it.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from taichisoft.runtime.language import Arrays, Integers, Scalars, Vectors, func, mat3, ti, vec3
 
 vec4 = ti.types.vector(4, ti.f64)
-Quads = Arrays(vec4, 1)
+Quads: Any = Arrays(vec4, 1)
 
 
 class HookeEntries(NamedTuple):

@@ -4,7 +4,7 @@ A block of two nodes has twenty-seven numbers from each domain, too many to stor
 of neighbouring domains adds to its own copies of the blocks, few enough to stay in the cache (`domain_groups.py`).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from taichisoft.bodies.kernels.domain_deformation import (
     Domains,
@@ -27,7 +27,7 @@ BLOCKS_A_TASK = 512
 ROWS = 12
 
 vec8 = ti.types.vector(8, ti.f64)
-Octets = Arrays(vec8, 1)
+Octets: Any = Arrays(vec8, 1)
 
 
 class DomainGroups(NamedTuple):
