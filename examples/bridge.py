@@ -67,7 +67,7 @@ else:
 link.connect(address)  # from now on the system drops packets from elsewhere
 
 simulation = taichisoft.Simulation(taichisoft.load_scene("finger-inflated"))
-seen, latencies, begun = simulation.observe(), [], time.monotonic()
+seen, latencies, begun = simulation.observe(), list[float](), time.monotonic()
 for _ in range(100):
     bending = {name: math.degrees(angle) for name, angle in seen.bending_angles.items()}
     command = exchange({"time": seen.time, "pressures": dict(seen.pressures), "bending": bending})

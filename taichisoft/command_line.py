@@ -134,9 +134,10 @@ def _flush_problem(stream: TextIO | None) -> OSError | None:
 
     What is left of it is dropped, or Python would report the same once more as it ends.
     """
+    if stream is None:
+        return None
     try:
-        if stream is not None:
-            stream.flush()
+        stream.flush()
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         return error

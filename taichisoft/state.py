@@ -164,7 +164,7 @@ class State:
         """
         names = {field.name for field in dataclasses.fields(cls)}
         try:
-            arrays = read_arrays(path)
+            arrays: dict[str, Any] = read_arrays(path)
             if set(arrays) != names:
                 wrong = ", ".join(sorted(set(arrays) ^ names))
                 raise StateError(f"{path}: not a state of this version of taichisoft; it differs in: {wrong}")
