@@ -225,7 +225,10 @@ def test_brackets_in_a_title_or_folder_are_no_markup(command: Command) -> None:
     assert "results in [/b]" in output
 
 
-@pytest.mark.parametrize(("number", "scene"), [(signal.SIGINT, SCENE), (signal.SIGTERM, CUBE), (getattr(signal, "SIGHUP", signal.SIGTERM), CUBE)])
+@pytest.mark.parametrize(
+    ("number", "scene"),
+    [(signal.SIGINT, SCENE), (signal.SIGTERM, CUBE), (getattr(signal, "SIGHUP", signal.SIGTERM), CUBE)],
+)
 def test_a_stopped_run_ends_cleanly_with_a_whole_recording(tmp_path: Path, number: signal.Signals, scene: str) -> None:
     """A process of its own: the signal comes while it computes."""
     (tmp_path / "scene.toml").write_text(scene)

@@ -73,10 +73,12 @@ def test_bridge_follows_its_peer_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stranger answers first, with the right time; the peer's packets are broken three times out of four."""
     peer, stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
     peer.bind(("127.0.0.1", 0))
-    broken = [b"\xff\x00", b"5", b"{}", b"[" * 9999, *(b'{"time": %%s, "pressure": %s}' % bad for bad in (
-        b"[1]", b'{"x": 3.0}', b'{"finger.cavity": NaN}', b'{"finger.cavity": 1e300}', b'{"finger.cavity": "3"}'))]  # fmt: skip
-    good = b'{"time": %s, "pressure": {"finger.cavity": 3.0}}'
-    answers = itertools.cycle([*broken, *[good] * 3])
+    wrong = (b"[1]", b'{"x": 3.0}', *(b'{"finger.cavity": %s}' % value for value in (b"NaN", b"1e300", b'"3"')))
+    answers = itertools.cycle(
+        [b"\xff\x00", b"5", b"{}", b"[" * 9999]
+        + [b'{"time": %%s, "pressure": %s}' % value for value in wrong]
+        + [b'{"time": %s, "pressure": {"finger.cavity": 3.0}}'] * 3
+    )
 
     def answer() -> None:
         with contextlib.suppress(OSError):  # the socket is closed at the end

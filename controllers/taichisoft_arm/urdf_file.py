@@ -149,9 +149,8 @@ def _check_tree(robot: Any, parents: dict[str, Any], path: Path) -> None:
     for joint in robot.joints:
         for name in (joint.parent, joint.child):
             if name not in names:
-                raise SceneError(
-                    f"{path}: joint '{joint.name}': no link is called '{name}'; {nearest(str(name), names, 'there are')}"
-                )
+                known = nearest(str(name), names, "there are")
+                raise SceneError(f"{path}: joint '{joint.name}': no link is called '{name}'; {known}")
         if parents[joint.child] is not joint:
             raise SceneError(f"{path}: two joints, '{joint.name}' and '{parents[joint.child].name}', move one link")
     if len([name for name in names if name not in parents]) != 1:

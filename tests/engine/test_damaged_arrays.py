@@ -17,9 +17,7 @@ from taichisoft_reduction.run_request import RunResult
 TRIES = 400
 NUMBERS = np.random.default_rng(1).normal(size=(5, 3, 2))
 MODES = Modes(NUMBERS[:, :, 0], NUMBERS, np.arange(5), np.ones(5), np.ones((2, 2)), "x", 0.1, 0.1, 0.1, 0.1)
-RUN = RunResult(
-    "a", "", np.arange(2.0), {"b": NUMBERS.T}, {"lift": np.arange(2.0)}, {"b": np.zeros(5, bool)}, {}, 1.0
-)
+RUN = RunResult("a", "", np.arange(2.0), {"b": NUMBERS.T}, {"lift": np.arange(2.0)}, {"b": np.zeros(5, bool)}, {}, 1.0)
 
 
 def values(read: Any) -> list[tuple[str, bytes]]:
