@@ -4,7 +4,10 @@ An observation goes out before every step, and the answer to it is what the step
 time, what was asked for last stays. `python examples/bridge.py HOST:PORT` talks to a program of yours, such as a ROS 2
 node or the driver of a valve terminal. Without an address a thread of this program answers: it raises the pressure by
 0.5 kPa in every step until the finger bends by 10 degrees, and then holds it; the finger swings on. How long answers
-took goes to standard error.
+took goes to standard error, and what was wrong with those that are not followed.
+
+Only packets from the address that the observations go to are read, so answer from the socket that received them. UDP
+itself proves no address: keep both ends on one machine, or in a network of their own.
 
 Prints:
 
@@ -12,15 +15,16 @@ Prints:
     1.00 s: 18.50 kPa, bent by 13.52 degrees
 """
 
+import contextlib
 import json
 import math
 import socket
 import sys
 import threading
 import time
-from typing import Any
 
 import taichisoft
+from taichisoft.errors import TaichisoftError
 
 
 def answer(peer: socket.socket) -> None:
@@ -30,22 +34,25 @@ def answer(peer: socket.socket) -> None:
         message, sender = peer.recvfrom(65536)
         seen = json.loads(message)
         pressure += 0.5 if seen["bending"]["finger"] < 10.0 else 0.0
-        command = {"time": seen["time"], "pressure": {"finger.cavity": pressure}}
-        peer.sendto(json.dumps(command).encode(), sender)
+        peer.sendto(json.dumps({"time": seen["time"], "pressure": {"finger.cavity": pressure}}).encode(), sender)
 
 
-def exchange(message: dict[str, Any], patience: float) -> dict[str, Any]:
-    """Send a message, and return the answer to it, or nothing where none comes in a time [s]."""
-    link.sendto(json.dumps(message).encode(), address)
-    deadline = time.monotonic() + patience
-    while (left := deadline - time.monotonic()) > 0.0:
+def exchange(message: dict) -> dict:
+    """Send a message, and return the answer to it, or nothing where none comes within `patience` [s]."""
+    sent = time.monotonic()
+    with contextlib.suppress(ConnectionError):  # nobody was there for the message before
+        link.send(json.dumps(message).encode())
+    while (left := sent + patience - time.monotonic()) > 0.0:
         link.settimeout(left)
         try:
-            command: dict[str, Any] = json.loads(link.recv(65536))
-        except (TimeoutError, ConnectionError):
-            break
-        if command["time"] == message["time"]:  # else it is an answer that came too late
-            return command
+            command: dict = json.loads(link.recv(65536))
+            if command["time"] == message["time"]:  # else it is an answer that came too late
+                latencies.append(1e3 * (time.monotonic() - sent))
+                return command
+        except OSError:  # time is up, or nobody is there yet
+            continue
+        except (LookupError, RecursionError, TypeError, ValueError) as error:
+            print(f"not an answer: {type(error).__name__}: {error}", file=sys.stderr)
     return {}
 
 
@@ -57,16 +64,18 @@ else:
     own.bind(("127.0.0.1", 0))
     threading.Thread(target=answer, args=(own,), daemon=True).start()
     address, patience = own.getsockname(), 60.0  # it is waited for, so that every run is the same
+link.connect(address)  # from now on the system drops packets from elsewhere
 
 simulation = taichisoft.Simulation(taichisoft.load_scene("finger-inflated"))
-seen, latencies, begun = simulation.observe(), [], time.monotonic()
+seen, latencies, begun = simulation.observe(), list[float](), time.monotonic()
 for _ in range(100):
     bending = {name: math.degrees(angle) for name, angle in seen.bending_angles.items()}
-    sent = time.monotonic()
-    command = exchange({"time": seen.time, "pressures": dict(seen.pressures), "bending": bending}, patience)
-    if command:
-        latencies.append(1e3 * (time.monotonic() - sent))
-    seen = simulation.step(taichisoft.Control(pressure=command.get("pressure", {}))).observation
+    command = exchange({"time": seen.time, "pressures": dict(seen.pressures), "bending": bending})
+    try:
+        seen = simulation.step(taichisoft.Control(pressure=command.get("pressure", {}))).observation
+    except TaichisoftError as error:
+        print(f"not followed: {error}", file=sys.stderr)
+        seen = simulation.step().observation
     time.sleep(max(0.0, begun + seen.time - time.monotonic()))  # real time; a slow machine falls behind
 
 angle, pressure = math.degrees(seen.bending_angles["finger"]), seen.pressures["finger.cavity"]

@@ -1,16 +1,20 @@
 """The `taichisoft` command: run a scene, list plug-ins, and commands of plug-ins."""
 
 import difflib
+import io
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 from typer.core import TyperGroup
 
 from taichisoft import __version__
 from taichisoft.errors import GoalMissed, PluginFailed, TaichisoftError
+from taichisoft.interruption import interrupted_by_signals
 from taichisoft.plugin_system import plugins, plugins_command
 from taichisoft.plugin_system.commands import command_names, load_requested, with_plugin_commands
 from taichisoft.plugin_system.failure import plugin_traceback
@@ -71,6 +75,8 @@ application.add_typer(plugins_command.application, name="plugins")
 LONGEST_LINE = 1000
 """Largest number of characters of an error message."""
 
+OUTPUT = "standard output"
+
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -80,28 +86,62 @@ USAGE_ERROR: Any = typer.BadParameter.__base__  # base of the parser's errors, w
 
 def main() -> None:
     """Run the command line; an error is one line, with a traceback only if a plug-in failed."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # where the encoding is not UTF-8
+    with interrupted_by_signals():
+        code = _exit_code()
+    problem = _flush_problem(sys.stdout)
+    if problem is not None and code == 0:
+        code = EXIT_BAD_INPUT
+        if not isinstance(problem, BrokenPipeError):  # of `head`, which has seen enough
+            _print_error(f"{OUTPUT}: {problem.strerror}")
+    _flush_problem(sys.stderr)
+    sys.exit(code)
+
+
+def _exit_code() -> int:
     try:
         load_requested(sys.argv[1:])
         for line in plugins.plugin_registry().unknown_blocked():
             _print_error(line)
         command = with_plugin_commands(application)
         code = command(prog_name="taichisoft", standalone_mode=False)  # otherwise typer draws boxes around errors
-        sys.exit(code if isinstance(code, int) else 0)
+        return code if isinstance(code, int) else 0
     except USAGE_ERROR as error:
         if message := error.format_message().rstrip("."):  # empty if help was shown for lack of arguments
             _print_error(f"{message}; see {error.ctx.command_path} --help" if error.ctx else message)
-        sys.exit(EXIT_BAD_INPUT)
+        return EXIT_BAD_INPUT
     except (GoalMissed, PluginFailed) as error:
         _print_error(error)
-        sys.exit(EXIT_FAILED)
+        return EXIT_FAILED
     except TaichisoftError as error:
         _print_error(error)
-        sys.exit(EXIT_BAD_INPUT)
+        return EXIT_BAD_INPUT
+    except Warning as warning:  # which PYTHONWARNINGS=error raises
+        _print_error(f"{type(warning).__name__}: {warning}")
+        return EXIT_FAILED
     except OSError as error:  # such as a name too long, or an unreadable folder
-        _print_error(f"{error.filename}: {error.strerror}" if error.filename is not None else str(error))
-        sys.exit(EXIT_BAD_INPUT)
+        place = OUTPUT if _flush_problem(sys.stdout) else error.filename
+        _print_error(str(error) if place is None else f"{place}: {error.strerror}")
+        return EXIT_BAD_INPUT
     except (KeyboardInterrupt, typer.Abort):
-        sys.exit(EXIT_INTERRUPTED)
+        return EXIT_INTERRUPTED
+
+
+def _flush_problem(stream: TextIO | None) -> OSError | None:
+    """Why a stream cannot be written, as on a full disk; None: it can, or is closed.
+
+    What is left of it is dropped, or Python would report the same once more as it ends.
+    """
+    if stream is None:
+        return None
+    try:
+        stream.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        return error
+    return None
 
 
 def _print_error(problem: Exception | str) -> None:
@@ -109,9 +149,10 @@ def _print_error(problem: Exception | str) -> None:
     line = printable(" ".join(str(problem).split()))
     if len(line) > LONGEST_LINE:  # repeats the input, such as a name of thousands of characters
         line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
-    print(f"taichisoft: {line}", file=sys.stderr)
-    if isinstance(problem, TaichisoftError):
-        print(printable(plugin_traceback(problem)), end="", file=sys.stderr)
+    with suppress(OSError):  # the exit code says it, too
+        print(f"taichisoft: {line}", file=sys.stderr)
+        if isinstance(problem, TaichisoftError):
+            print(printable(plugin_traceback(problem)), end="", file=sys.stderr)
 
 
 def _show_version(wanted: bool) -> None:

@@ -1,9 +1,13 @@
-"""Input files: existence, and parsing of TOML."""
+"""Input files: existence, tables of TOML, and arrays of numpy."""
 
+import io
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 DEEPEST = 50
 """Largest depth of nested tables and lists, which are processed recursively."""
@@ -66,3 +70,28 @@ def read_toml(path: Path) -> dict[str, Any]:
         ValueError: the file is not TOML, or nested too deep.
     """
     return parse_toml(path.read_text(encoding="utf-8"))
+
+
+def read_arrays(path: str | Path) -> "dict[str, np.ndarray]":
+    """Read the arrays of an .npz file by name; the checksum of each is compared before it is interpreted.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is damaged, or does not contain plain arrays.
+    """
+    import zipfile  # imported here, so that --help need not wait
+
+    from numpy.lib.format import read_array
+
+    try:
+        with Path(path).open("rb") as file, zipfile.ZipFile(file) as archive:
+            file.seek(-12 - len(archive.comment), io.SEEK_END)
+            count = int.from_bytes(file.read(2), "little")
+            if len(archive.namelist()) != count:  # a wrong length in the directory hides entries from zipfile
+                raise ValueError(f"its directory has {len(archive.namelist())} arrays instead of {count}")
+            contents = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+        return {name: read_array(io.BytesIO(content), allow_pickle=False) for name, content in contents.items()}
+    except OSError:
+        raise
+    except Exception as error:  # of any kind: flags and versions of a damaged zip file lead to RuntimeError and more
+        raise ValueError(f"not a whole .npz file: {error or type(error).__name__}") from error

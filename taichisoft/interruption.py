@@ -1,4 +1,4 @@
-"""Interruption of a run by Ctrl and c or a batch system's SIGTERM, between steps only."""
+"""Interruption of a run by Ctrl and c, a batch system's SIGTERM or the end of the terminal, between steps only."""
 
 import signal
 import threading
@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+HANG_UP = getattr(signal, "SIGHUP", None)  # Windows has none
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *([HANG_UP] if HANG_UP is not None else []))
 
 _came: list[int] = []
 """Signals noted but not yet acted upon."""
@@ -26,8 +27,9 @@ def stop_if_asked() -> None:
 def deferred_signals() -> Iterator[Callable[[], None]]:
     """Note the first signal within the context instead of raising it; yields `stop_if_asked`, which raises it.
 
-    So the outputs contain either all of a step or nothing of it. A second signal raises at once. Ignored signals stay
-    ignored, and outside the main thread nothing is deferred, because Python calls handlers only there.
+    So the outputs contain either all of a step or nothing of it. A second signal raises at once, but for a hang-up: a
+    terminal that closes sends it twice. Ignored signals stay ignored, and outside the main thread nothing is deferred,
+    because Python calls handlers only there.
     """
 
     if not _is_main_thread():
@@ -35,19 +37,45 @@ def deferred_signals() -> Iterator[Callable[[], None]]:
         return
 
     def note(number: int, _frame: Any) -> None:
-        stop_if_asked()
+        if number != HANG_UP:
+            stop_if_asked()
         _came.append(number)
 
     noted_outside = _came.copy()
     _came.clear()
-    handled = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
-    before = {number: signal.signal(number, note) for number in handled}
     try:
-        yield stop_if_asked
+        with _handled_by(note):
+            yield stop_if_asked
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
         _came[:] = noted_outside
+
+
+@contextmanager
+def interrupted_by_signals() -> Iterator[None]:
+    """Raise KeyboardInterrupt for SIGTERM and a hang-up within the context, as for Ctrl and c, so that all is ended."""
+
+    def interrupt(number: int, _frame: Any) -> None:
+        if number == HANG_UP:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    if not _is_main_thread():
+        yield
+        return
+    with _handled_by(interrupt):
+        yield
+
+
+@contextmanager
+def _handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Handle all signals that are not ignored."""
+    handled = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
+    before = {number: signal.signal(number, handler) for number in handled}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
 
 
 def _is_main_thread() -> bool:

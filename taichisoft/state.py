@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from taichisoft.errors import StateError
+from taichisoft.input_file import read_arrays
 
 
 @dataclass(frozen=True)
@@ -164,14 +164,13 @@ class State:
         """
         names = {field.name for field in dataclasses.fields(cls)}
         try:
-            with np.load(path) as file:
-                arrays = {name: file[name] for name in file.files}
-        except (OSError, ValueError, EOFError, TypeError, BadZipFile) as error:
+            arrays: dict[str, Any] = read_arrays(path)
+            if set(arrays) != names:
+                wrong = ", ".join(sorted(set(arrays) ^ names))
+                raise StateError(f"{path}: not a state of this version of taichisoft; it differs in: {wrong}")
+            return cls(**{**arrays, "time": float(arrays["time"]), "step": int(arrays["step"])})
+        except (OSError, ValueError, TypeError) as error:
             raise StateError(f"{path}: cannot be read as a state: {error}") from error
-        if set(arrays) != names:
-            wrong = ", ".join(sorted(set(arrays) ^ names))
-            raise StateError(f"{path}: not a state of this version of taichisoft; it differs in: {wrong}")
-        return cls(**{**arrays, "time": float(arrays["time"]), "step": int(arrays["step"])})
 
 
 def _make_read_only(values: Mapping[str, Any]) -> None:

@@ -1,13 +1,16 @@
 """The workflows, hooks and templates for GitHub parse, and run commands and Pythons that there are."""
 
+import os
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 import yaml
 from conftest import PATIENCE
 
@@ -19,6 +22,25 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 
 def parsed(path: str) -> Any:
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
+
+
+def test_mypy_ignores_types_of_the_peers(tmp_path: Path) -> None:
+    """`make scoreboard` installs them beside the rest: `make test` must not find other errors then."""
+    stubs = tmp_path / "pydrake"
+    stubs.mkdir()
+    (stubs / "__init__.pyi").write_text("def add(one: int) -> int: ...\n")
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]
+    del settings["packages"]  # mypy takes either these or a program
+    (tmp_path / "pyproject.toml").write_text(tomli_w.dumps({"tool": {"mypy": settings}}))
+    checked = subprocess.run(
+        [sys.executable, "-m", "mypy", "-c", "import pydrake; pydrake.add([1.0])"],
+        cwd=tmp_path,
+        env={**os.environ, "MYPYPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert checked.returncode == 0, checked.stdout
 
 
 JOBS = parsed(".github/workflows/checks.yml")["jobs"]

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -224,7 +225,10 @@ def test_brackets_in_a_title_or_folder_are_no_markup(command: Command) -> None:
     assert "results in [/b]" in output
 
 
-@pytest.mark.parametrize(("number", "scene"), [(signal.SIGINT, SCENE), (signal.SIGTERM, CUBE)])
+@pytest.mark.parametrize(
+    ("number", "scene"),
+    [(signal.SIGINT, SCENE), (signal.SIGTERM, CUBE), (getattr(signal, "SIGHUP", signal.SIGTERM), CUBE)],
+)
 def test_a_stopped_run_ends_cleanly_with_a_whole_recording(tmp_path: Path, number: signal.Signals, scene: str) -> None:
     """A process of its own: the signal comes while it computes."""
     (tmp_path / "scene.toml").write_text(scene)
@@ -258,6 +262,59 @@ def test_a_stopped_run_ends_cleanly_with_a_whole_recording(tmp_path: Path, numbe
     assert outcome == "interrupted"
     metrics = json.loads((tmp_path / "stopped" / "metrics.json").read_text())
     assert (metrics["outcome"], metrics["steps"]) == ("interrupted", steps)
+
+
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a signal")
+def test_any_command_ends_as_by_ctrl_c(command: Command, monkeypatch: pytest.MonkeyPatch, number: str) -> None:
+    """What a command has begun is cleared away; the process used to be killed where it was."""
+    cleared = []
+
+    def build(*_: object) -> None:
+        try:
+            signal.raise_signal(getattr(signal, number))
+        finally:
+            cleared.append(True)
+
+    monkeypatch.setattr("taichisoft.running.command.load_scene", build)
+    assert command("run", "scene.toml") == (130, "", "")
+    assert cleared == [True]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment"),
+    [
+        (["materials"], {"PYTHONIOENCODING": "latin-1", "COLUMNS": "60"}),
+        (["--help"], {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "COLUMNS": "20"}),
+    ],
+)
+def test_narrow_encoding_shows_the_tables(arguments: list[str], environment: dict[str, str]) -> None:
+    program = [sys.executable, "-m", "taichisoft", *arguments]
+    shown = subprocess.run(program, env={**os.environ, **environment}, capture_output=True, timeout=PATIENCE)
+    assert (shown.returncode, shown.stderr) == (0, b"")
+    assert b"yeoh" in shown.stdout or b"run" in shown.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no device that is always full")
+@pytest.mark.parametrize(("arguments", "unbuffered"), [("--version", ""), ("materials", ""), ("materials", "1")])
+def test_full_disk_is_one_line(arguments: str, unbuffered: str) -> None:
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+    program = [sys.executable, "-m", "taichisoft", arguments]
+    with Path("/dev/full").open("wb") as full:
+        ended = subprocess.run(program, env=environment, stdout=full, stderr=subprocess.PIPE, timeout=PATIENCE)
+    (line,) = ended.stderr.decode().splitlines()
+    assert ended.returncode == 2
+    assert line.startswith("taichisoft: ") and line.endswith("No space left on device")
+
+
+def test_warning_made_an_error_is_one_line(command: Command) -> None:
+    """As PYTHONWARNINGS=error makes it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        code, _, errors = command("run", "scene.toml")
+    (line,) = errors.splitlines()
+    assert code == 1
+    assert line.startswith("taichisoft: UserWarning: soft_bodies.finger.mesh: walls of one element")
 
 
 def test_the_version_is_shown(command: Command) -> None:

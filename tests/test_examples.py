@@ -7,11 +7,16 @@ Words, counts and settings are the same everywhere.
 """
 
 import ast
+import contextlib
 import functools
 import io
+import itertools
+import json
 import re
 import runpy
+import socket
 import sys
+import threading
 from contextlib import redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -61,7 +66,34 @@ def test_it_is_short_and_uses_public_names_alone(program: Path) -> None:
     imported = re.findall(r"^(?:from|import) (taichisoft\S*)", text, re.MULTILINE)
     documented = "taichisoft_outputs"  # docs/outputs.md tells users to read recordings with it
     assert "taichisoft" in imported
-    assert set(imported) <= {"taichisoft", documented}
+    assert set(imported) <= {"taichisoft", "taichisoft.errors", documented}
+
+
+def test_bridge_follows_its_peer_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stranger answers first, with the right time; the peer's packets are broken three times out of four."""
+    peer, stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    peer.bind(("127.0.0.1", 0))
+    wrong = (b"[1]", b'{"x": 3.0}', *(b'{"finger.cavity": %s}' % value for value in (b"NaN", b"1e300", b'"3"')))
+    answers = itertools.cycle(
+        [b"\xff\x00", b"5", b"{}", b"[" * 9999]
+        + [b'{"time": %%s, "pressure": %s}' % value for value in wrong]
+        + [b'{"time": %s, "pressure": {"finger.cavity": 3.0}}'] * 3
+    )
+
+    def answer() -> None:
+        with contextlib.suppress(OSError):  # the socket is closed at the end
+            while True:
+                message, sender = peer.recvfrom(65536)
+                now = json.dumps(json.loads(message)["time"]).encode()
+                stranger.sendto(b'{"time": %s, "pressure": {"finger.cavity": 9.0}}' % now, sender)
+                peer.sendto(next(answers).replace(b"%s", now), sender)
+
+    threading.Thread(target=answer, daemon=True).start()
+    monkeypatch.setattr(sys, "argv", ["bridge.py", f"127.0.0.1:{peer.getsockname()[1]}"])
+    with peer, stranger, redirect_stdout(io.StringIO()) as printed:
+        names = runpy.run_path(str(EXAMPLES / "bridge.py"))
+    assert printed.getvalue().startswith("100 observations went out, ")
+    assert names["seen"].pressures["finger.cavity"] <= 3.0 + 1e-9
 
 
 def test_the_forces_of_all_contacts_carry_the_cube() -> None:

@@ -1,5 +1,6 @@
 """An arm from a URDF: the chain of its joints, and the shapes of its links; yourdfpy parses the file."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 
 from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import SceneError, nearest
+from taichisoft.input_file import is_file
 from taichisoft.optional_packages import extra, require
 from taichisoft_arm.kinematic_chain import ChainJoint, KinematicChain
 
@@ -16,6 +18,13 @@ SUFFIX = ".urdf"
 MM = 1000.0
 USUAL_SPEED = {False: np.radians(90.0), True: 100.0}
 """Speed of a joint that turns, and of one that slides, whose speed the file does not give [rad/s], [mm/s]."""
+
+NUMBERS = {"xyz": (3,), "rpy": (3,), "size": (3,), "rgba": (4,), "scale": (1, 3)} | dict.fromkeys(
+    ("radius", "length", "lower", "upper", "velocity"), (1,)
+)
+"""How many numbers an attribute may have; yourdfpy takes any number of them."""
+LARGEST = 1e6
+"""Larger lengths [m] and angles [rad] are refused, and those that are not finite."""
 
 Look = Literal["visual", "collision"]
 
@@ -101,8 +110,10 @@ def _parse(path: Path) -> Any:
     from lxml import etree
 
     try:
-        etree.parse(path)  # yourdfpy would guess what a broken file means
+        _check_numbers(etree.parse(path), path)  # yourdfpy would guess what a broken file means
         robot = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
+    except SceneError:
+        raise
     except Exception as error:  # of any kind: yourdfpy takes it that what it looks for is there
         raise SceneError(f"{path}: not readable as URDF: {type(error).__name__}: {error}") from error
     if not robot.links:
@@ -110,19 +121,48 @@ def _parse(path: Path) -> Any:
     return robot
 
 
+def _check_numbers(tree: Any, path: Path) -> None:
+    for element in tree.xpath("/robot/*[self::link or self::joint or self::material]//*"):
+        for key in NUMBERS.keys() & element.attrib.keys():
+            text = element.get(key)
+            try:
+                numbers = [float(word) for word in text.replace(",", " ").split()]
+            except ValueError:
+                numbers = []
+            # A limit may be infinite, as that of a joint that turns without end.
+            if len(numbers) not in NUMBERS[key] or not all(
+                abs(number) < LARGEST or (element.tag == "limit" and number == number) for number in numbers
+            ):
+                count = " or ".join(map(str, NUMBERS[key]))
+                raise SceneError(
+                    f'{path}, line {element.sourceline}: {element.tag} has {key} = "{text}"; must be {count} finite '
+                    f"number{'s' * (count != '1')}"
+                )
+
+
 def _check_tree(robot: Any, parents: dict[str, Any], path: Path) -> None:
     names = [link.name for link in robot.links]
+    for kind, given in (("links", names), ("joints", [joint.name for joint in robot.joints])):
+        for name, count in Counter(given).items():
+            if count > 1:
+                raise SceneError(f"{path}: {count} {kind} are called '{name}'; each needs a name of its own")
     for joint in robot.joints:
         for name in (joint.parent, joint.child):
             if name not in names:
-                raise SceneError(
-                    f"{path}: joint '{joint.name}': no link is called '{name}'; {nearest(name, names, 'there are')}"
-                )
+                known = nearest(str(name), names, "there are")
+                raise SceneError(f"{path}: joint '{joint.name}': no link is called '{name}'; {known}")
         if parents[joint.child] is not joint:
             raise SceneError(f"{path}: two joints, '{joint.name}' and '{parents[joint.child].name}', move one link")
     if len([name for name in names if name not in parents]) != 1:
         roots = ", ".join(name for name in names if name not in parents) or "none"
         raise SceneError(f"{path}: needs one link that no joint moves; there are: {roots}")
+    for name in names:
+        above: list[str] = []
+        while name in parents:
+            if name in above:
+                raise SceneError(f"{path}: links move one another in a circle: {', '.join(above[above.index(name) :])}")
+            above.append(name)
+            name = parents[name].parent
 
 
 def _end_link(robot: Any, link: str | None, path: Path) -> str:
@@ -191,7 +231,7 @@ def _chain_joint(joint: Any, before: np.ndarray, path: Path) -> ChainJoint:
     if joint.mimic is not None:
         raise SceneError(f"{where}: moves as '{joint.mimic.joint}' does; a joint of the arm must move by itself")
     axis, slides, limit = _axis(joint), joint.type == "prismatic", joint.limit
-    if not np.isfinite(axis).all() or not axis.any():
+    if not axis.any():
         raise SceneError(f"{where}: its axis has no direction")
     unit = MM if slides else 1.0
     lowest, highest = -np.inf, np.inf
@@ -230,13 +270,15 @@ def _shape(geometry: Any, where: str, path: Path) -> tuple[str, tuple[float, ...
         shape, sizes = "cylinder", (MM * geometry.cylinder.radius, MM * geometry.cylinder.length)
     elif geometry is not None and geometry.sphere is not None:
         shape, sizes = "sphere", (MM * geometry.sphere.radius,)
-    elif geometry is not None and geometry.mesh is not None:
+    elif geometry is not None and geometry.mesh is not None and geometry.mesh.filename:
         scale = 1.0 if geometry.mesh.scale is None else geometry.mesh.scale
         factors = tuple(MM * float(factor) for factor in np.broadcast_to(scale, 3))
+        if 0.0 in factors:
+            raise SceneError(f"{where}: the scale of its mesh must not be 0")
         return "mesh", factors, _mesh_file(geometry.mesh.filename, where, path)
     else:
-        raise SceneError(f"{where}: has a shape that is none of box, cylinder, sphere, mesh")
-    if not (np.isfinite(sizes).all() and min(sizes) > 0.0):
+        raise SceneError(f"{where}: has a shape that is none of box, cylinder, sphere, mesh with a filename")
+    if min(sizes) <= 0.0:
         raise SceneError(f"{where}: the sizes of its {shape} must be above 0")
     return shape, sizes, None
 
@@ -252,6 +294,6 @@ def _mesh_file(name: str, where: str, path: Path) -> Path:
         tails = [plain, plain.partition("/")[2]]
     for folder in path.parents if name.startswith("package://") else path.parents[:1]:
         for tail in tails:
-            if (folder / tail).is_file():
+            if is_file(folder / tail):
                 return (folder / tail).resolve()
     raise SceneError(f"{where}: the file of its mesh, {name}, is not there; it is looked for beside the URDF")

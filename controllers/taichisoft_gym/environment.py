@@ -161,7 +161,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
     def begin(self, start: State, options: dict[str, Any]) -> None:
         """Choose the task of an episode that starts at `start`; removes the options that it uses from `options`.
 
-        Random numbers come from `self.np_random`. Raises SceneError where an option makes no sense.
+        `self.simulation.observe()` gives the observation of the start, such as `reward` gets of later moments. Random
+        numbers come from `self.np_random`. Raises SceneError where an option makes no sense.
         """
 
     def randomise(self) -> Drawn:

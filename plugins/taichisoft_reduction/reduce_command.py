@@ -61,7 +61,7 @@ def reduce(
     from taichisoft.runtime import available_cores
     from taichisoft_reduction.shape_reduction import Wishes, reduce_scene
     from taichisoft_reduction.validation_report import PICTURE, TABLE, WITHIN
-    from taichisoft_studies.commands.study_options import quiet_interruption, requested_plugins
+    from taichisoft_studies.commands.study_options import requested_plugins
 
     console = Console()
     wishes = Wishes(
@@ -75,7 +75,7 @@ def reduce(
         plugins=requested_plugins(),
     )
     loaded = load_scene(scene, set_ or [])
-    with locked_folder(output), quiet_interruption(), ExitStack() as bars:
+    with locked_folder(output), ExitStack() as bars:
         found = reduce_scene(loaded, output, wishes, _progress(console, bars))
     _show(console, found)
     error = f"{100.0 * found.error:.2g} %"

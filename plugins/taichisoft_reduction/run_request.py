@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 import taichisoft
+from taichisoft.input_file import read_arrays
 
 DIGITS = 12
 """Digits of the hash in a file's name."""
-DAMAGED = (OSError, ValueError, KeyError, EOFError, BadZipFile)
-"""What reading a file that is not whole raises."""
 
 
 @dataclass(frozen=True)
@@ -113,18 +111,18 @@ class RunResult:
     def load(cls, path: Path) -> "RunResult | None":
         """Read what `save` wrote; None where there is nothing, or not all of it."""
         try:
-            with np.load(path) as file:
-                about = json.loads(str(file["about"]))
-                parts = {name.partition("/")[::2]: file[name] for name in file.files if "/" in name}
-                return cls(
-                    name=about["name"],
-                    problem=about["problem"],
-                    time=file["time"],
-                    displacement={body: one for (kind, body), one in parts.items() if kind == "displacement"},
-                    figures=dict(zip(about["figures"], file["figures"].T, strict=True)),
-                    touched={body: one for (kind, body), one in parts.items() if kind == "touched"},
-                    drives={name: (key, low, high) for name, (key, low, high) in about["drives"].items()},
-                    steps_per_second=about["steps_per_second"],
-                )
-        except DAMAGED:
+            file = read_arrays(path)
+            about = json.loads(str(file["about"]))
+            parts = {name.partition("/")[::2]: one for name, one in file.items() if "/" in name}
+            return cls(
+                name=about["name"],
+                problem=about["problem"],
+                time=file["time"],
+                displacement={body: one for (kind, body), one in parts.items() if kind == "displacement"},
+                figures=dict(zip(about["figures"], file["figures"].T, strict=True)),
+                touched={body: one for (kind, body), one in parts.items() if kind == "touched"},
+                drives={name: (key, low, high) for name, (key, low, high) in about["drives"].items()},
+                steps_per_second=about["steps_per_second"],
+            )
+        except (OSError, ValueError, KeyError):
             return None

@@ -9,6 +9,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.control import Observation
+from taichisoft.input_file import read_arrays
 from taichisoft.session import Output
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_expressions import Expression
@@ -76,7 +77,6 @@ def read_curves(folder: Path) -> dict[str, np.ndarray]:
     """
     path = folder / CURVES
     try:
-        with np.load(path) as columns:
-            return {name: columns[name] for name in columns.files}
+        return read_arrays(path)
     except (OSError, ValueError) as error:
         raise StudyError(f"{path}: not readable: {error}") from error

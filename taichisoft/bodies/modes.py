@@ -1,7 +1,6 @@
 """The modes of a reduced soft body: a file that `taichisoft reduce` writes, and that a scene names."""
 
 import json
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import SceneError
+from taichisoft.input_file import read_arrays
 
 # How far the nodes of a mesh may be from those of the file, over the size of the body.
 SAME_MESH = 1e-6
@@ -76,9 +76,8 @@ def read_modes(path: Path, key: str) -> Modes:
     """
     where = f"{key}: {path}"
     try:
-        with np.load(path, allow_pickle=False) as file:
-            found = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        found = read_arrays(path)
+    except (OSError, ValueError) as error:
         raise SceneError(f"{where}: is not a file of modes, as `taichisoft reduce` writes it: {error}") from error
     missing = [name for name in ("rest_position", "modes") if name not in found]
     if missing:

@@ -51,6 +51,8 @@ class Plausible:
 
 MODULUS = Plausible("kPa", 0.5, 1e7, {"MPa": 1e3, "GPa": 1e6, "Pa": 1e-3})
 """From the softest gels to stiff plastics; for stiffer parts the value does not matter."""
+SOFTEST_MODULUS = Plausible("kPa", 0.5, 1e5, {"MPa": 1e3, "GPa": 1e6, "Pa": 1e-3})
+"""Of the softest part of a soft body, up to hard thermoplastic elastomers: silicone has 1e5 to 5e6 Pa."""
 SOFT_DENSITY = Plausible("kg/mm^3", 1e-8, 2e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
 """From foams to metals."""
 DENSITY = Plausible("kg/mm^3", 1e-9, 2.3e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
@@ -78,7 +80,8 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
     for name, body in scene.soft_bodies.items():
         for material, modulus in scene.young_moduli.items():
             if material == name or material.startswith(f"{name}."):
-                _check(f"soft_bodies.{material}.young_modulus", modulus, MODULUS)
+                is_softest = modulus == min(body.young_moduli)
+                _check(f"soft_bodies.{material}.young_modulus", modulus, SOFTEST_MODULUS if is_softest else MODULUS)
         _check_shut_pressures(name, body)
         mesh = meshes[name]
         _check(f"soft_bodies.{name}.mesh: its longest side", float(np.ptp(mesh.nodes, axis=0).max()), SIZE)

@@ -1,9 +1,11 @@
 """What a controller asks for."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+
+Vector = np.ndarray | Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -45,17 +47,17 @@ class Control:
     valve: Mapping[str, float] = field(default_factory=dict)
     cable_tension: Mapping[str, float] = field(default_factory=dict)
     cable_pull: Mapping[str, float] = field(default_factory=dict)
-    pull_points: Mapping[str, np.ndarray] = field(default_factory=dict)
-    base_translation: np.ndarray | None = None
-    base_rotation: np.ndarray | None = None
-    base_velocity: np.ndarray | None = None
-    base_angular_velocity: np.ndarray | None = None
-    frame_translation: Mapping[str, np.ndarray] = field(default_factory=dict)
-    frame_rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
-    frame_velocity: Mapping[str, np.ndarray] = field(default_factory=dict)
-    frame_angular_velocity: Mapping[str, np.ndarray] = field(default_factory=dict)
+    pull_points: Mapping[str, Vector] = field(default_factory=dict)
+    base_translation: Vector | None = None
+    base_rotation: Vector | None = None
+    base_velocity: Vector | None = None
+    base_angular_velocity: Vector | None = None
+    frame_translation: Mapping[str, Vector] = field(default_factory=dict)
+    frame_rotation: Mapping[str, Vector] = field(default_factory=dict)
+    frame_velocity: Mapping[str, Vector] = field(default_factory=dict)
+    frame_angular_velocity: Mapping[str, Vector] = field(default_factory=dict)
     frame_angle: Mapping[str, float] = field(default_factory=dict)
     anchor_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
-    gravity: np.ndarray | None = None
+    gravity: Vector | None = None
     young_modulus: Mapping[str, float] = field(default_factory=dict)
     signals: Mapping[str, float] = field(default_factory=dict)

@@ -30,7 +30,7 @@ def finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | floa
         return value
     array = as_array(value, key)
     if array.shape != shape or not np.isfinite(array).all():
-        wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
+        wanted = f"{shape[0]} finite numbers" if shape else "one finite number"
         raise ControlError(f"{key} = {value!r}: must be {wanted}")
     return array
 

@@ -25,11 +25,12 @@ def plugin_failure(what: str, error: BaseException) -> PluginError:
 def failures_of(what: str) -> Iterator[None]:
     """Turn unexpected exceptions of a plug-in into a `PluginFailed` that begins with `what`.
 
-    sys.exit() in a plug-in is one, too, so that a run ends with complete outputs; Ctrl and c passes.
+    sys.exit() in a plug-in is one, too, so that a run ends with complete outputs; Ctrl and c passes, and so do
+    warnings that the user makes errors.
     """
     try:
         yield
-    except (TaichisoftError, KeyboardInterrupt):
+    except (TaichisoftError, KeyboardInterrupt, Warning):
         raise
     except BaseException as error:
         raise plugin_failure(what, error) from error

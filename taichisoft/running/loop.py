@@ -52,8 +52,8 @@ def run(
         saved: what the controller goes on from, as its `save` gave it at this state; None: it begins with `reset`.
 
     Returns:
-        "completed"; "stopped" by a key or by `Session.stop`; "interrupted" by Ctrl and c
-        or SIGTERM.
+        "completed"; "stopped" by a key or by `Session.stop`; "interrupted" by Ctrl and c,
+        SIGTERM or a hang-up.
 
     Raises:
         PluginError: the controller is not a `Controller`, an output is not an `Output`, or a plug-in failed.

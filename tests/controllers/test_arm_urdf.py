@@ -1,9 +1,13 @@
 """Arms of users: meshes in files, mounts, links beside the chain, and what of a URDF is refused."""
 
+import copy
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
 from arms import STANDING, own_arm
+from lxml import etree
 
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.building.scene_files import scene_from_dict
@@ -102,14 +106,60 @@ LIMIT = '<limit velocity="1.0" effort="1"/>'
         ('<child link="lower"/>', '<child link="upper"/>'): "two joints, 'turn' and 'slide', move one link",
         ('<link name="mount"/>', '<link name="mount"/><link name="loose"/>'): "needs one link that no joint moves",
         ('type="continuous"', 'type="revolute"'): "joint 'turn': its limits, None and None",
+        ('name="slide"', 'name="turn"'): "2 joints are called 'turn'",
+        ('<link name="mount"/>', '<link name="mount"/><link name="mount"/>'): "2 links are called 'mount'",
+        ('<parent link="upper"/>', '<parent link="mount"/>'): "links move one another in a circle: mount",
+        ('xyz="0 0 0.05"', 'xyz="0.05"'): 'own.urdf, line 7: origin has xyz = "0.05"; must be 3 finite numbers',
     }.items(),
 )
 def test_what_cannot_be_driven_is_refused(tmp_path, change, said):
     path = own_arm(tmp_path)
     path.write_text(path.read_text().replace(*change))
-    with pytest.raises(SceneError, match=r"own\.urdf: ") as refused:
+    with pytest.raises(SceneError, match=r"own\.urdf[:,]") as refused:
         read_arm(path)
     assert said in str(refused.value) and len(str(refused.value).splitlines()) == 1
+
+
+def test_any_broken_part_is_refused_or_harmless(tmp_path):
+    """Every attribute gets a value that it must not have; every element is taken out, and written twice."""
+    look = '<visual><origin xyz="0 0 0.01" rpy="0 0 1"/><geometry>{}</geometry><material name="red">'
+    look += '<color rgba="1 0 0 1"/></material></visual>'
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "cube.stl")
+    jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="mount"/><child link="jaw"/>'
+    jaw += '<limit lower="0.01" upper="0.03" velocity="1"/><axis xyz="0 1 0"/></joint>'
+    text = own_arm(
+        tmp_path,
+        foot=look.format('<box size="0.1 0.1 0.1"/>') + look.format('<sphere radius="0.1"/>'),
+        lower=look.format('<cylinder radius="0.1" length="0.2"/>'),
+        upper=look.format('<mesh filename="cube.stl" scale="0.01 0.01 0.01"/>'),
+        more=jaw,
+    ).read_text()
+    places = [(number, key) for number, one in enumerate(etree.fromstring(text).iter()) for key in one.attrib]
+    bad = ("", "nan", "inf", "-1", "0", "1e999", "1e308", "1 2", "1 2 3 4", "0 nan 0", "turn", "mount", "x" * 300)
+    changes = [(number, key, value) for number, key in places for value in (*bad, None)]
+    elements = {number for number, _ in places} - {0}
+    changes += [(number, "", change) for number in elements for change in ("cut", "twice")]
+    for number, key, change in changes:
+        root = etree.fromstring(text)
+        element = list(root.iter())[number]
+        if not key and change == "twice":
+            element.addnext(copy.deepcopy(element))
+        elif not key:
+            element.getparent().remove(element)
+        elif change is None:
+            del element.attrib[key]
+        else:
+            element.set(key, change)
+        (tmp_path / "own.urdf").write_bytes(etree.tostring(root))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                bodies = arm_bodies(settings("own.urdf", link="mount"), tmp_path)["rigid_bodies"]
+        except SceneError as refused:
+            assert len(str(refused).splitlines()) == 1
+        else:
+            numbers = [value for body in bodies.values() for value in (*body["position"], *body["rotation"])]
+            assert np.isfinite(numbers).all(), (element.tag, key, change)
 
 
 def test_a_joint_without_a_speed_gets_the_usual_one(tmp_path):

@@ -3,6 +3,7 @@
 import math
 import re
 import signal
+import sys
 from pathlib import Path
 from typing import Any, cast
 
@@ -192,7 +193,7 @@ def test_a_missed_goal_reaches_the_caller(simulation: Simulation) -> None:
         run(simulation, Rest(), [Log(at_end=GoalMissed("not held"))])
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGINT)])
 def test_a_signal_is_heeded_when_every_output_has_the_step(simulation: Simulation, number: signal.Signals) -> None:
     before = signal.getsignal(number)
     first, second = Log(1, lambda: signal.raise_signal(number)), Log()
@@ -209,6 +210,19 @@ def test_a_second_signal_does_not_wait_for_the_step(simulation: Simulation) -> N
     log = Log(1, twice)
     assert run(simulation, Rest(), [log]) == "interrupted"
     assert log.calls == [("begin", 0), (1, 0), "interrupted"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no hang-up")
+def test_second_hang_up_waits_for_the_step(simulation: Simulation) -> None:
+    """A terminal that closes sends two: to its programs, and through the shell."""
+
+    def twice() -> None:
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
+
+    first, second = Log(1, twice), Log()
+    assert run(simulation, Rest(), [first, second]) == "interrupted"
+    assert first.calls == second.calls == [("begin", 0), (1, 0), (2, 1), "interrupted"]
 
 
 def test_a_signal_that_the_process_ignores_stays_ignored(simulation: Simulation) -> None:

@@ -221,7 +221,7 @@ def test_what_ffmpeg_complains_about_is_passed_on(run, tmp_path, worker, monkeyp
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", None)])
 def test_ctrl_c_ends_everything_and_leaves_nothing(run, tmp_path, number, monkeypatch) -> None:
     log = tmp_path / "started"
     fake_worker.stand_in(monkeypatch, log, "hang", 5, 9)

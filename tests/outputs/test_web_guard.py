@@ -122,6 +122,27 @@ def test_nonsense_is_refused_like_a_wrong_token(address: Address, path: str, coo
         assert connection.recv(1000).startswith(b"HTTP/1.1 403 ")
 
 
+def test_nonsense_leaves_no_traceback_on_the_terminal(address: Address, caplog: pytest.LogCaptureFixture) -> None:
+    """No HTTP, half a request, a page that nobody waits for; what is no message of a viewer is worth one line."""
+    named = f"Host: localhost:{address.port}\r\nCookie: taichisoft-{address.port}={address.token}\r\n"
+    page = f"GET / HTTP/1.1\r\n{named}\r\n".encode()
+    for sent in (b"", b"\xff\r\n\r\n", b"GET / HT", b"POST / HTTP/1.1\r\n\r\n", page):
+        with socket.create_connection((address.host, address.port), timeout=20) as connection:
+            connection.sendall(sent)
+    client = pytest.importorskip("websockets.sync.client")
+    own = pytest.importorskip("viser").__version__
+    origin = f"http://{address.host}:{address.port}"
+    with client.connect(
+        address.url.replace("http:", "ws:"), origin=origin, subprotocols=[f"viser-v{own}"], proxy=None
+    ) as viewer:
+        viewer.send("no message")
+        with pytest.raises(Exception, match="1011"):
+            while True:
+                viewer.recv(timeout=20)
+    (record,) = caplog.records
+    assert record.getMessage().startswith("web page: connection handler failed: ") and record.exc_info is None
+
+
 @pytest.mark.parametrize("host", FOREIGN_HOSTS)
 def test_another_name_is_refused_even_with_the_token(address: Address, host: str) -> None:
     """DNS rebinding: a website lets its own name point to this machine."""

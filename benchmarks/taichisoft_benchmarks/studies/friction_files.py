@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import bmat, coo_matrix, csc_matrix, csr_matrix, spmatrix
 from scipy.sparse.linalg import splu
 
+from taichisoft.input_file import read_arrays
 from taichisoft_benchmarks.errors import BenchmarkError
 
 DENSE, BLOCKS = 0, 1
@@ -50,10 +51,10 @@ def read_local_problem(path: Path) -> Local:
 
 
 def _read_archive(path: Path) -> Local:
-    with np.load(path) as file:
-        q = file["q"]
-        w = csr_matrix((file["data"], file["indices"], file["indptr"]), shape=(len(q), len(q)))
-        return w.toarray(), q, file["mu"]
+    file = read_arrays(path)
+    q = file["q"]
+    w = csr_matrix((file["data"], file["indices"], file["indptr"]), shape=(len(q), len(q)))
+    return w.toarray(), q, file["mu"]
 
 
 def _read_fclib(path: Path) -> Local:

@@ -49,7 +49,7 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
         RecordingError: the recording is missing or unreadable, or ends before one of the times.
         StyleError: the style does not fit the recording.
         RenderError: drawing failed twice, and the message says what to install; or a picture cannot be written.
-        KeyboardInterrupt: Ctrl and c, or SIGTERM.
+        KeyboardInterrupt: Ctrl and c, SIGTERM or a hang-up.
     """
     style = style or Style()
     with read_recording(recording) as opened:

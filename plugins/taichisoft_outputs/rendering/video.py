@@ -41,7 +41,7 @@ def render_video(
         StyleError: the style does not fit the recording.
         RenderError: the name, the rate or the slow motion is impossible; drawing failed twice, and the message says
             what to install; or the file cannot be written.
-        KeyboardInterrupt: Ctrl and c, or SIGTERM.
+        KeyboardInterrupt: Ctrl and c, SIGTERM or a hang-up.
     """
     style = style or Style()
     check_video(file, fps)

@@ -9,6 +9,7 @@ token: from the printed address, and from then on from a cookie.
 import hmac
 import http
 import ipaddress
+import logging
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -113,7 +114,7 @@ def guarded(guard: Guard) -> Iterator[None]:
             return process_request(connection, request) if refusal is None and process_request else refusal
 
         guard.installed = True
-        return usual(*arguments, process_request=answer, **named)
+        return usual(*arguments, process_request=answer, logger=CONNECTIONS, **named)
 
     servers.serve = serve  # type: ignore[assignment,misc]
     try:
@@ -122,6 +123,19 @@ def guarded(guard: Guard) -> Iterator[None]:
         servers.serve = usual  # type: ignore[misc]
     if not guard.installed:
         raise WebError("this version of viser cannot be guarded against other websites; install viser 1.1")
+
+
+def _is_worth_a_line(record: logging.LogRecord) -> bool:
+    """Shorten what the server logs to one line, and leave out requests that are none, which anybody can send."""
+    message = record.getMessage()
+    if record.exc_info and record.exc_info[1] is not None:
+        error = record.exc_info[1]
+        record.msg, record.args, record.exc_info = f"web page: {message}: {type(error).__name__}: {error}", (), None
+    return not message.startswith("opening handshake failed")
+
+
+CONNECTIONS = logging.getLogger("taichisoft.web")
+CONNECTIONS.addFilter(_is_worth_a_line)
 
 
 def _cookies(headers: Any) -> dict[str, str]:

@@ -40,7 +40,7 @@ def converge(
     from taichisoft import load_scene
     from taichisoft.atomic_file import atomic_file
     from taichisoft.running import print_line, print_warning, warnings_printed_to
-    from taichisoft_studies.commands.study_options import progress_bar, quiet_interruption, requested_plugins
+    from taichisoft_studies.commands.study_options import progress_bar, requested_plugins
     from taichisoft_studies.errors import StudyError
     from taichisoft_studies.refinement import converge as refine
 
@@ -49,7 +49,7 @@ def converge(
     loaded = load_scene(scene, set or (), controller)
     folder = output or Path("out") / f"{Path(scene).stem}-convergence"
     console = Console()
-    with warnings_printed_to(console), quiet_interruption(), progress_bar(console, "runs", 3) as made:
+    with warnings_printed_to(console), progress_bar(console, "runs", 3) as made:
         found = refine(loaded, folder, finer, duration, requested_plugins(), made)
     if found.remark:
         print_warning(console, f"no error by the mesh is known of all: {found.remark}; --finer says what is finer")

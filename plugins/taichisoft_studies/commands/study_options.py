@@ -1,4 +1,4 @@
-"""Options, progress and interruption of the commands of studies."""
+"""Options and progress of the commands of studies."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -109,21 +109,6 @@ def announced_workers(console: "Console", cluster: "Cluster", tasks: int, folder
 
     for caution in cautions(cluster):
         print_warning(console, caution)
-    with quiet_interruption(), dask_workers(cluster, tasks, folder) as workers:
+    with dask_workers(cluster, tasks, folder) as workers:
         print_line(console, workers.about)
         yield workers
-
-
-@contextmanager
-def quiet_interruption() -> Iterator[None]:
-    """End by SIGTERM as by Ctrl and c: the workers are ended, and what is complete stays."""
-    import signal
-
-    def interrupt(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
