@@ -24,8 +24,8 @@ from taichisoft.errors import TaichisoftError
 from taichisoft.runtime import machine_code
 from taichisoft.runtime.language import KERNELS, VARIABLE, Arrays, is_bundle, ti
 
-# Sets of arrays that a kernel remembers for a thread, for problems of several sizes and models side by side. A set keeps
-# its arrays alive; code that replaces arrays by larger ones calls `forget`.
+# Sets of arrays that a kernel remembers for a thread, for problems of several sizes and models side by side. A set
+# keeps its arrays alive; code that replaces arrays by larger ones calls `forget`.
 REMEMBERED = 16
 SHOWING: list[Callable[[str], None]] = []
 _preparing = RLock()

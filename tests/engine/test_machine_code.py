@@ -167,7 +167,8 @@ def add_products(x: Scalars, y: Scalars, result: Scalars):
         for k in ti.static(range(12)):
             chain += x[i + k] / y[i + k] + x[i + k]
             longer *= 1.0 + 0.1 * y[i + k] * x[i + 2 * k] * chain
-        result[i] = chain * longer + total + ti.sqrt(ti.abs(product)) + ti.sin(total) + (vector * vector).sum() / vector.norm()
+        square = (vector * vector).sum() / vector.norm()
+        result[i] = chain * longer + total + ti.sqrt(ti.abs(product)) + ti.sin(total) + square
 
 
 def test_every_processor_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
