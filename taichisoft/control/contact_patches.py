@@ -21,7 +21,8 @@ TOUCHING = 1e-3
 NEAR_EDGE = 0.1
 """Barycentric weight below which a contact is in the triangle beyond the edge as well."""
 SAG = 0.05
-"""Gap below which a triangle touches whose three corners are pressed, as a share of its longest edge."""
+"""Gap below which a triangle touches whose corners are pressed, as a share of its longest edge: round surfaces touch
+flat triangles inside, and their corners hang beside."""
 PARTS = 4
 """Parts of a triangle's edges, over each of which the distance from a ball or capsule is taken as linear."""
 RESOLVED = 0.98
@@ -32,9 +33,9 @@ NOTHING = 1e-12
 """Least share of a triangle."""
 
 Pieces = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Parts of triangles that one plane face lies opposite to: number of the triangle, shape (count,), convex polygon in its
-barycentric coordinates, (count, corners, 3), distance of its three corners from the plane [mm], (count, 3), and cosine
-between the one normal and the opposite of the other, (count,)."""
+"""Parts of triangles that one plane face lies opposite to: number of the triangle, shape (count,), convex polygon in
+its barycentric coordinates, (count, corners, 3), distance of its three corners from the plane [mm], (count, 3), and
+cosine between the one normal and the opposite of the other, (count,)."""
 Facing = Callable[[np.ndarray, np.ndarray, np.ndarray], Pieces]
 """Finds the pieces of triangles, given their corners [mm], (count, 3, 3), their unit normals, (count, 3), and how far
 from each to look [mm], (count,)."""
@@ -216,7 +217,10 @@ class ContactPatches:
         unknown = np.clip(3.0 * (1.0 - area / np.maximum(most, 1e-300)), 0.0, 1.0)
         unknown[corners[unresolved[at]]] = 1.0
         most[bare] = area[bare]
-        pressure = _spread(load, most, corners, areas.sum())
+        unloaded = np.count_nonzero((area > 0.0) & (unknown == 0.0) & (load == 0.0)) / len(loaded)
+        pressure = _spread(
+            load, most, corners, np.linalg.norm(_cross_of(placed[corners]), axis=1) * (0.25 + 4.0 * unloaded)
+        )
         forces = (cells * (pressure * most / np.maximum(area, 1e-300))[corners]).sum(axis=1)
         top = int(pressure.argmax())
         peak = max(float(pressure[top]), float(size.sum() / areas.sum()))
@@ -272,9 +276,15 @@ class ContactPatches:
         is_there = whole.sum(axis=1) > NOTHING
         lowest = np.full(len(triangles), np.inf)
         np.minimum.at(lowest, of[is_there], np.einsum("pkc,pc->pk", polygons, gap)[is_there].min(axis=1))
-        touches = is_pressed | (lowest <= TOUCHING)
-        limit = np.where(is_pressed, np.maximum(lowest, 0.0), 0.0)[of] + TOUCHING + 0.5 * np.ptp(gap, axis=1)
-        between = (share[self._triangles[triangles]] >= NEAR_EDGE).all(axis=1)
+        held = share[self._triangles[triangles]]
+        between = (held >= NEAR_EDGE).all(axis=1)
+        sags = (lowest <= SAG * longest) & (between | (held >= 0.5).any(axis=1))
+        touches = is_pressed | (lowest <= TOUCHING) | sags
+        limit = (
+            np.where(touches & (lowest < np.inf), np.maximum(lowest, 0.0), 0.0)[of]
+            + TOUCHING
+            + 0.5 * np.ptp(gap, axis=1)
+        )
         limit = np.where(between[of], np.maximum(limit, SAG * longest[of]), limit)
         closed = _integrals(_cut(polygons, gap - limit[:, None])) * touches[of, None]
         factor = (0.5 * size[of] * cosine)[:, None]
@@ -336,18 +346,17 @@ def _cross_of(corners: np.ndarray) -> np.ndarray:
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def _spread(load: np.ndarray, area: np.ndarray, corners: np.ndarray, total: float) -> np.ndarray:
+def _spread(load: np.ndarray, area: np.ndarray, corners: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """Pressure of each cell [kPa], given its load [mN], its area [mm^2], and the cells at each triangle's corners.
 
     Few contacts carry what many cells touch, and those at the rim may be slivers: so the pressure is spread as heat is,
-    over a length of half a cell where all are loaded, further where few are. That keeps its sum, leaves what is even as
-    it is, and makes none that is higher than the highest.
+    over the square root of each triangle's `reach` [mm^2]. That keeps its sum, leaves what is even as it is, and makes
+    none that is higher than the highest.
     """
     cells, places = np.unique(corners, return_inverse=True)
     places, count = places.reshape(corners.shape), len(cells)
-    reach = total * (2.0 / np.count_nonzero(load[cells]) - 1.75 / count)
     one, other = places[:, [0, 1, 2]].ravel(), places[:, [1, 2, 0]].ravel()
-    conductance, alone = np.full(len(one), reach / np.sqrt(12.0)), np.arange(count)
+    conductance, alone = np.repeat(reach / np.sqrt(12.0), 3), np.arange(count)
     entries = np.concatenate([area[cells], *(sign * conductance for sign in (1.0, 1.0, -1.0, -1.0))])
     rows, columns = (np.concatenate(x) for x in ((alone, one, other, one, other), (alone, one, other, other, one)))
     pressure = np.zeros(len(area))
@@ -368,7 +377,7 @@ def _opposite_plane(
 
 
 def _opposite_faces(faces: np.ndarray, corners: np.ndarray, normals: np.ndarray, reach: np.ndarray) -> Pieces:
-    """Parts of triangles opposite to each of the plane `faces` [mm], (face_count, 3, 3), along the triangles' normals."""
+    """Parts of triangles opposite to each of the `faces` [mm], (face_count, 3, 3), along the triangles' normals."""
     far = reach[:, None] * np.abs(normals)
     low, high = corners.min(axis=1) - far, corners.max(axis=1) + far
     faces = faces[((faces.max(axis=1) >= low.min(axis=0)) & (faces.min(axis=1) <= high.max(axis=0))).all(axis=1)]
