@@ -83,7 +83,7 @@ def test_what_overhangs_does_not_touch(box: Box, cells: int) -> None:
     cube = soft(box((-10.0, -10.0, 0.0), (10.0, 10.0, 20.0), (cells, cells, 2)), (19.9, 20.1), follows="top")
     plate = {"plate": PLATE["plate"] | {"translation": [33.0, 0.0, -5.1]}}
     seen, pair = pressed(1.0, soft_bodies={"cube": cube}, obstacles=plate), ("cube", "plate")
-    assert seen.contact_areas[pair] == pytest.approx(140.0, rel=0.1)
+    assert seen.contact_areas[pair] == pytest.approx(140.0, rel=0.12)
 
 
 @pytest.mark.parametrize(("shape", "area"), [({"box": [10.0, 10.0, 10.0]}, 100.0), ({"box": [1.0, 1.0, 10.0]}, 1.0)])
