@@ -353,9 +353,15 @@ class ContactPatches:
         return np.where(first < last, start[0], end[0]), np.where((first < last)[:, None], start[1], end[1])
 
 
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product along the last axis; numpy's takes four times as long for few vectors."""
+    product: np.ndarray = a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+    return product
+
+
 def _cross_of(corners: np.ndarray) -> np.ndarray:
     """Normals of triangles with twice their area [mm^2], shape (count, 3)."""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _spread(load: np.ndarray, area: np.ndarray, corners: np.ndarray, reach: np.ndarray) -> np.ndarray:
@@ -401,7 +407,7 @@ def _opposite_faces(faces: np.ndarray, corners: np.ndarray, normals: np.ndarray,
         close &= (highest[:, axis] >= low[:, None, axis]) & (lowest[:, axis] <= high[:, None, axis])
     of, face = np.nonzero(close)
     away = corners[of, None] - faces[face][:, :, None]  # from each corner of the face to each of the triangle
-    inward = np.cross(normals[of, None], np.roll(faces[face], -1, axis=1) - faces[face])
+    inward = _cross(normals[of, None], np.roll(faces[face], -1, axis=1) - faces[face])
     beyond = np.einsum("pekd,ped->pek", away, inward)
     distance = np.einsum("pkd,pd->pk", away[:, 0], up[face])
     meets = (beyond < 0.0).any(axis=2).all(axis=1) & (distance.min(axis=1) <= reach[of])
