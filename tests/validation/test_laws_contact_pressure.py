@@ -189,6 +189,29 @@ def test_a_ball_presses_a_block_as_hertz_says(
     assert abs(seen.peak_pressures[pair] - highest) <= seen.peak_pressure_errors[pair]
 
 
+@pytest.mark.parametrize(("cells", "area"), [(8, 0.15), (12, 0.06), (16, 0.03)])
+@pytest.mark.parametrize("shape", ["cylinder", "capsule"])
+def test_a_roller_presses_a_strip_as_hertz_says(tmp_path: Path, shape: str, cells: int, area: float) -> None:
+    """Half the width b = sqrt(4 q R / (pi E*)) for a force q by length, and the peak 2 q / (pi b) (Hertz 1882).
+
+    The strip of 3 mm is free to bulge sideways, so E* = E. Elements at the rim are 0.4, 0.3 and 0.2 of b wide.
+    """
+    mesh = make_block((2 * cells, 1, cells), (2.0, 3.0, 1.0))
+    x, y, z = mesh.nodes.T
+    nodes = np.column_stack([20.0 * (0.3 * x + 0.7 * x**3), y, -DEPTH * np.abs(z.max() - z) ** 1.5])
+    write_volume_mesh(replace(mesh, nodes=nodes).check(), tmp_path / "strip.msh")
+    strip = soft(str(tmp_path / "strip.msh"), (-DEPTH - 0.1, -DEPTH + 0.1), poisson_ratio=RATIO)
+    rod = {shape: {"radius": RADIUS, "length": 100.0}, "rotation": [90.0, 0.0, 0.0]}
+    rod |= {"position": [0.0, 0.0, RADIUS + 0.1], "follows": "top"}
+    seen, pair = pressed(1.0, soft_bodies={"strip": strip}, rigid_bodies={"rod": rod}), ("strip", "rod")
+    load = seen.normal_forces[pair] / 3.0
+    half = np.sqrt(4.0 * load * RADIUS / (np.pi * MODULUS))
+    assert seen.contact_areas[pair] == pytest.approx(6.0 * half, rel=area)
+    assert seen.peak_pressures[pair] == pytest.approx(2.0 * load / (np.pi * half), rel=0.03)
+    assert abs(seen.contact_areas[pair] - 6.0 * half) <= seen.contact_area_errors[pair]
+    assert abs(seen.peak_pressures[pair] - 2.0 * load / (np.pi * half)) <= seen.peak_pressure_errors[pair]
+
+
 def test_patches_of_a_pad_share_the_force_on_it() -> None:
     """The cube of 10 mm touches the middle of a pad's face: patches beside it feel nothing, all together the force."""
     table = "{box=[[-1,-20,-20],[30,20,20]], patches=[1,4,2]}"
