@@ -28,7 +28,9 @@ PAIR_UNITS = {
     "friction_force": "mN",
     "slip_speed": "mm/s",
     "contact_area": "mm^2",
+    "contact_area_error": "mm^2",
     "peak_pressure": "kPa",
+    "peak_pressure_error": "kPa",
 }
 """Columns of every pair of bodies; a report has them under the plural."""
 

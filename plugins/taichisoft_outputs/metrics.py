@@ -65,7 +65,7 @@ class MetricsOutput(Output):
         self._beyond_training = {name: 0.0 for name in self._training.names}
         self._beyond_validation = {name: (0.0, 0.0) for name in self._training.validated}
         self._largest: dict[str, dict[str, float]] = {figure.observed: {} for figure in self._watched}
-        self._peak_pressures: dict[str, float] = {}
+        self._peak_pressures: dict[str, tuple[float, float]] = {}
         self._last_state = state
         self._slipping = Slipping(len(self._scene.soft_bodies), state)
         self._lift: LiftFigures | None = None
@@ -107,6 +107,13 @@ class MetricsOutput(Output):
         if outcome in ENDED_BY_USER and not reached:
             reached = None
         doubt = doubts(self.metrics, len(self._lift.forces)) if reached and self._lift is not None else ""
+        if (
+            reached
+            and not doubt
+            and self._goal_pressure is not None
+            and sum(self._hardest_press()) > self._goal_pressure
+        ):
+            doubt = f"{self._pressed()} (max_pressure {self._goal_pressure:g} kPa); a finer mesh would tell"
         self.metrics |= {
             "goal": None if goal is None else goal.kind,
             "goal_reached": reached,
@@ -151,6 +158,10 @@ class MetricsOutput(Output):
         for figure in self._watched:
             actuator, value = max(m[_key(figure)].items(), key=lambda item: abs(item[1]))
             rows[f"largest {figure.name}"] = f"{value:z.{figure.digits + 1}f} {figure.unit} ({actuator})"
+        if self._peak_pressures:
+            pair = max(self._peak_pressures, key=lambda pair: self._peak_pressures[pair])
+            peak, error = self._peak_pressures[pair]
+            rows["highest contact pressure"] = f"{peak:.3g} +- {error:.2g} kPa ({pair})"
         if self._stretch:
             name = max(self._stretch, key=lambda body: self._stretch[body])
             largest, most = self._stretch[name]
@@ -232,7 +243,9 @@ class MetricsOutput(Output):
             "final_normal_forces_mN": {"|".join(pair): force for pair, force in seen.normal_forces.items()},
             "final_friction_forces_mN": {"|".join(pair): force for pair, force in seen.friction_forces.items()},
             "final_contact_areas_mm2": {"|".join(pair): area for pair, area in seen.contact_areas.items()},
-            "peak_contact_pressures_kPa": dict(self._peak_pressures),
+            "final_contact_area_errors_mm2": {"|".join(pair): off for pair, off in seen.contact_area_errors.items()},
+            "peak_contact_pressures_kPa": {name: peak for name, (peak, _) in self._peak_pressures.items()},
+            "peak_contact_pressure_errors_kPa": {name: off for name, (_, off) in self._peak_pressures.items()},
         }
 
     def _newton_metrics(self) -> dict[str, Any]:
@@ -260,9 +273,10 @@ class MetricsOutput(Output):
 
     def _look_at_pressures(self, report: "StepReport") -> None:
         """Keep the highest contact pressures: of every step where the goal asks for it, else of some."""
-        for pair, pressure in report.observation.peak_pressures.items():
-            name = "|".join(pair)
-            self._peak_pressures[name] = max(self._peak_pressures.get(name, 0.0), pressure)
+        seen = report.observation
+        for pair, pressure in seen.peak_pressures.items():
+            name, before = "|".join(pair), self._peak_pressures.get("|".join(pair), (0.0, 0.0))
+            self._peak_pressures[name] = max(before, (pressure, seen.peak_pressure_errors.get(pair, 0.0)))
 
     def _training_metrics(self) -> dict[str, Any]:
         """How far each reduced body went beyond training and validation; nothing where there is none."""
@@ -309,12 +323,23 @@ class MetricsOutput(Output):
         assert self._scene.goal is not None and self._figures.last is not None
         floor_force = self._normal_force(self._figures.last, self._scene.obstacles)
         missed = shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)
-        highest = max(
-            (p for name, p in self._peak_pressures.items() if self._scene.goal.object in name.split("|")), default=0.0
-        )
+        highest, _ = self._hardest_press()
         if self._goal_pressure is not None and highest > self._goal_pressure:
-            missed.append(f"pressed with up to {highest:.3g} kPa (max_pressure {self._goal_pressure:g} kPa)")
+            missed.append(f"{self._pressed()} (max_pressure {self._goal_pressure:g} kPa)")
         return missed
+
+    def _hardest_press(self) -> tuple[float, float]:
+        """Highest pressure on the goal's object, and how far the mesh may be wrong about it [kPa]."""
+        assert self._scene.goal is not None
+        pressed = self._peak_pressures.items()
+        return max((one for name, one in pressed if self._scene.goal.object in name.split("|")), default=(0.0, 0.0))
+
+    def _pressed(self) -> str:
+        """The words for the highest pressure on the goal's object."""
+        highest, error = self._hardest_press()
+        return (
+            f"pressed with up to {highest:.3g} +- {error:.2g} kPa" if error else f"pressed with up to {highest:.3g} kPa"
+        )
 
 
 def _key(figure: ActuatorFigure) -> str:

@@ -1,41 +1,81 @@
 """Where contacts press a soft body's surface: contact areas, pressures, and forces on the patches of tactile arrays."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import spsolve
 
+from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.control.observation import Pair
 from taichisoft.errors import SceneError
 from taichisoft.model import Model
 from taichisoft.state import State
 
+FACING = np.sqrt(0.5)
+"""Least cosine between the normal of a triangle and the opposite one of what it touches; side walls face nothing."""
+TOUCHING = 1e-3
+"""Largest gap of surfaces that touch [mm]: ten times what the contact law tolerates (`contact/surfaces.py`)."""
+NEAR_EDGE = 0.1
+"""Barycentric weight below which a contact is in the triangle beyond the edge as well."""
+SAG = 0.05
+"""Gap below which a triangle touches whose corners are pressed, as a share of its longest edge: round surfaces touch
+flat triangles inside, and their corners hang beside."""
+RIM = 0.4
+"""Share of the range of its gap up to which a triangle at the rim touches: areas of discs of 2.5 elements' radius and
+more, with the gap of Hertz's law beside them, come out 2 to 4 % too large in the mean over places on a regular mesh."""
+PARTS = 4
+"""Parts of a triangle's edges, over each of which the distance from a ball or capsule is taken as linear."""
+RESOLVED = 0.98
+"""Least mean cosine between a triangle and the smaller piece of a surface opposite that it can follow."""
+DENSE = 300
+"""Most cells whose pressures a dense matrix has: a sparse one of few takes ten times as long."""
+EVENED, THINNED = 0.25, 4.0
+"""Area over which pressures are spread, as shares of that of a cell: anyway, which takes 2 to 4 % off the peak of a
+ball's contact of four to six elements' radius, and for each cell that no contact carries beside one that does."""
+NOTHING = 1e-12
+"""Least share of a triangle."""
+
+Pieces = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Parts of triangles that one plane face lies opposite to: number of the triangle, shape (count,), convex polygon in
+its barycentric coordinates, (count, corners, 3), distance of its three corners from the plane [mm], (count, 3), and
+cosine between the one normal and the opposite of the other, (count,)."""
+Facing = Callable[[np.ndarray, np.ndarray, np.ndarray], Pieces]
+"""Finds the pieces of triangles, given their corners [mm], (count, 3, 3), their unit normals, (count, 3), and how far
+from each to look [mm], (count,)."""
+
 
 @dataclass(frozen=True)
 class ContactPatch:
-    """Where two bodies press each other, on the surface of the first one that is soft.
+    """Where two bodies press each other, on the surface of one that is soft.
 
-    The force of a contact goes to the corners of the surface's triangle below it, by its barycentric coordinates; a
-    corner stands for a third of the triangles around it. So the sum of pressure times area of the corners is the normal
-    force.
+    What touches is that part of the triangles that face the other body whose gap is closed. The force of each contact
+    goes to the corners of the triangle below it by barycentric coordinates, as in the step. A corner stands for a cell,
+    the integral of its shape function over what lies opposite, and the forces over the cells are the pressures, evened
+    out as `_spread` says. None is below the mean.
 
     Attributes:
         body: name of the soft body.
-        vertices: numbers of the surface's vertices that are pressed, shape (count,).
-        force: normal force on each [mN], shape (count,).
-        pressure: this over the area for which the vertex stands [kPa], shape (count,).
-        area: area in contact [mm^2]: that of the vertices, as far as contacts stand for them, up to the whole.
+        triangles: numbers of the triangles that touch, in the body's surface, shape (count,).
+        middle: barycentric coordinates of the middle of the touching part of each, shape (count, 3).
+        forces: normal force on each [mN], shape (count,).
+        area: of all of them, projected along the normal of the contact [mm^2].
+        area_error: area of the cells through which the rim of the contact goes [mm^2].
+        peak: highest pressure [kPa]; the mesh limits how narrow a peak it can show.
+        peak_error: how far the pressure changes from there to the cells around, the share of it by which the area there
+            is unknown, and what evening out over cells without a contact took off [kPa].
     """
 
     body: str
-    vertices: np.ndarray
-    force: np.ndarray
-    pressure: np.ndarray
+    triangles: np.ndarray
+    middle: np.ndarray
+    forces: np.ndarray
     area: float
-
-    @property
-    def peak(self) -> float:
-        """Highest pressure [kPa]; the mesh limits how narrow a peak it can show."""
-        return float(self.pressure.max(initial=0.0))
+    area_error: float
+    peak: float
+    peak_error: float
 
 
 class ContactPatches:
@@ -46,6 +86,8 @@ class ContactPatches:
         self._model, bodies = model, model.soft_bodies
         sizes = [len(body.surface.nodes) for body in bodies]
         self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        counts = [len(body.surface.triangles) for body in bodies]
+        self._first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         self._triangles = np.vstack(
             [
                 np.zeros((0, 3), np.int64),
@@ -60,39 +102,35 @@ class ContactPatches:
         self._fans[corners[order], column] = order // 3
 
     def patches(self, state: State) -> dict[Pair, ContactPatch]:
-        """The patches by pair of bodies, in the scene's order; pairs of which none is soft have none."""
-        force, pairs, count = self._pressing(state), state.contact_body_pair, len(self._model.soft_bodies)
-        rows = np.flatnonzero((force > 0.0) & (pairs < count).any(axis=1))
-        if not len(rows):
-            return {}
-        # The smaller number of the two is that of a soft body: these come first.
-        placed = self._placed(state)
-        triangle, weights = self._below(placed, state.contact_point[rows], pairs[rows].min(axis=1))
-        corners, load, names = self._triangles[triangle], force[rows, None] * weights, self._model.body_names
+        """The patches by pair of bodies, in the scene's order; pairs of which none is soft have none.
+
+        Of two soft bodies the patch is on the one whose mesh leaves the area less unknown.
+        """
+        names, pairs = self._model.body_names, state.contact_body_pair
+        rows = np.flatnonzero((self._pressing(state) > 0.0) & (pairs < len(self._model.soft_bodies)).any(axis=1))
         found: dict[Pair, ContactPatch] = {}
         for first, second in np.unique(pairs[rows], axis=0).tolist():
-            of_pair = (pairs[rows] == (first, second)).all(axis=1)
-            vertex, place = np.unique(corners[of_pair], return_inverse=True)
-            loads = np.bincount(place.ravel(), load[of_pair].ravel(), len(vertex))
-            share = np.minimum(np.bincount(place.ravel(), weights[of_pair].ravel(), len(vertex)), 1.0)
-            area, soft = self._areas(placed, vertex), min(first, second)
-            found[names[first], names[second]] = ContactPatch(
-                names[soft], vertex - self._start[soft], loads, loads / area, float(area @ share)
-            )
+            sides = self._sides(state, (first, second), rows[(pairs[rows] == (first, second)).all(axis=1)])
+            best = min(sides.values(), key=lambda side: side.area_error / side.area)
+            found[names[first], names[second]] = best
         return found
 
     def tactile(self, state: State) -> dict[str, np.ndarray]:
         """Normal force on each patch of the tactile arrays [mN], by their names, of the shape of `patches`."""
-        felt, force, placed = {}, self._pressing(state), self._placed(state)
+        arrays = {body.name: body.settings.tactile for body in self._model.soft_bodies}
+        felt = {f"{body}.{name}": np.zeros(one.patches) for body in arrays for name, one in arrays[body].items()}
+        force, pairs = self._pressing(state), state.contact_body_pair
         for number, body in enumerate(self._model.soft_bodies):
-            touches = np.flatnonzero((state.contact_body_pair == number).any(axis=1) & (force > 0.0))
-            if not body.settings.tactile:
-                continue
-            triangle, weights = self._below(placed, state.contact_point[touches], np.full(len(touches), number))
-            points = np.einsum("pk,pkd->pd", weights, self._rest[self._triangles[triangle]])
-            for name, table in body.settings.tactile.items():
-                cells = [np.linspace(low, high, n + 1) for low, high, n in zip(*table.box, table.patches, strict=True)]
-                felt[f"{body.name}.{name}"] = np.histogramdd(points, cells, weights=force[touches])[0]
+            touching = (pairs == number).any(axis=1) & (force > 0.0) & bool(arrays[body.name])
+            for first, second in np.unique(pairs[touching], axis=0).tolist():
+                rows = np.flatnonzero(touching & (pairs == (first, second)).all(axis=1))
+                side = self._sides(state, (first, second), rows)[number]
+                corners = self._triangles[self._first[number] + side.triangles]
+                points = np.einsum("tk,tkd->td", side.middle, self._rest[corners])
+                for name, table in arrays[body.name].items():
+                    low_high = zip(*table.box, table.patches, strict=True)
+                    cells = [np.linspace(low, high, n + 1) for low, high, n in low_high]
+                    felt[f"{body.name}.{name}"] += np.histogramdd(points, cells, weights=side.forces)[0]
         return felt
 
     def check_tactile_arrays(self) -> None:
@@ -117,36 +155,339 @@ class ContactPatches:
         along: np.ndarray = np.einsum("cd,cd->c", state.contact_impulse, state.contact_normal)
         return along / self._model.scene.time.step
 
-    def _placed(self, state: State) -> np.ndarray:
-        """Where the surfaces were at the start of the step, when the contacts were found [mm], (vertex_count, 3)."""
-        position = state.position - self._model.scene.time.step * state.velocity
+    def _sides(self, state: State, pair: tuple[int, int], rows: np.ndarray) -> dict[int, ContactPatch]:
+        """The patch of a pair of bodies on each of its soft bodies, by the body's number."""
+        before, now = (self._placed(state.position - h * state.velocity) for h in (self._model.scene.time.step, 0.0))
+        force = self._pressing(state)[rows, None] * state.contact_normal[rows]
+        found: dict[int, ContactPatch] = {}
+        first, second = pair
+        for body, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+            if body < len(self._model.soft_bodies) and body not in found:
+                triangle, weights = self._below((before, now), state.contact_point[rows], body)
+                found[body] = self._patch(now, body, self._facing(state, other, now), triangle, weights, sign * force)
+        return found
+
+    def _placed(self, position: np.ndarray) -> np.ndarray:
+        """The joined surfaces with the nodes at `position` [mm], shape (vertex_count, 3)."""
         bodies = self._model.soft_bodies
         return np.vstack([np.zeros((0, 3)), *(body.surface.positions(position[body.nodes]) for body in bodies)])
 
-    def _areas(self, placed: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-        """A third of the triangles at each vertex [mm^2], shape (count,)."""
-        around = self._fans[vertices]
-        a, b, c = (placed[self._triangles[around, k]] for k in range(3))
-        twice = np.where(around >= 0, np.linalg.norm(np.cross(b - a, c - a), axis=2), 0.0)
-        area: np.ndarray = twice.sum(axis=1) / 6.0
-        return area
+    def _patch(
+        self,
+        placed: np.ndarray,
+        body: int,
+        facing: Facing,
+        below: np.ndarray,
+        weights: np.ndarray,
+        force: np.ndarray,
+    ) -> ContactPatch:
+        """The patch on a soft body of what `facing` describes.
 
-    def _below(self, placed: np.ndarray, points: np.ndarray, bodies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The triangle of a body nearest to each point, of those at its nearest vertex, and barycentric coordinates."""
-        nearest, row = np.zeros(len(points), np.int64), np.arange(len(points))
-        if not len(points):
-            return nearest, np.zeros((0, 3))
-        for body in np.unique(bodies):
-            own, start = bodies == body, self._start[body]
-            some = placed[start : self._start[body + 1]]
-            nearest[own] = start + ((points[own, None] - some) ** 2).sum(axis=2).argmin(axis=1)
-        candidates = self._fans[nearest]
-        a, b, c = (placed[self._triangles[candidates, k]] for k in range(3))
-        weights = _barycentric(points[:, None], a, b, c)
-        away = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c - points[:, None]
-        distance = np.where(candidates >= 0, np.einsum("pcd,pcd->pc", away, away), np.inf)
-        best = distance.argmin(axis=1)
-        return candidates[row, best], weights[row, best]
+        Args:
+            placed: the joined surfaces [mm].
+            body: number of the soft body.
+            facing: the pieces of triangles, given their corners and unit normals, that another body faces.
+            below, weights: triangle of each contact and its barycentric coordinates there.
+            force: outward normal force of each contact [mN], shape (count, 3).
+        """
+        size, corners = np.linalg.norm(force, axis=1), self._triangles[below]
+        load = np.bincount(corners.ravel(), (size[:, None] * weights).ravel(), len(placed))
+        load[load < NOTHING * size.sum()] = 0.0
+        seen, cells, covered, unresolved = self._cells(placed, facing, below, weights, np.flatnonzero(load))
+        corners = self._triangles[seen]
+        area, most = (np.bincount(corners.ravel(), parts.ravel(), len(placed)) for parts in (cells, covered))
+        bare = np.flatnonzero((load > 0.0) & (area == 0.0))
+        if len(bare):
+            # An edge or a corner that presses without a face stands for a third of the triangles around, seen along it.
+            along = np.zeros((len(placed), 3))
+            np.add.at(along, self._triangles[below].ravel(), (weights[:, :, None] * force[:, None]).reshape(-1, 3))
+            along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+            third = np.abs(np.einsum("td,tkd->tk", _cross_of(placed[corners]), along[corners])) / 6.0
+            cells = cells + np.where(np.isin(corners, bare), np.maximum(third, NOTHING), 0.0)
+            area[bare] = most[bare] = np.bincount(corners.ravel(), cells.ravel(), len(placed))[bare]
+        # The rim of the contact goes through cells that do not touch as far as the other body lies opposite.
+        unknown = np.clip(3.0 * (1.0 - area / np.maximum(most, 1e-300)), 0.0, 1.0)
+        at = np.flatnonzero(cells.any(axis=1))
+        unknown[corners[unresolved]] = unknown[bare] = 1.0
+        seen, cells, corners, areas = seen[at], cells[at], corners[at], cells[at].sum(axis=1)
+        unloaded = np.count_nonzero((area > 0.0) & (unknown == 0.0) & (load == 0.0)) / np.count_nonzero(load)
+        pair_size = np.linalg.norm(_cross_of(placed[corners]), axis=1)
+        uneven = pressure = _spread(load, most, corners, EVENED * pair_size)
+        if unloaded:
+            pressure = _spread(load, most, corners, (EVENED + THINNED * unloaded) * pair_size)
+        forces = (cells * (pressure * most / np.maximum(area, 1e-300))[corners]).sum(axis=1)
+        top = int(pressure.argmax())
+        peak = max(float(pressure[top]), float(size.sum() / areas.sum()))
+        around = corners[(corners == top).any(axis=1)]
+        return ContactPatch(
+            body=self._model.body_names[body],
+            triangles=seen - self._first[body],
+            middle=cells / areas[:, None],
+            forces=forces,
+            area=float(areas.sum()),
+            area_error=float(area @ unknown),
+            peak=peak,
+            peak_error=float(np.ptp(pressure[around]) + peak * unknown[top] + max(uneven.max() - peak, 0.0)),
+        )
+
+    def _cells(
+        self, placed: np.ndarray, facing: Facing, below: np.ndarray, weights: np.ndarray, loaded: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Triangles at and around what touches, the areas that `_touching` finds, and which are too coarse for it.
+
+        Found from the `loaded` vertices on, over all that touches beside what touches.
+        """
+        corners = self._triangles[below]
+        share = np.bincount(corners.ravel(), weights.ravel(), len(placed))
+        pressed, is_seen = np.zeros((2, len(self._triangles)), dtype=bool)
+        pressed[self._holding(corners, weights)] = True
+        parts, new = [], self._around(self._triangles[self._around(loaded)])
+        while len(new):
+            touching, covered, coarse = self._touching(placed, new, facing, pressed[new], share)
+            parts.append((new, touching, covered, coarse & touching.any(axis=1)))
+            is_seen[new] = True
+            new = self._around(self._triangles[new[touching.any(axis=1)]])
+            new = new[~is_seen[new]]
+        seen, cells, whole, unresolved = (np.concatenate(some) for some in zip(*parts, strict=True))
+        return seen, cells, whole, unresolved
+
+    def _holding(self, corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Numbers of the triangles in which contacts are, or near their edges, given corners and weights there."""
+        around = self._fans[np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]]
+        shared = (self._triangles[around][:, :, None] == corners[:, None, :, None]).any(axis=3)
+        held: np.ndarray = around[(shared | (weights < NEAR_EDGE)[:, None]).all(axis=2) & (around >= 0)]
+        return held
+
+    def _around(self, vertices: np.ndarray) -> np.ndarray:
+        """Numbers of the triangles at any of the vertices."""
+        around = self._fans[np.unique(vertices)]
+        found: np.ndarray = np.unique(around[around >= 0])
+        return found
+
+    def _touching(
+        self,
+        placed: np.ndarray,
+        triangles: np.ndarray,
+        facing: Facing,
+        is_pressed: np.ndarray,
+        share: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Areas of triangles that touch and that the other body faces, by corner [mm^2], each (count, 3).
+
+        The third result says which are too coarse for what they face, shape (count,).
+
+        A triangle is flat where a round surface touches it at one point, and where it leaves the other its nodes cannot
+        say where within it. So one whose least gap is closed touches where the gap is less than a share of what it
+        would be at its farthest corner: all of it below a round surface, half of it in the mean at the rim.
+        """
+        corners = placed[self._triangles[triangles]]
+        twice = _cross_of(corners)
+        size = np.linalg.norm(twice, axis=1)
+        distance = self._model.scene.contact.contact_distance
+        longest = np.sqrt(((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).max(axis=1))
+        of, polygons, gap, cosine = facing(corners, twice / np.maximum(size, 1e-300)[:, None], longest + distance)
+        gap, length = gap - distance, longest[of, None]
+        # What is farther behind the triangle is another layer.
+        polygons = _cut(_cut(polygons, gap - length), -gap - 2.0 * distance - 0.25 * length)
+        whole = _integrals(polygons)
+        is_there = whole.sum(axis=1) > NOTHING
+        lowest = np.full(len(triangles), np.inf)
+        np.minimum.at(lowest, of[is_there], np.einsum("pkc,pc->pk", polygons, gap)[is_there].min(axis=1))
+        held = share[self._triangles[triangles]]
+        between = (held >= NEAR_EDGE).all(axis=1)
+        sags = (lowest <= SAG * longest) & (between | (held >= 0.5).any(axis=1))
+        touches = is_pressed | (lowest <= TOUCHING) | sags
+        base = np.where(touches & (lowest < np.inf), np.maximum(lowest, 0.0), 0.0)
+        limit = base[of] + TOUCHING + RIM * np.ptp(gap, axis=1)
+        limit = np.where(between[of], np.maximum(limit, SAG * longest[of]), limit)
+        closed = _integrals(_cut(polygons, gap - limit[:, None])) * touches[of, None]
+        factor = (0.5 * size[of] * cosine)[:, None]
+        touching, facing_it, seen = np.zeros((3, len(triangles), 3))
+        for area, parts in ((touching, factor * closed), (facing_it, factor * whole), (seen, whole)):
+            area[:] = np.stack([np.bincount(of, parts[:, k], len(triangles)) for k in range(3)], axis=1)
+        share_seen, share_along = seen.sum(axis=1), facing_it.sum(axis=1) / np.maximum(0.5 * size, 1e-300)
+        return touching, facing_it, (share_seen < 0.99) & (share_along < RESOLVED * share_seen)
+
+    def _facing(self, state: State, other: int, placed: np.ndarray) -> Facing:
+        """What the body `other` has opposite to triangles."""
+        soft, rigid = len(self._model.soft_bodies), len(self._model.rigid_bodies)
+        if other < soft:
+            return partial(_opposite_faces, placed[self._triangles[self._first[other] : self._first[other + 1]]])
+        if other < soft + rigid:
+            body = self._model.rigid_bodies[other - soft]
+            turn = matrices_from_quaternions(state.rigid_rotation)[other - soft]
+            shift = state.rigid_position[other - soft]
+            vertices, triangles, shape = body.vertices @ turn.T + shift, body.triangles, body.shape
+            shift = shift - turn @ body.centre_of_mass
+        else:
+            obstacle = self._model.obstacles[other - soft - rigid]
+            if obstacle.point is not None and obstacle.normal is not None:
+                return partial(_opposite_plane, obstacle.point, obstacle.normal)
+            assert obstacle.vertices is not None and obstacle.triangles is not None
+            vertices, triangles, shape = obstacle.vertices, obstacle.triangles, obstacle.shape
+            turn, shift = obstacle.turn, obstacle.shift
+        if shape is not None and not shape.flat:
+            half = 0.5 * shape.length * turn[:, 2]
+            return partial(_opposite_capsule, shift - half, shift + half, shape.radius, vertices[triangles])
+        return partial(_opposite_faces, vertices[triangles])
+
+    def _below(
+        self, placed: tuple[np.ndarray, np.ndarray], points: np.ndarray, body: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The triangle of a body nearest to each point, of those at its nearest vertex, and barycentric coordinates.
+
+        Contacts were measured between the start and the end of the step: `placed` has the surfaces at both.
+        """
+        row, choices = np.arange(len(points)), []
+        for position in placed:
+            some = position[self._start[body] : self._start[body + 1]]
+            nearest = self._start[body] + ((points[:, None] - some) ** 2).sum(axis=2).argmin(axis=1)
+            candidates = self._fans[nearest]
+            a, b, c = (position[self._triangles[candidates, k]] for k in range(3))
+            weights = _barycentric(points[:, None], a, b, c)
+            away = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c - points[:, None]
+            distance = np.where(candidates >= 0, np.einsum("pcd,pcd->pc", away, away), np.inf)
+            best = distance.argmin(axis=1)
+            choices.append((distance[row, best], candidates[row, best], weights[row, best]))
+        (first, *start), (last, *end) = choices
+        return np.where(first < last, start[0], end[0]), np.where((first < last)[:, None], start[1], end[1])
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product along the last axis; numpy's takes four times as long for few vectors."""
+    product: np.ndarray = a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+    return product
+
+
+def _cross_of(corners: np.ndarray) -> np.ndarray:
+    """Normals of triangles with twice their area [mm^2], shape (count, 3)."""
+    return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _spread(load: np.ndarray, area: np.ndarray, corners: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Pressure of each cell [kPa], given its load [mN], its area [mm^2], and the cells at each triangle's corners.
+
+    Few contacts carry what many cells touch, and those at the rim may be slivers: so the pressure is spread as heat is,
+    over the square root of each triangle's `reach` [mm^2]. That keeps its sum, leaves what is even as it is, and makes
+    none that is higher than the highest.
+    """
+    cells, places = np.unique(corners, return_inverse=True)
+    places, count = places.reshape(corners.shape), len(cells)
+    one, other = places[:, [0, 1, 2]].ravel(), places[:, [1, 2, 0]].ravel()
+    conductance, alone = np.repeat(reach / np.sqrt(12.0), 3), np.arange(count)
+    entries = np.concatenate([area[cells], *(sign * conductance for sign in (1.0, 1.0, -1.0, -1.0))])
+    rows, columns = (np.concatenate(x) for x in ((alone, one, other, one, other), (alone, one, other, other, one)))
+    pressure = np.zeros(len(area))
+    if count > DENSE:
+        pressure[cells] = spsolve(csc_array((entries, (rows, columns)), shape=(count, count)), load[cells])
+    else:
+        matrix = np.bincount(rows * count + columns, entries, count * count).reshape(count, count)
+        pressure[cells] = np.linalg.solve(matrix, load[cells])
+    return pressure
+
+
+def _opposite_plane(
+    point: np.ndarray, up: np.ndarray, corners: np.ndarray, normals: np.ndarray, reach: np.ndarray
+) -> Pieces:
+    """Triangles whole, above the plane through `point` with normal `up`."""
+    of = np.flatnonzero(normals @ up <= -FACING)
+    return of, np.repeat(np.eye(3)[None], len(of), axis=0), (corners[of] - point) @ up, -normals[of] @ up
+
+
+def _opposite_faces(faces: np.ndarray, corners: np.ndarray, normals: np.ndarray, reach: np.ndarray) -> Pieces:
+    """Parts of triangles opposite to each of the `faces` [mm], (face_count, 3, 3), along the triangles' normals."""
+    far = reach[:, None] * np.abs(normals)
+    low, high = corners.min(axis=1) - far, corners.max(axis=1) + far
+    faces = faces[((faces.max(axis=1) >= low.min(axis=0)) & (faces.min(axis=1) <= high.max(axis=0))).all(axis=1)]
+    up = _cross_of(faces)
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-300)
+    cosine, lowest, highest = -normals @ up.T, faces.min(axis=1), faces.max(axis=1)
+    close = cosine >= FACING
+    for axis in range(3):
+        close &= (highest[:, axis] >= low[:, None, axis]) & (lowest[:, axis] <= high[:, None, axis])
+    of, face = np.nonzero(close)
+    away = corners[of, None] - faces[face][:, :, None]  # from each corner of the face to each of the triangle
+    inward = _cross(normals[of, None], np.roll(faces[face], -1, axis=1) - faces[face])
+    beyond = np.einsum("pekd,ped->pek", away, inward)
+    distance = np.einsum("pkd,pd->pk", away[:, 0], up[face])
+    meets = (beyond < 0.0).any(axis=2).all(axis=1) & (distance.min(axis=1) <= reach[of])
+    of, face, beyond, distance = of[meets], face[meets], beyond[meets], distance[meets]
+    polygons = np.repeat(np.eye(3)[None], len(of), axis=0)
+    for edge in range(3):
+        polygons = _cut(polygons, beyond[:, edge])
+    return of, polygons, distance, cosine[of, face]
+
+
+def _opposite_capsule(
+    start: np.ndarray,
+    end: np.ndarray,
+    radius: float,
+    faces: np.ndarray,
+    corners: np.ndarray,
+    normals: np.ndarray,
+    reach: np.ndarray,
+) -> Pieces:
+    """Small parts of triangles above a capsule or, where `start` is `end`, a ball: a tangent plane to each part.
+
+    Of one that is small beside the triangles, the `faces` that it is drawn with are closer to it.
+    """
+    if radius < 2.0 * reach.max(initial=0.0):
+        return _opposite_faces(faces, corners, normals, reach)
+    points = np.einsum("skc,tcd->tskd", SMALL, corners)
+    points = np.concatenate([points, points.mean(axis=2, keepdims=True)], axis=2)
+    axis = end - start
+    share = np.clip((points - start) @ axis / max(float(axis @ axis), 1e-300), 0.0, 1.0)
+    away = points - start - share[..., None] * axis
+    distance = np.linalg.norm(away, axis=3)
+    cosine = -np.einsum("tsd,td->ts", away[:, :, 3], normals) / np.maximum(distance[:, :, 3], 1e-300)
+    of, part = np.nonzero(cosine >= FACING)
+    at_corners = np.einsum("pck,pk->pc", np.linalg.inv(SMALL)[part], distance[of, part, :3] - radius)
+    return of, SMALL[part], at_corners, cosine[of, part]
+
+
+def _cut(polygons: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The parts of convex polygons with values <= 0 of a function given at the corners of their triangles, (count, 3).
+
+    They have one corner more; those without a part have all corners in one place, others repeat the last.
+    """
+    count, k = polygons.shape[:2]
+    following = np.arange(1, k + 1) % k
+    height = (polygons * values[:, None]).sum(axis=2)
+    inside = height <= 0.0
+    crosses = inside != inside[:, following]
+    share = height / np.where(crosses, height - height[:, following], 1.0)
+    both, kept = np.empty((count, k, 2, 3)), np.empty((count, k, 2), dtype=bool)
+    both[:, :, 0], both[:, :, 1] = polygons, polygons + share[..., None] * (polygons[:, following] - polygons)
+    kept[..., 0], kept[..., 1] = inside, crosses
+    order = np.argsort(~kept.reshape(count, 2 * k), axis=1, kind="stable")[:, : k + 1]
+    last = np.maximum(kept.sum(axis=(1, 2)) - 1, 0)
+    row = np.arange(count)[:, None]
+    parts: np.ndarray = both.reshape(count, 2 * k, 3)[row, order[row, np.minimum(np.arange(k + 1), last[:, None])]]
+    return parts
+
+
+def _integrals(polygons: np.ndarray) -> np.ndarray:
+    """Integrals of the barycentric coordinates over polygons, as shares of the triangles' areas, shape (count, 3)."""
+    first, second, third = polygons[:, :1], polygons[:, 1:-1], polygons[:, 2:]
+    a, b = (second - first)[..., :2], (third - first)[..., :2]
+    shares = np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    sums: np.ndarray = np.einsum("pf,pfc->pc", shares, first + second + third) / 3.0
+    return sums
+
+
+def _small_triangles(parts: int) -> np.ndarray:
+    """Triangles of equal size in barycentric coordinates of one that they fill, shape (parts^2, 3, 3)."""
+    found = []
+    for i in range(parts):
+        for j in range(parts - i):
+            found.append([(i, j), (i + 1, j), (i, j + 1)])
+            if i + j < parts - 1:
+                found.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
+    two = np.array(found) / parts
+    return np.concatenate([two, 1.0 - two.sum(axis=2, keepdims=True)], axis=2)
+
+
+SMALL = _small_triangles(PARTS)
 
 
 def _barycentric(point: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:

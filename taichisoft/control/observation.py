@@ -64,7 +64,9 @@ class Observation:
         contact_points: middles of the contacts, the open ones too [mm], shape (count, 3), by pair.
         contact_forces: force on the second body in each of these [mN], shape (count, 3), by pair.
         contact_areas: area in contact [mm^2], by pair of which one is soft and presses the other.
+        contact_area_errors: how far the mesh may be wrong about that [mm^2], likewise.
         peak_pressures: highest pressure in the contact [kPa], likewise; the mesh limits how narrow a peak it shows.
+        peak_pressure_errors: how far the mesh may be wrong about that [kPa], likewise.
         tactile: normal force on each patch of the scene's tactile arrays [mN], of the shape of their `patches`, by
             "body.array".
         clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
@@ -116,7 +118,9 @@ class Observation:
     contact_points: Mapping[Pair, np.ndarray] = field(default_factory=dict)
     contact_forces: Mapping[Pair, np.ndarray] = field(default_factory=dict)
     contact_areas: Mapping[Pair, float] = field(default_factory=dict)
+    contact_area_errors: Mapping[Pair, float] = field(default_factory=dict)
     peak_pressures: Mapping[Pair, float] = field(default_factory=dict)
+    peak_pressure_errors: Mapping[Pair, float] = field(default_factory=dict)
     tactile: Mapping[str, np.ndarray] = field(default_factory=dict)
     clipped: tuple[str, ...] = field(default_factory=tuple)
     cameras: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)

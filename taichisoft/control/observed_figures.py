@@ -9,7 +9,10 @@ from taichisoft.control.observation import Observation
 from taichisoft.errors import TaichisoftError, nearest
 from taichisoft.state import State
 
-BY_PAIR = ("contact_counts", "normal_forces", "friction_forces", "slip_speeds", "contact_areas", "peak_pressures")
+BY_PAIR = (
+    *("contact_counts", "normal_forces", "friction_forces", "slip_speeds"),
+    *("contact_areas", "contact_area_errors", "peak_pressures", "peak_pressure_errors"),
+)
 """Bodies that are far apart are not in an observation: nothing presses, nothing slides."""
 OF_ANY_LENGTH = ("contact_points", "contact_forces", "clipped", "exact")
 KNOWN = tuple(one.name for one in fields(Observation) if one.name not in OF_ANY_LENGTH)

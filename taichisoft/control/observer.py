@@ -30,7 +30,7 @@ PARTS = {
         *("contact_counts", "contact_points", "contact_forces"),
         *("normal_forces", "friction_forces", "slip_speeds"),
     ),
-    "patches": ("contact_areas", "peak_pressures"),
+    "patches": ("contact_areas", "contact_area_errors", "peak_pressures", "peak_pressure_errors"),
     "tactile": ("tactile",),
     "clipped": ("clipped",),
     "rates": tuple(kind.rate.observed for kind in ACTUATOR_KINDS if kind.rate is not None),
@@ -130,9 +130,10 @@ class Observer:
 
     def _patches(self, state: State) -> dict[str, Any]:
         patches = self._contact_patches.patches(state)
+        figures = zip(PARTS["patches"], ("area", "area_error", "peak", "peak_error"), strict=True)
         return {
-            "contact_areas": MappingProxyType({pair: patch.area for pair, patch in patches.items()}),
-            "peak_pressures": MappingProxyType({pair: patch.peak for pair, patch in patches.items()}),
+            field: MappingProxyType({pair: getattr(patch, figure) for pair, patch in patches.items()})
+            for field, figure in figures
         }
 
     def _tactile(self, state: State) -> dict[str, Any]:

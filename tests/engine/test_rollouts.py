@@ -158,6 +158,7 @@ def test_a_simulation_that_is_closed_ends_them():
 def test_every_field_of_an_observation_with_a_fixed_shape_is_a_figure(grasp):
     seen = grasp.observe()
     pairs = ("contact_counts", "normal_forces", "friction_forces", "slip_speeds", "contact_areas", "peak_pressures")
+    pairs += ("contact_area_errors", "peak_pressure_errors")
     others = (*pairs, "contact_points", "contact_forces", "clipped", "exact", "state")
     names = [one.name for one in fields(Observation) if one.name not in others]
     made = rollouts(grasp, [[Control()]], 0, names)
