@@ -235,7 +235,7 @@ class _Search:
 
 
 def _has_no_friction(found: Equilibrium) -> bool:
-    return sum(found.observation.friction_forces.values()) < NO_FRICTION
+    return sum(found.observation.truth.friction_forces.values()) < NO_FRICTION
 
 
 def _in_words(missed: list[str], residuals: Mapping[str, np.ndarray], at_bounds: tuple[str, ...]) -> str:

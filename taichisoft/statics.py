@@ -22,7 +22,7 @@ class Equilibrium:
     Attributes:
         state: the state, with the time of the state from which the search began and no velocities; `Simulation.restore`
             goes on from it.
-        observation: what a controller sees in it.
+        observation: what a controller sees in it; sensors have long seen it.
         linearisations: number of linearisations of the soft bodies' equations, over all increments.
         increments: number of parts in which the loads were changed: 1 unless the equations had no solution in reach.
         residual: largest move of a node by another linearisation, or by another search for contacts [mm].
@@ -120,7 +120,11 @@ class Statics:
         stepper = self._stepper
         found = stepper.find_equilibrium(start, apply_control(stepper.model, start, control))
         no_velocity = np.zeros_like(start.frame_velocity)
-        state = found.state.changed(time=start.time, step=start.step, frame_velocity=no_velocity)
+        memory = found.state.sensor_memory.copy()
+        memory[1:2] = 0.0  # sensors have long seen what rests: their samples begin anew
+        changes = {"time": start.time, "step": start.step, "frame_velocity": no_velocity, "sensor_memory": memory}
+        state = found.state.changed(**changes)
         stepper.restore(state)
+        state = stepper.state
         linearisations = found.report.linearisations
         return Equilibrium(state, stepper.observe(), linearisations, found.increments, found.residual, stepper)

@@ -159,8 +159,8 @@ class TimeStepper:
         return self._observer.observe(self.state)
 
     def observe_state(self, state: State) -> Observation:
-        """What a controller sees in another state of the model."""
-        return self._observer.observe(state)
+        """The exact observation of another state of the model, without the scene's sensors."""
+        return self._observer.truth(state)
 
     def _move(self, start: State, control: Control, started: float) -> tuple[State, StepReport]:
         """Solve the equations of a step once, and move everything."""
@@ -284,7 +284,7 @@ class TimeStepper:
             converged=residual < settings.contact.tolerance and missed <= settings.time.newton_tolerance,
             signals=dict(control.signals),
             step_time=time.perf_counter() - started,
-            observe=partial(self._observer.truth, end),
+            observe=partial(self._observer.observe, end),
             deepest=(names[deepest[0]], names[deepest[1]]) if deepest else None,
             inverted_elements=self._divergence_check.inverted,
             linearisations=solution.linearisations,

@@ -85,7 +85,7 @@ class MetricsOutput(Output):
             slide = self._slipping.add(state)[self._object]
             self._lift.add(state.base_translation, self._object_position(state), slide, force, report.converged)
         for observed, largest in self._largest.items():
-            for name, value in getattr(report.observation, observed).items():
+            for name, value in getattr(report.observation.truth, observed).items():
                 largest[name] = max(largest.get(name, value), value, key=abs)
         if self._figures.steps % STRETCH_EVERY == 0:
             self._look_at_stretches()
@@ -222,7 +222,7 @@ class MetricsOutput(Output):
         figures: dict[str, Any] = {"rest_volumes_mm3": volumes} if volumes else {}
         if self._figures.last is None:
             return figures
-        seen = self._figures.last.observation
+        seen = self._figures.last.observation.truth
         return figures | {
             **{_key(figure): dict(getattr(seen, figure.observed)) for figure in FINAL},
             "final_tip_positions_mm": {name: tip.tolist() for name, tip in seen.tip_positions.items()},
@@ -260,7 +260,7 @@ class MetricsOutput(Output):
 
     def _look_at_pressures(self, report: "StepReport") -> None:
         """Keep the highest contact pressures: of every step where the goal asks for it, else of some."""
-        for pair, pressure in report.observation.peak_pressures.items():
+        for pair, pressure in report.observation.truth.peak_pressures.items():
             name = "|".join(pair)
             self._peak_pressures[name] = max(self._peak_pressures.get(name, 0.0), pressure)
 
@@ -302,7 +302,7 @@ class MetricsOutput(Output):
         """Sum of the normal forces between the object and other bodies [mN]."""
         assert self._scene.goal is not None
         pairs = [{self._scene.goal.object, other} for other in others]
-        return sum(force for pair, force in report.observation.normal_forces.items() if set(pair) in pairs)
+        return sum(force for pair, force in report.observation.truth.normal_forces.items() if set(pair) in pairs)
 
     def _shortcomings(self) -> list[str]:
         """What keeps the goal from being reached."""

@@ -68,7 +68,7 @@ class StepReport:
 
     @cached_property
     def observation(self) -> Observation:
-        """What a controller sees after the step; computed on first access."""
+        """What a controller sees after the step, through the scene's sensors; its `truth` is without them."""
         return self.observe()
 
     @cached_property
