@@ -100,7 +100,9 @@ def inverse(
             gtol=1e-13,
             max_nfev=MOST_TRIALS,
         )
-    return search.solution()
+    solution = search.solution()
+    simulation.warn_beyond_law(solution.equilibrium.state)
+    return solution
 
 
 class _Found(Exception):

@@ -1,7 +1,8 @@
 """Equilibria: where bodies come to rest under their loads, without waiting for it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -35,6 +36,11 @@ class Equilibrium:
     residual: float
     _stepper: TimeStepper = field(repr=False, compare=False)
 
+    @cached_property
+    def stretch_over_law(self) -> Mapping[str, float]:
+        """By soft body, largest stretch of an element over that up to which its law holds, see `StepReport` [-]."""
+        return self._stepper.strain_watch.over_law(self.state)
+
     def linearise(self, controls: Sequence[str] | None = None) -> Linearisation:
         """Derivatives of what is observed in the equilibrium by what is asked for: its compliance.
 
@@ -61,7 +67,7 @@ def equilibrium(simulation: Simulation, control: Control | None = None) -> Equil
     keeps what sticks. It solves the static equations with contacts and actuators by Newton's method with a line search,
     to `time.newton_tolerance` [mm]. Where that fails it changes the loads in smaller increments, and where bodies may
     touch in so small ones that no node moves by more than half of `contact.alarm_distance` at once. Limits of
-    pressures and so on hold, limits of their rates do not.
+    pressures and so on hold, limits of their rates do not. A body beyond the range of its law is warned of, once.
 
     Rigid bodies go along in moves of one time step from rest, in which their inertia alone keeps them back and friction
     holds what sticks, until none moves by more than 1e-6 mm (a proximal point method: Rockafellar 1976, Monotone
@@ -77,8 +83,9 @@ def equilibrium(simulation: Simulation, control: Control | None = None) -> Equil
         EquilibriumNotFound: the loads cannot be carried, such as a pressure beyond which a cavity grows on and on, or
             nothing holds a rigid body.
     """
-    statics = statics_of(simulation)
-    return statics.find(simulation.state, Control() if control is None else control)
+    found = statics_of(simulation).find(simulation.state, Control() if control is None else control)
+    simulation.warn_beyond_law(found.state)
+    return found
 
 
 def statics_of(simulation: Simulation) -> "Statics":

@@ -30,6 +30,7 @@ from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
 from taichisoft.step.step_derivative import StepDerivative
+from taichisoft.step.strain_watch import StrainWatch
 
 
 class TimeStepper:
@@ -39,6 +40,7 @@ class TimeStepper:
         model: constant data.
         state: current state; every step replaces it, see `restore`.
         report: report of the last step; None before the first step.
+        strain_watch: measures how far soft bodies are stretched, over what their laws hold for.
     """
 
     def __init__(self, model: Model):
@@ -46,6 +48,7 @@ class TimeStepper:
         self.model = model
         self.state = model.initial_state()
         self.report: StepReport | None = None
+        self.strain_watch = StrainWatch(model)
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
@@ -290,4 +293,5 @@ class TimeStepper:
             linearisations=solution.linearisations,
             newton_residual=solution.newton_residual,
             find_imbalance=find_imbalance,
+            find_stretch=partial(self.strain_watch.over_law, end),
         )

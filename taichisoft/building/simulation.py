@@ -27,6 +27,8 @@ from taichisoft.plugin_system.renderer import CameraFrame, CameraView, Renderer
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.soft_body import BodyMesh
 from taichisoft.state import State
+from taichisoft.step.report import StepReport
+from taichisoft.step.strain_watch import EVERY
 from taichisoft.time_stepper import TimeStepper
 
 HIGHEST_RATIO = 0.45
@@ -58,6 +60,27 @@ class Simulation(TimeStepper):
         if self.model.scene.cameras:
             mine = weakref.ref(self)
             self._observer.look = lambda state, name: _look(mine(), state, name)
+
+    def step(self, control: Control | None = None) -> StepReport:
+        """Advance by one time step; warns once where a body has left the range of its law.
+
+        It is looked at after every 20th step, and after each of static dynamics.
+
+        Raises:
+            ControlError: `control` requests something impossible; nothing has changed.
+            SimulationDiverged: the step failed; `state` is the state before it. Of static dynamics it is
+                EquilibriumNotFound where nothing holds a body.
+        """
+        report = super().step(control)
+        if self.state.step % EVERY == 0 or self._is_static:
+            self.warn_beyond_law(self.state)
+        return report
+
+    def warn_beyond_law(self, state: State) -> None:
+        """Warn where a body is stretched beyond the range of its law in a state, unless that has been said."""
+        line = self.strain_watch.complaint(state)
+        if line is not None:
+            warn_caller(line)
 
     def render(
         self,
