@@ -243,7 +243,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """Simulate one control period.
 
         An episode is truncated when the simulation diverges, which is not a failure of the task; info then has
-        "diverged". Its "stretch_over_law" is the largest of `StepReport`: above 1 a body is beyond its law. Actions are clipped to -1 and 1, for the motion and for the reward.
+        "diverged". Its "stretch_over_law" is the largest of `StepReport`: above 1 a body is beyond its law. Actions are
+        clipped to -1 and 1, for the motion and for the reward.
 
         Raises:
             ResetNeeded: no episode has begun.

@@ -13,8 +13,15 @@ from scipy.sparse.csgraph import connected_components
 from taichisoft.bodies.selection import select_elements
 from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import SceneError
+from taichisoft.meshes.files import VOLUME_SUFFIXES
 from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.thin_walls import ADVICE, TOO_STIFF, share_of_thin_walls
+from taichisoft.meshes.thin_walls import (
+    ADVICE,
+    TOO_STIFF,
+    share_of_thin_walls,
+    share_without_nodes_inside,
+    too_stiff,
+)
 from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft.model import Model
 from taichisoft.scenes.scene import Scene
@@ -25,6 +32,10 @@ LOGGER = logging.getLogger("taichisoft.building")
 
 MOST_THIN = 0.05
 """Share of a cavity's area with a wall of one element, up to which no warning is given [-]."""
+MOST_WITHOUT_INSIDE = 0.75
+"""The same of the volume of a body in elements without a node inside it."""
+LOCKING_RATIO = 0.4
+"""Poisson's ratio above which smoothed elements are warned of on any mesh, since walls of one element lock."""
 
 MOST_HELD = 5.0 / 6.0
 """Pressure over Young's modulus from which a cavity in rubber grows on and on [-]."""
@@ -108,17 +119,25 @@ def _check_shut_pressures(name: str, body: SoftBodySettings) -> None:
 
 
 def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Log once for each shipped mesh that its walls are one element thick, as meshing does for other meshes."""
+    """Warn once for each mesh that its walls are one element thick; of what is meshed for the scene, meshing does.
+
+    Of shipped meshes always, of others where the smoothed elements of a body that is hardly compressible lock.
+    """
     said, shipped = set(), data_folder() / "meshes"
     for name, body in scene.soft_bodies.items():
-        mesh = meshes[name]
-        if mesh.source in said or body.element == "quadratic" or Path(body.mesh.file).parent != shipped:
+        mesh, file, ratio = meshes[name], Path(body.mesh.file), max(body.poisson_ratios)
+        locks = body.element == "smoothed" and ratio > LOCKING_RATIO and file.suffix.lower() in VOLUME_SUFFIXES
+        if mesh.source in said or body.element == "quadratic" or not (locks or file.parent == shipped):
             continue
-        for group in _cavity_groups(body):
-            share = share_of_thin_walls(mesh, mesh.surface_groups[group]) if group in mesh.surface_groups else 0.0
-            if share > MOST_THIN:
-                said.add(mesh.source)
-                warn_caller(f"soft_bodies.{name}.mesh: {TOO_STIFF}: {group} ({share:.0%} of the area); {ADVICE}")
+        groups = [group for group in _cavity_groups(body) if group in mesh.surface_groups]
+        shares = {group: share_of_thin_walls(mesh, mesh.surface_groups[group]) for group in groups}
+        thin = [f"{group} ({share:.0%} of the area)" for group, share in shares.items() if share > MOST_THIN]
+        if not thin and locks and (share := share_without_nodes_inside(mesh)) > MOST_WITHOUT_INSIDE:
+            thin = [f"{share:.0%} of the volume has no node inside"]
+        if thin:
+            said.add(mesh.source)
+            found = too_stiff(ratio) if body.element == "smoothed" else TOO_STIFF
+            warn_caller(f"soft_bodies.{name}.mesh: {found}: {', '.join(thin)}; {ADVICE}")
 
 
 def _cavity_groups(body: SoftBodySettings) -> list[str]:

@@ -225,10 +225,10 @@ def make_model(scene: Scene) -> Model:
 def _warn_of_locking(scene: Scene) -> None:
     """Warn of linear elements that lock in bending because they are nearly incompressible."""
     for name, body in scene.soft_bodies.items():
-        ratios = [body.poisson_ratio, *(one.poisson_ratio for one in body.regions if one.poisson_ratio is not None)]
-        if body.element == "linear" and max(ratios) > HIGHEST_RATIO:
+        ratio = max(body.poisson_ratios)
+        if body.element == "linear" and ratio > HIGHEST_RATIO:
             warn_caller(
-                f"soft_bodies.{name}.poisson_ratio = {max(ratios):g}: linear elements lock above {HIGHEST_RATIO:g}, "
+                f"soft_bodies.{name}.poisson_ratio = {ratio:g}: linear elements lock above {HIGHEST_RATIO:g}, "
                 'and bend far too little; element = "smoothed" does not, or take a smaller one'
             )
 
