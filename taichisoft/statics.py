@@ -83,7 +83,10 @@ def equilibrium(simulation: Simulation, control: Control | None = None) -> Equil
         EquilibriumNotFound: the loads cannot be carried, such as a pressure beyond which a cavity grows on and on, or
             nothing holds a rigid body.
     """
-    found = statics_of(simulation).find(simulation.state, Control() if control is None else control)
+    control = Control() if control is None else control
+    statics = statics_of(simulation)
+    simulation.warn_of_units(control)
+    found = statics.find(simulation.state, control)
     simulation.warn_beyond_law(found.state)
     return found
 

@@ -21,6 +21,7 @@ from taichisoft.linearisation import Linearisation, linearise
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
+from taichisoft.plausible import MODULUS, PRESSURE, implausible
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import find, provided
 from taichisoft.plugin_system.renderer import CameraFrame, CameraView, Renderer
@@ -56,13 +57,14 @@ class Simulation(TimeStepper):
         """
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
         self._kept: dict[Hashable, Closable] = {}
+        self._has_said_unit = False
         weakref.finalize(self, _close_all, self._kept)
         if self.model.scene.cameras:
             mine = weakref.ref(self)
             self._observer.look = lambda state, name: _look(mine(), state, name)
 
     def step(self, control: Control | None = None) -> StepReport:
-        """Advance by one time step; warns once where a body has left the range of its law.
+        """Advance by one time step; warns once where a body has left the range of its law, and of a mistaken unit.
 
         It is looked at after every 20th step, and after each of static dynamics.
 
@@ -72,9 +74,22 @@ class Simulation(TimeStepper):
                 EquilibriumNotFound where nothing holds a body.
         """
         report = super().step(control)
+        if control is not None:
+            self.warn_of_units(control)
         if self.state.step % EVERY == 0 or self._is_static:
             self.warn_beyond_law(self.state)
         return report
+
+    def warn_of_units(self, control: Control) -> None:
+        """Warn once of a pressure or modulus that was probably asked for in another unit."""
+        if self._has_said_unit:
+            return
+        pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
+        moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
+        line = next((found for one in (*pressures, *moduli) if (found := implausible(*one))), "")
+        if line:
+            self._has_said_unit = True
+            warn_caller(line)
 
     def warn_beyond_law(self, state: State) -> None:
         """Warn where a body is stretched beyond the range of its law in a state, unless that has been said."""
