@@ -233,7 +233,7 @@ class TimeStepper:
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
             frame_wrench=self._frame_wrenches.find(
-                start, position, node_velocity, solution, cable_forces, self._rigid.carried
+                start, self.state.frame_pose, position, node_velocity, solution, cable_forces, self._rigid.carried
             ),
             actuator_effort=effort,
             actuator_value=value,
