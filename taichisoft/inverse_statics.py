@@ -101,6 +101,7 @@ def inverse(
             max_nfev=MOST_TRIALS,
         )
     solution = search.solution()
+    simulation.warn_of_units(solution.control)
     simulation.warn_beyond_law(solution.equilibrium.state)
     return solution
 

@@ -148,6 +148,11 @@ def test_unloading_is_told_and_loading_fitted_on_request(tmp_path: Path) -> None
     assert fitted(tmp_path, STRAIN[::-1], load[::-1])[1].count("warning") == 0  # a table from its end
 
 
+def test_stress_in_another_unit_is_told(tmp_path: Path) -> None:
+    load = nominal_stress("neo-hookean", {"mu": 1e5 / 3.0}, 1.0 + STRAIN)
+    assert "100000 Pa are 100 kPa" in fitted(tmp_path, STRAIN, load)[1]
+
+
 @pytest.mark.parametrize(("slack", "told"), [(0.05, True), (-0.04, True), (0.0, False), (0.01, False)])
 def test_slack_is_told_and_taken_off_on_request(tmp_path: Path, slack: float, told: bool) -> None:
     load = nominal_stress("neo-hookean", {"mu": 100.0 / 3.0}, 1.0 + STRAIN)

@@ -62,6 +62,7 @@ def fit(
     """Fit a law to a tension test; prints coefficients [kPa] and the error over the range."""
     import rich
 
+    from taichisoft.plausible import MODULUS, implausible
     from taichisoft.running import print_warning
     from taichisoft.scenes import LAW_NAMES, Material
     from taichisoft_outputs.materials.fit import fit_law
@@ -94,7 +95,8 @@ def fit(
         f"Young's modulus at rest {found.young_modulus:.4g} kPa; up to a stretch of {found.highest_stretch:.3g} "
         f"the error is {100 * found.error:.2f} % of the largest stress, {100 * found.worst:.2f} % at worst"
     )
-    for caution in (*measured.cautions, *([found.caution] if found.caution else ())):
+    unit = implausible("Young's modulus at rest", found.young_modulus, MODULUS)
+    for caution in filter(None, (*measured.cautions, found.caution, unit)):
         print_warning(rich.get_console(), caution)
     if output is not None:
         write_material(material, output)
