@@ -100,7 +100,10 @@ def inverse(
             gtol=1e-13,
             max_nfev=MOST_TRIALS,
         )
-    return search.solution()
+    solution = search.solution()
+    simulation.warn_of_units(solution.control)
+    simulation.warn_beyond_law(solution.equilibrium.state)
+    return solution
 
 
 class _Found(Exception):
@@ -235,7 +238,7 @@ class _Search:
 
 
 def _has_no_friction(found: Equilibrium) -> bool:
-    return sum(found.observation.friction_forces.values()) < NO_FRICTION
+    return sum(found.observation.truth.friction_forces.values()) < NO_FRICTION
 
 
 def _in_words(missed: list[str], residuals: Mapping[str, np.ndarray], at_bounds: tuple[str, ...]) -> str:

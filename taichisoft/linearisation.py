@@ -49,7 +49,7 @@ class Linearisation:
             "base_translation.x", "base_rotation.z", and "force.finger1.y" for a force on a fingertip, spread evenly
             over its nodes, or on the centre of mass of a rigid body.
         units: of the controls: kPa, mm, rad, mN and so on, in the same order.
-        observation: what is observed after the step, or in the equilibrium.
+        observation: what is observed after the step, or in the equilibrium; exact, without the scene's sensors.
     """
 
     controls: tuple[str, ...]

@@ -1,7 +1,8 @@
 """Equilibria: where bodies come to rest under their loads, without waiting for it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +23,7 @@ class Equilibrium:
     Attributes:
         state: the state, with the time of the state from which the search began and no velocities; `Simulation.restore`
             goes on from it.
-        observation: what a controller sees in it.
+        observation: what a controller sees in it; sensors have long seen it.
         linearisations: number of linearisations of the soft bodies' equations, over all increments.
         increments: number of parts in which the loads were changed: 1 unless the equations had no solution in reach.
         residual: largest move of a node by another linearisation, or by another search for contacts [mm].
@@ -34,6 +35,11 @@ class Equilibrium:
     increments: int
     residual: float
     _stepper: TimeStepper = field(repr=False, compare=False)
+
+    @cached_property
+    def stretch_over_law(self) -> Mapping[str, float]:
+        """By soft body, largest stretch of an element over that up to which its law holds, see `StepReport` [-]."""
+        return self._stepper.strain_watch.over_law(self.state)
 
     def linearise(self, controls: Sequence[str] | None = None) -> Linearisation:
         """Derivatives of what is observed in the equilibrium by what is asked for: its compliance.
@@ -61,7 +67,7 @@ def equilibrium(simulation: Simulation, control: Control | None = None) -> Equil
     keeps what sticks. It solves the static equations with contacts and actuators by Newton's method with a line search,
     to `time.newton_tolerance` [mm]. Where that fails it changes the loads in smaller increments, and where bodies may
     touch in so small ones that no node moves by more than half of `contact.alarm_distance` at once. Limits of
-    pressures and so on hold, limits of their rates do not.
+    pressures and so on hold, limits of their rates do not. A body beyond the range of its law is warned of, once.
 
     Rigid bodies go along in moves of one time step from rest, in which their inertia alone keeps them back and friction
     holds what sticks, until none moves by more than 1e-6 mm (a proximal point method: Rockafellar 1976, Monotone
@@ -77,8 +83,12 @@ def equilibrium(simulation: Simulation, control: Control | None = None) -> Equil
         EquilibriumNotFound: the loads cannot be carried, such as a pressure beyond which a cavity grows on and on, or
             nothing holds a rigid body.
     """
+    control = Control() if control is None else control
     statics = statics_of(simulation)
-    return statics.find(simulation.state, Control() if control is None else control)
+    simulation.warn_of_units(control)
+    found = statics.find(simulation.state, control)
+    simulation.warn_beyond_law(found.state)
+    return found
 
 
 def statics_of(simulation: Simulation) -> "Statics":
@@ -120,7 +130,11 @@ class Statics:
         stepper = self._stepper
         found = stepper.find_equilibrium(start, apply_control(stepper.model, start, control))
         no_velocity = np.zeros_like(start.frame_velocity)
-        state = found.state.changed(time=start.time, step=start.step, frame_velocity=no_velocity)
+        memory = found.state.sensor_memory.copy()
+        memory[1:2] = 0.0  # sensors have long seen what rests: their samples begin anew
+        changes = {"time": start.time, "step": start.step, "frame_velocity": no_velocity, "sensor_memory": memory}
+        state = found.state.changed(**changes)
         stepper.restore(state)
+        state = stepper.state
         linearisations = found.report.linearisations
         return Equilibrium(state, stepper.observe(), linearisations, found.increments, found.residual, stepper)

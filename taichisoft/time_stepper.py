@@ -30,6 +30,7 @@ from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
 from taichisoft.step.step_derivative import StepDerivative
+from taichisoft.step.strain_watch import StrainWatch
 
 
 class TimeStepper:
@@ -39,6 +40,7 @@ class TimeStepper:
         model: constant data.
         state: current state; every step replaces it, see `restore`.
         report: report of the last step; None before the first step.
+        strain_watch: measures how far soft bodies are stretched, over what their laws hold for.
     """
 
     def __init__(self, model: Model):
@@ -46,6 +48,7 @@ class TimeStepper:
         self.model = model
         self.state = model.initial_state()
         self.report: StepReport | None = None
+        self.strain_watch = StrainWatch(model)
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
@@ -159,8 +162,8 @@ class TimeStepper:
         return self._observer.observe(self.state)
 
     def observe_state(self, state: State) -> Observation:
-        """What a controller sees in another state of the model."""
-        return self._observer.observe(state)
+        """The exact observation of another state of the model, without the scene's sensors."""
+        return self._observer.truth(state)
 
     def _move(self, start: State, control: Control, started: float) -> tuple[State, StepReport]:
         """Solve the equations of a step once, and move everything."""
@@ -230,7 +233,7 @@ class TimeStepper:
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
             frame_wrench=self._frame_wrenches.find(
-                start, position, node_velocity, solution, cable_forces, self._rigid.carried
+                start, self.state.frame_pose, position, node_velocity, solution, cable_forces, self._rigid.carried
             ),
             actuator_effort=effort,
             actuator_value=value,
@@ -284,10 +287,11 @@ class TimeStepper:
             converged=residual < settings.contact.tolerance and missed <= settings.time.newton_tolerance,
             signals=dict(control.signals),
             step_time=time.perf_counter() - started,
-            observe=partial(self._observer.truth, end),
+            observe=partial(self._observer.observe, end),
             deepest=(names[deepest[0]], names[deepest[1]]) if deepest else None,
             inverted_elements=self._divergence_check.inverted,
             linearisations=solution.linearisations,
             newton_residual=solution.newton_residual,
             find_imbalance=find_imbalance,
+            find_stretch=partial(self.strain_watch.over_law, end),
         )

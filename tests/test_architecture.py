@@ -72,6 +72,7 @@ LAYERS = {
         "input_file",
         "optional_packages",
         "caller_warnings",
+        "plausible",
         "errors",
     ],
     "taichisoft_benchmarks": [

@@ -244,7 +244,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """Simulate one control period.
 
         An episode is truncated when the simulation diverges, which is not a failure of the task; info then has
-        "diverged". Actions are clipped to -1 and 1, for the motion and for the reward.
+        "diverged". Its "stretch_over_law" is the largest of `StepReport`: above 1 a body is beyond its law. Actions are
+        clipped to -1 and 1, for the motion and for the reward.
 
         Raises:
             ResetNeeded: no episode has begun.
@@ -263,7 +264,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         self.action_change = 0.0 if self._last_action is None else float(np.abs(asked - self._last_action).mean())
         self._last_action = asked
         self.update(seen.truth)
-        info = {**self.information(seen.truth), **diverged}
+        stretch = max((self.simulation.report.stretch_over_law if self.simulation.report else {}).values(), default=0.0)
+        info = {**self.information(seen.truth), "stretch_over_law": stretch, **diverged}
         readings = self._measure(seen)
         if isinstance(readings, dict):
             reward = self.compute_reward(readings["achieved_goal"], readings["desired_goal"], info)

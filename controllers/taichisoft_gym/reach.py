@@ -111,5 +111,5 @@ def tip_places(scene: str, finger: str, low: float, high: float) -> np.ndarray:
         control = actuation.control(2.0 * share - 1.0, simulation, REST)
         for _ in range(round(REST / model.scene.time.step)):
             simulation.step(control)
-        places.append(simulation.observe().tip_positions[finger])
+        places.append(simulation.observe().truth.tip_positions[finger])
     return np.array(places)

@@ -101,7 +101,7 @@ class CsvOutput(Output):
         assert self._file is not None
         with named_os_errors(self.path):
             if self._row_count == 0:
-                self._signals, self._fingers = list(report.signals), list(report.observation.tip_positions)
+                self._signals, self._fingers = list(report.signals), list(report.observation.truth.tip_positions)
                 self._writer.writerow(self._columns())
             self._writer.writerow(self._row(state, report))
             self._row_count += 1
@@ -153,7 +153,7 @@ class CsvOutput(Output):
         ]
 
     def _row(self, state: "State", report: "StepReport") -> list[str]:
-        seen = report.observation
+        seen = report.observation.truth
         numbers = [
             *(getattr(seen, figure.observed)[name] for figure, name in self._figures),
             *(component for name in self._fingers for component in seen.tip_positions[name].tolist()),

@@ -85,7 +85,7 @@ class MetricsOutput(Output):
             slide = self._slipping.add(state)[self._object]
             self._lift.add(state.base_translation, self._object_position(state), slide, force, report.converged)
         for observed, largest in self._largest.items():
-            for name, value in getattr(report.observation, observed).items():
+            for name, value in getattr(report.observation.truth, observed).items():
                 largest[name] = max(largest.get(name, value), value, key=abs)
         if self._figures.steps % STRETCH_EVERY == 0:
             self._look_at_stretches()
@@ -233,7 +233,7 @@ class MetricsOutput(Output):
         figures: dict[str, Any] = {"rest_volumes_mm3": volumes} if volumes else {}
         if self._figures.last is None:
             return figures
-        seen = self._figures.last.observation
+        seen = self._figures.last.observation.truth
         return figures | {
             **{_key(figure): dict(getattr(seen, figure.observed)) for figure in FINAL},
             "final_tip_positions_mm": {name: tip.tolist() for name, tip in seen.tip_positions.items()},
@@ -273,7 +273,7 @@ class MetricsOutput(Output):
 
     def _look_at_pressures(self, report: "StepReport") -> None:
         """Keep the highest contact pressures: of every step where the goal asks for it, else of some."""
-        seen = report.observation
+        seen = report.observation.truth
         for pair, pressure in seen.peak_pressures.items():
             name, before = "|".join(pair), self._peak_pressures.get("|".join(pair), (0.0, 0.0))
             self._peak_pressures[name] = max(before, (pressure, seen.peak_pressure_errors.get(pair, 0.0)))
@@ -316,7 +316,7 @@ class MetricsOutput(Output):
         """Sum of the normal forces between the object and other bodies [mN]."""
         assert self._scene.goal is not None
         pairs = [{self._scene.goal.object, other} for other in others]
-        return sum(force for pair, force in report.observation.normal_forces.items() if set(pair) in pairs)
+        return sum(force for pair, force in report.observation.truth.normal_forces.items() if set(pair) in pairs)
 
     def _shortcomings(self) -> list[str]:
         """What keeps the goal from being reached."""

@@ -17,6 +17,8 @@ FREQUENCY = 1.5
 TURN = math.radians(40.0)
 """How far the base turns."""
 AXES = ("x", "y", "z")
+FURTHER, HEAVIER = 1.6, 6.0
+"""How far actuators, and gravity across, go beyond the training, over what they do in it."""
 
 Channels = dict[str, tuple[float, ...]]
 
@@ -85,6 +87,13 @@ def _step(ranges: Ranges, level: float) -> Timetable:
 def _lowest(ranges: Ranges) -> Timetable:
     lows = {name: (key, 0.0, low) for name, (key, low, _) in ranges.items() if low < 0.0}
     return Timetable((0.0, RISE, RISE + PAUSE), _channels(lows, 1.0, (0.0, 1.0, 1.0)))
+
+
+def beyond(ranges: Ranges, gravity: Sequence[float]) -> dict[str, Timetable]:
+    """Timetables far beyond those of the training, by which its errors there are estimated."""
+    found = {"beyond-ramp": ramp(ranges, FURTHER)} if ranges else {}
+    heavy = _gravities(ranges, [HEAVIER * one for one in gravity])
+    return found | {f"beyond-gravity-{number}": table for number, table in enumerate(heavy) if number in (1, 3)}
 
 
 def _gravities(ranges: Ranges, gravity: Sequence[float]) -> list[Timetable]:

@@ -29,7 +29,7 @@ class RunFigures:
 
     def at(self, state: State, report: StepReport) -> dict[str, float]:
         """Values by name with unit after a step, such as "lift of cube [mm]"."""
-        seen, model = report.observation, self._model
+        seen, model = report.observation.truth, self._model
         found = {f"bending of {name} [deg]": math.degrees(angle) for name, angle in seen.bending_angles.items()}
         found |= {f"imbalance of {name} [mm]": way for name, way in report.imbalance.items()}
         found |= {f"volume of {name} [mm^3]": volume for name, volume in seen.volumes.items()}

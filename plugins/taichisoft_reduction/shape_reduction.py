@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from taichisoft import Model, Scene, make_model
 from taichisoft.scenes import scene_from_toml, scene_to_toml
 from taichisoft_reduction.actuator_ranges import Ranges, actuator_ranges
@@ -123,13 +125,20 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
         files = {name: folder / f"{name}.npz" for name in fits}
         reduced = _reduced_runs(pool, validation, shapes, files, progress, "validation of the reduced model")
         comparisons = [compare(one, other) for one, other in zip(full, reduced, strict=True)]
+        far = plan.beyond(ranges)
+        beyond = pool.results(far, progress.runs("beyond the training", len(far)))
+        erring = _reduced_runs(pool, far, shapes, files, progress, "the reduced model beyond its training")
         about = {
             "scene": scene.title,
             "bodies": {shape.name: _about(fits[shape.name], shape, files[shape.name]) for shape in shapes},
             "seconds": time.perf_counter() - started,
         }
         tables = as_tables(comparisons, wishes.tolerance, about)
-        pairs = list(zip(full, reduced, strict=True))
+        pairs = [
+            pair
+            for pair in zip([*full, *beyond], [*reduced, *erring], strict=True)
+            if not any(one.problem for one in pair)
+        ]
         for shape in shapes:
             fits[shape.name].write(
                 files[shape.name],
@@ -137,10 +146,18 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
                 error=min(worst(comparisons), FAILED),
                 imbalance=max(largest_imbalance(one, shape.bodies) for one in reduced),
                 error_per_imbalance=error_per_imbalance([*pairs, *tried[shape.name]], shape.bodies),
+                pressed=None if recordings else _pressed(shape, [*own, *trained]),  # recordings do not say where
             )
     write_report(folder, comparisons, tables)
     draw_report(folder, full, reduced)
     return Reduction(files, comparisons, verdict(comparisons, wishes.tolerance), worst(comparisons))
+
+
+def _pressed(shape: BodyShape, results: Sequence[RunResult]) -> np.ndarray | None:
+    """Whether something pressed a node in any of some runs, shape (node_count,)."""
+    good = [one.touched for one in results if not one.problem]
+    touched = [one[name] for one in good for name in shape.bodies if name in one]
+    return np.any(touched, axis=0) if touched else None
 
 
 def _shapes(scene: Scene) -> list[BodyShape]:

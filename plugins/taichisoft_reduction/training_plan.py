@@ -10,7 +10,7 @@ from taichisoft.errors import TaichisoftError
 from taichisoft.scenes import Scene, scene_from_dict, scene_to_toml
 from taichisoft_reduction.actuator_ranges import Ranges
 from taichisoft_reduction.body_shapes import BodyShape, mesh_digest
-from taichisoft_reduction.excitations import excitations, ramp, unseen
+from taichisoft_reduction.excitations import beyond, excitations, ramp, unseen
 from taichisoft_reduction.pressing import press_timetable, presses
 from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
 
@@ -78,6 +78,11 @@ class TrainingPlan:
             self._own("unseen-grasp", scene, frames=OWN_FRAMES)
             for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
         ]
+
+    def beyond(self, ranges: Mapping[str, Ranges]) -> list[TrainingRun]:
+        """Runs far beyond the training, in which reduced bodies are expected to err."""
+        tables = {shape: beyond(ranges[shape.name], self._scene.gravity) for shape in self.shapes}
+        return [self._alone(shape, *table, OWN_FRAMES) for shape, some in tables.items() for table in some.items()]
 
     def _grasps(self) -> list[TrainingRun]:
         """The scene's own run with other efforts, and with other objects in the place of its own."""

@@ -97,13 +97,13 @@ def characterise(
     (nodes,), states, seen = found_tips, [], []
     for pressure in pressures:
         found = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
-        actual = found.observation.pressures
+        actual = found.observation.truth.pressures
         wrong = next((one for one in cavities if abs(actual[one] - pressure) > 1e-6 * abs(pressure)), None)
         if wrong is not None:
             raise StudyError(f"{pressure:g} kPa: the scene's limits hold '{wrong}' at {actual[wrong]:g} kPa")
         free.restore(found.state)
         states.append(found.state)
-        seen.append(found.observation)
+        seen.append(found.observation.truth)
         done("")
     tips = np.array([one.tip_positions[name] for one in seen])
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
@@ -120,7 +120,7 @@ def characterise(
         for number in range(first + 1, len(pressures)):
             found = taichisoft.equilibrium(blocked, Control(pressure=dict.fromkeys(cavities, pressures[number])))
             blocked.restore(found.state)
-            forces[row, number] = found.observation.normal_forces.get((name, BLOCK), 0.0)
+            forces[row, number] = found.observation.truth.normal_forces.get((name, BLOCK), 0.0)
             done("")
     bending = np.degrees([one.bending_angles[name] for one in seen])
     volumes = np.array([sum(one.volumes[cavity] for cavity in cavities) for one in seen])

@@ -58,7 +58,7 @@ class CurvesOutput(Output):
         Raises:
             StudyError: an expression names what a run does not have.
         """
-        names = observed_values(report.observation)
+        names = observed_values(report.observation.truth)
         self._rows.append([expression(names) for expression in self._expressions.values()])
 
     def end(self, outcome: str) -> None:

@@ -35,8 +35,9 @@ class Modes:
         tolerance: relative error that was asked for [-]; None: not known.
         error: relative error that the validation found [-]; None: not known.
         imbalance: largest imbalance in the validation [mm], see `step/imbalance.py`; None: not known.
-        error_per_imbalance: largest error of a position over the largest imbalance of a run [-], the median of runs;
+        error_per_imbalance: largest error of a position over the largest imbalance of a run [-], the largest of runs;
             None: not known.
+        pressed: whether something pressed a node in the training, shape (node_count,); None: not known.
         report: figures of the validation, as JSON.
     """
 
@@ -50,6 +51,7 @@ class Modes:
     error: float | None = None
     imbalance: float | None = None
     error_per_imbalance: float | None = None
+    pressed: np.ndarray | None = None
     report: str = "{}"
 
     @property
@@ -95,6 +97,7 @@ def read_modes(path: Path, key: str) -> Modes:
         error=_number(found, "error", where),
         imbalance=_number(found, "imbalance", where),
         error_per_imbalance=_number(found, "error_per_imbalance", where),
+        pressed=_numbers(found, "pressed", (len(found["rest_position"]),), where) > 0.0 if "pressed" in found else None,
         report=str(found.get("report", "{}")),
     )
     if not 0 < modes.mode_count <= 3 * len(modes.rest_position):
@@ -116,7 +119,7 @@ def _numbers(found: dict[str, np.ndarray], name: str, shape: tuple[int, ...], wh
     """An array of finite numbers of a shape, in which -1 is any number."""
     array = found[name]
     fits = array.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, array.shape, strict=True))
-    if not fits or array.dtype.kind not in "fiu":
+    if not fits or array.dtype.kind not in "fiub":
         expected = ", ".join("any" if size < 0 else str(size) for size in shape)
         raise SceneError(f"{where}: {name} has shape {array.shape} of {array.dtype}; must be numbers of ({expected})")
     array = np.ascontiguousarray(array, dtype=np.float64)

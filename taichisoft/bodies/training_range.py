@@ -4,13 +4,23 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from taichisoft.bodies.rotations import rotation_from_degrees
+from taichisoft.meshes.smooth_normals import vertex_normals
+from taichisoft.meshes.volume_mesh import boundary_triangles
 
 if TYPE_CHECKING:
     from taichisoft.bodies.moving_frames import MovingFrames
     from taichisoft.bodies.soft_body_arrays import SoftBody
     from taichisoft.state import State
+
+
+REACH = 0.1
+"""Distance from a place that was pressed in the training, over the body's largest extent, up to which modes know dents:
+the radius of what pressed there."""
+ASKEW = 0.5
+"""Least cosine between the surface's normals at both places."""
 
 
 class TrainingRange:
@@ -33,6 +43,11 @@ class TrainingRange:
             if one.imbalance and one.error_per_imbalance is not None
         }
         self.validated = tuple(self._validation)
+        pressed = [
+            (number, body) for number, body in enumerate(bodies) if body.modes and body.modes.pressed is not None
+        ]
+        self._near_pressed = {number: _near_pressed(body) for number, body in pressed}
+        self._soft_bodies = bodies
         self._turns = [rotation_from_degrees(body.settings.rotation) for body in self._bodies]
         self._weighted = []
         for body in self._bodies:
@@ -63,6 +78,19 @@ class TrainingRange:
             shares[body.name] = float(np.linalg.norm(excess)) / max(size, np.finfo(float).tiny)
         return shares
 
+    def pressed_elsewhere(self, state: "State") -> dict[str, np.ndarray]:
+        """By body, the contact [mm] that presses most of those where nothing near by pressed in the training, (3,)."""
+        found = {}
+        force = np.einsum("cd,cd->c", state.contact_impulse, state.contact_normal)
+        for number, near in self._near_pressed.items():
+            body = self._soft_bodies[number]
+            mine = np.flatnonzero((force > 0.0) & (state.contact_body_pair == number).any(axis=1))
+            nearest = cKDTree(state.position[body.nodes]).query(state.contact_point[mine])[1] if len(mine) else mine
+            strange = mine[~near[nearest]]
+            if len(strange):
+                found[body.name] = state.contact_point[strange[force[strange].argmax()]]
+        return found
+
     def beyond_validation(self, imbalance: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """By body: its imbalance over the largest one of its validation [-], and the error that goes with it [mm].
 
@@ -73,3 +101,15 @@ class TrainingRange:
             name: (imbalance[name] / largest, imbalance[name] * ratio)
             for name, (largest, ratio) in self._validation.items()
         }
+
+
+def _near_pressed(body: "SoftBody") -> np.ndarray:
+    """Whether a node is near one that something pressed in the training, on the same side, shape (node_count,)."""
+    assert body.modes is not None and body.modes.pressed is not None
+    nodes, pressed = body.mesh.nodes, np.flatnonzero(body.modes.pressed)
+    normals = vertex_normals(nodes, boundary_triangles(body.mesh.elements[:, :4]))
+    reach = REACH * float(np.ptp(nodes, axis=0).max())
+    around = cKDTree(nodes[pressed]).query_ball_point(nodes, reach) if len(pressed) else [[]] * len(nodes)
+    return np.array(
+        [bool((normals[pressed[some]] @ normal > ASKEW).any()) for some, normal in zip(around, normals, strict=True)]
+    )

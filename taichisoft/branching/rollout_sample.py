@@ -64,7 +64,7 @@ def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Calla
                 diverged = (error.body, error.step, error.cause, error.advice)
                 break
             if sample.figures:
-                observation = simulation.observe().truth
+                observation = simulation.observe()
                 rows.append([figure.of(observation) for figure in sample.figures])
         if diverged:
             break

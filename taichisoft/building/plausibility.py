@@ -2,9 +2,9 @@
 
 import logging
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -13,10 +13,30 @@ from scipy.sparse.csgraph import connected_components
 from taichisoft.bodies.selection import select_elements
 from taichisoft.caller_warnings import warn_caller
 from taichisoft.errors import SceneError
+from taichisoft.meshes.files import VOLUME_SUFFIXES
 from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.thin_walls import ADVICE, TOO_STIFF, share_of_thin_walls
+from taichisoft.meshes.thin_walls import (
+    ADVICE,
+    TOO_STIFF,
+    share_of_thin_walls,
+    share_without_nodes_inside,
+    too_stiff,
+)
 from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft.model import Model
+from taichisoft.plausible import (
+    DENSITY,
+    DURATION,
+    FIBRE_MODULUS,
+    GRAVITY,
+    MODULUS,
+    PRESSURE,
+    SIZE,
+    SOFT_DENSITY,
+    TIME_STEP,
+    Plausible,
+    implausible,
+)
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import data_folder
 from taichisoft.scenes.soft_body import SoftBodySettings
@@ -25,6 +45,10 @@ LOGGER = logging.getLogger("taichisoft.building")
 
 MOST_THIN = 0.05
 """Share of a cavity's area with a wall of one element, up to which no warning is given [-]."""
+MOST_WITHOUT_INSIDE = 0.75
+"""The same of the volume of a body in elements without a node inside it."""
+LOCKING_RATIO = 0.4
+"""Poisson's ratio above which smoothed elements are warned of on any mesh, since walls of one element lock."""
 
 MOST_HELD = 5.0 / 6.0
 """Pressure over Young's modulus from which a cavity in rubber grows on and on [-]."""
@@ -33,34 +57,6 @@ ABSURD = 1e9
 """Factor beyond the plausible range at which a number is refused: no mistaken unit leads that far."""
 
 
-@dataclass(frozen=True)
-class Plausible:
-    """Range of a quantity in soft robots.
-
-    Attributes:
-        unit: unit in scenes.
-        lowest, highest: bounds of the plausible range.
-        mistaken: factors from other units to `unit`, by the name of the unit.
-    """
-
-    unit: str
-    lowest: float
-    highest: float
-    mistaken: Mapping[str, float]
-
-
-MODULUS = Plausible("kPa", 0.5, 1e7, {"MPa": 1e3, "GPa": 1e6, "Pa": 1e-3})
-"""From the softest gels to stiff plastics; for stiffer parts the value does not matter."""
-SOFTEST_MODULUS = Plausible("kPa", 0.5, 1e5, {"MPa": 1e3, "GPa": 1e6, "Pa": 1e-3})
-"""Of the softest part of a soft body, up to hard thermoplastic elastomers: silicone has 1e5 to 5e6 Pa."""
-SOFT_DENSITY = Plausible("kg/mm^3", 1e-8, 2e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
-"""From foams to metals."""
-DENSITY = Plausible("kg/mm^3", 1e-9, 2.3e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
-"""From aerogels to osmium."""
-SIZE = Plausible("mm", 0.05, 2e4, {"m": 1e3, "um": 1e-3, "cm": 10.0})
-TIME_STEP = Plausible("s", 1e-7, 0.5, {"ms": 1e-3, "us": 1e-6})
-DURATION = Plausible("s", 1e-6, 1e6, {"ms": 1e-3})
-GRAVITY = Plausible("mm/s^2", 50.0, 1e6, {"m/s^2": 1e3})
 MASS_FACTOR = {"g": 1e-3, "mg": 1e-6}
 """Kilograms per unit in which masses are mistakenly given."""
 
@@ -77,11 +73,16 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
     strength = math.hypot(*scene.gravity)
     if strength > 0.0:
         _check("gravity", strength, GRAVITY)
+    for name in ("highest_pressure", "lowest_pressure"):
+        _check(f"limits.{name}", abs(getattr(scene.limits, name) or 0.0), PRESSURE)
     for name, body in scene.soft_bodies.items():
         for material, modulus in scene.young_moduli.items():
             if material == name or material.startswith(f"{name}."):
-                is_softest = modulus == min(body.young_moduli)
-                _check(f"soft_bodies.{material}.young_modulus", modulus, SOFTEST_MODULUS if is_softest else MODULUS)
+                _check(f"soft_bodies.{material}.young_modulus", modulus, MODULUS)
+        for kind in ("membranes", "fibres"):
+            for one, table in getattr(body, kind).items():
+                _check(f"soft_bodies.{name}.{kind}.{one}.young_modulus", table.young_modulus, FIBRE_MODULUS)
+        _check_pressures(f"soft_bodies.{name}.cavities", body.cavities)
         _check_shut_pressures(name, body)
         mesh = meshes[name]
         _check(f"soft_bodies.{name}.mesh: its longest side", float(np.ptp(mesh.nodes, axis=0).max()), SIZE)
@@ -93,6 +94,16 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
         count = _piece_count(mesh.elements)
         if count > 1:
             warn_caller(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
+
+
+def _check_pressures(key: str, cavities: Mapping[str, Any]) -> None:
+    """Warn of pressures of cavities and their lines; of the highest, in place of several in one unit."""
+    names = ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust")
+    for cavity, table in cavities.items():
+        for part, of in ((table, ""), (table.line, ".line")):
+            given = {name: abs(getattr(part, name, None) or 0.0) for name in names}
+            highest = max(given, key=given.__getitem__)
+            _check(f"{key}.{cavity}{of}.{highest}", given[highest], PRESSURE)
 
 
 def _check_shut_pressures(name: str, body: SoftBodySettings) -> None:
@@ -111,17 +122,25 @@ def _check_shut_pressures(name: str, body: SoftBodySettings) -> None:
 
 
 def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Log once for each shipped mesh that its walls are one element thick, as meshing does for other meshes."""
+    """Warn once for each mesh that its walls are one element thick; of what is meshed for the scene, meshing does.
+
+    Of shipped meshes always, of others where the smoothed elements of a body that is hardly compressible lock.
+    """
     said, shipped = set(), data_folder() / "meshes"
     for name, body in scene.soft_bodies.items():
-        mesh = meshes[name]
-        if mesh.source in said or body.element == "quadratic" or Path(body.mesh.file).parent != shipped:
+        mesh, file, ratio = meshes[name], Path(body.mesh.file), max(body.poisson_ratios)
+        locks = body.element == "smoothed" and ratio > LOCKING_RATIO and file.suffix.lower() in VOLUME_SUFFIXES
+        if mesh.source in said or body.element == "quadratic" or not (locks or file.parent == shipped):
             continue
-        for group in _cavity_groups(body):
-            share = share_of_thin_walls(mesh, mesh.surface_groups[group]) if group in mesh.surface_groups else 0.0
-            if share > MOST_THIN:
-                said.add(mesh.source)
-                warn_caller(f"soft_bodies.{name}.mesh: {TOO_STIFF}: {group} ({share:.0%} of the area); {ADVICE}")
+        groups = [group for group in _cavity_groups(body) if group in mesh.surface_groups]
+        shares = {group: share_of_thin_walls(mesh, mesh.surface_groups[group]) for group in groups}
+        thin = [f"{group} ({share:.0%} of the area)" for group, share in shares.items() if share > MOST_THIN]
+        if not thin and locks and (share := share_without_nodes_inside(mesh)) > MOST_WITHOUT_INSIDE:
+            thin = [f"{share:.0%} of the volume has no node inside"]
+        if thin:
+            said.add(mesh.source)
+            found = too_stiff(ratio) if body.element == "smoothed" else TOO_STIFF
+            warn_caller(f"soft_bodies.{name}.mesh: {found}: {', '.join(thin)}; {ADVICE}")
 
 
 def _cavity_groups(body: SoftBodySettings) -> list[str]:
@@ -156,11 +175,15 @@ def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
 
 
 def check_rigid_plausibility(model: Model) -> None:
-    """Check rigid bodies likewise, whose masses and surfaces are computed.
+    """Check rigid bodies and obstacles likewise, whose masses and surfaces are computed.
 
     Raises:
         SceneError: a number is absurd.
     """
+    for obstacle in model.obstacles:
+        if obstacle.vertices is not None:
+            side = float(np.ptp(obstacle.vertices, axis=0).max())
+            _check(f"obstacles.{obstacle.name}: its longest side", side, SIZE)
     for body in model.rigid_bodies:
         key, table = f"rigid_bodies.{body.name}", model.scene.rigid_bodies[body.name]
         _check(f"{key}: its longest side", float(np.ptp(body.vertices, axis=0).max()), SIZE)
@@ -177,14 +200,11 @@ def check_rigid_plausibility(model: Model) -> None:
 
 
 def _check(key: str, value: float, plausible: Plausible) -> None:
-    low, high = plausible.lowest, plausible.highest
-    if low <= value <= high:
-        return
-    meant = "; ".join(_suggest_unit(value, plausible))
-    line = f"{key} = {value:g} {plausible.unit}: soft robots have {low:g} to {high:g}{'; ' if meant else ''}{meant}"
-    if not low / ABSURD <= value <= high * ABSURD:
+    line = implausible(key, value, plausible)
+    if line and not plausible.lowest / ABSURD <= value <= plausible.highest * ABSURD:
         raise SceneError(line)
-    warn_caller(line)
+    if line:
+        warn_caller(line)
 
 
 def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> None:
@@ -202,14 +222,6 @@ def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> Non
     if not density.lowest / ABSURD <= mass / volume <= density.highest * ABSURD:
         raise SceneError(line)
     warn_caller(line)
-
-
-def _suggest_unit(value: float, plausible: Plausible) -> Iterator[str]:
-    """Suggest the first unit in which the value would be plausible."""
-    for unit, factor in plausible.mistaken.items():
-        if plausible.lowest <= value * factor <= plausible.highest:
-            yield f"{value:g} {unit} are {value * factor:g} {plausible.unit}"
-            return
 
 
 def _piece_count(cells: np.ndarray) -> int:

@@ -21,12 +21,15 @@ from taichisoft.linearisation import Linearisation, linearise
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
+from taichisoft.plausible import MODULUS, PRESSURE, implausible
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import find, provided
 from taichisoft.plugin_system.renderer import CameraFrame, CameraView, Renderer
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.soft_body import BodyMesh
 from taichisoft.state import State
+from taichisoft.step.report import StepReport
+from taichisoft.step.strain_watch import EVERY
 from taichisoft.time_stepper import TimeStepper
 
 HIGHEST_RATIO = 0.45
@@ -54,10 +57,45 @@ class Simulation(TimeStepper):
         """
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
         self._kept: dict[Hashable, Closable] = {}
+        self._has_said_unit = False
         weakref.finalize(self, _close_all, self._kept)
         if self.model.scene.cameras:
             mine = weakref.ref(self)
             self._observer.look = lambda state, name: _look(mine(), state, name)
+
+    def step(self, control: Control | None = None) -> StepReport:
+        """Advance by one time step; warns once where a body has left the range of its law, and of a mistaken unit.
+
+        It is looked at after every 20th step, and after each of static dynamics.
+
+        Raises:
+            ControlError: `control` requests something impossible; nothing has changed.
+            SimulationDiverged: the step failed; `state` is the state before it. Of static dynamics it is
+                EquilibriumNotFound where nothing holds a body.
+        """
+        report = super().step(control)
+        if control is not None:
+            self.warn_of_units(control)
+        if self.state.step % EVERY == 0 or self._is_static:
+            self.warn_beyond_law(self.state)
+        return report
+
+    def warn_of_units(self, control: Control) -> None:
+        """Warn once of a pressure or modulus that was probably asked for in another unit."""
+        if self._has_said_unit:
+            return
+        pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
+        moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
+        line = next((found for one in (*pressures, *moduli) if (found := implausible(*one))), "")
+        if line:
+            self._has_said_unit = True
+            warn_caller(line)
+
+    def warn_beyond_law(self, state: State) -> None:
+        """Warn where a body is stretched beyond the range of its law in a state, unless that has been said."""
+        line = self.strain_watch.complaint(state)
+        if line is not None:
+            warn_caller(line)
 
     def render(
         self,
@@ -202,10 +240,10 @@ def make_model(scene: Scene) -> Model:
 def _warn_of_locking(scene: Scene) -> None:
     """Warn of linear elements that lock in bending because they are nearly incompressible."""
     for name, body in scene.soft_bodies.items():
-        ratios = [body.poisson_ratio, *(one.poisson_ratio for one in body.regions if one.poisson_ratio is not None)]
-        if body.element == "linear" and max(ratios) > HIGHEST_RATIO:
+        ratio = max(body.poisson_ratios)
+        if body.element == "linear" and ratio > HIGHEST_RATIO:
             warn_caller(
-                f"soft_bodies.{name}.poisson_ratio = {max(ratios):g}: linear elements lock above {HIGHEST_RATIO:g}, "
+                f"soft_bodies.{name}.poisson_ratio = {ratio:g}: linear elements lock above {HIGHEST_RATIO:g}, "
                 'and bend far too little; element = "smoothed" does not, or take a smaller one'
             )
 

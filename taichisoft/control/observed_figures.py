@@ -34,7 +34,8 @@ class ObservedFigure:
     key: str | tuple[str, str] = ""
 
     def of(self, observation: Observation) -> np.ndarray:
-        """Its present value; all entries of a field are in the order of the scene, shape (count, ...)."""
+        """Its present value without sensors; all entries of a field in the order of the scene, shape (count, ...)."""
+        observation = observation.truth
         value = getattr(observation, self.field)
         if self.field == "state":
             value = getattr(value, str(self.key))

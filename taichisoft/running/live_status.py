@@ -105,7 +105,7 @@ class LiveStatus:
 
     def _pressures(self) -> str:
         """Pressures; a single value if all agree to the shown digits."""
-        pressures = self._session.simulation.observe().pressures
+        pressures = self._session.simulation.observe().truth.pressures
         shown = {name: f"{value:.1f} kPa" for name, value in pressures.items()}
         if len(set(shown.values())) > 1:
             return ", ".join(f"{name} {value}" for name, value in shown.items())
@@ -115,7 +115,7 @@ class LiveStatus:
         """Lift against gravity since the first state, and the sum of the normal forces of soft bodies."""
         session, index = self._session, list(self._scene.rigid_bodies).index(self._object or "")
         way = session.simulation.state.rigid_position[index] - session.first_state.rigid_position[index]
-        forces = session.simulation.observe().normal_forces
+        forces = session.simulation.observe().truth.normal_forces
         soft = self._scene.soft_bodies.keys()
         force = sum(forces[pair] for pair in forces if self._object in pair and not soft.isdisjoint(pair))
         return f"lifted by {self._scene.up @ way:z.1f} mm, pressed with {force:.0f} mN"

@@ -16,7 +16,6 @@ from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
 from taichisoft.running.controller_changes import ControllerChanges, memory_as_json
 from taichisoft.running.key_handling import KeyHandling
-from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
 from taichisoft.running.training_watch import TrainingWatch
 from taichisoft.session.output import Output
@@ -104,12 +103,11 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
 
 def _advance(session: Session, changes: ControllerChanges, on_step: Callable[[StepReport], None] | None) -> str:
     """Make the steps; returns the outcome."""
-    strain_watch, training_watch = StrainWatch(session.simulation.model), TrainingWatch(session.simulation.model)
+    training_watch = TrainingWatch(session.simulation.model)
+    session.simulation.strain_watch.restart(is_new_run=True)
     for complaint in training_watch.complaints_at_start():
         warn_caller(complaint)
-    key_handling = KeyHandling(
-        session, partial(_take_key, session, changes), lambda: _restart(session, changes, strain_watch)
-    )
+    key_handling = KeyHandling(session, partial(_take_key, session, changes), partial(_restart, session, changes))
     warned: set[Callable[..., None]] = set()
     session.pace.restart()
     try:
@@ -118,7 +116,7 @@ def _advance(session: Session, changes: ControllerChanges, on_step: Callable[[St
             changes.look()
             key_handling.handle_keys()
             if session.stops or session.finished:
-                strain_watch.judge(session.simulation.state, session.simulation.report)
+                session.simulation.strain_watch.judge(session.simulation.state, session.simulation.report)
                 return STOPPED if session.stops else COMPLETED
             if session.paused and not session.single_steps:
                 session.keys.wait(LONGEST_WAIT)
@@ -127,8 +125,7 @@ def _advance(session: Session, changes: ControllerChanges, on_step: Callable[[St
             report = _step(session)
             _warn_once(session, report, warned)
             state = session.simulation.state
-            strain = strain_watch.complaint(state)
-            for complaint in (*([strain] if strain else ()), *training_watch.complaints(state, report)):
+            for complaint in training_watch.complaints(state, report):
                 warn_caller(complaint)
             if on_step is not None:
                 on_step(report)
@@ -182,8 +179,8 @@ def _take_key(session: Session, changes: ControllerChanges, event: KeyEvent) -> 
         _call(session.controller, session.controller.key, event)
 
 
-def _restart(session: Session, changes: ControllerChanges, strain_watch: StrainWatch) -> None:
-    strain_watch.restart()
+def _restart(session: Session, changes: ControllerChanges) -> None:
+    session.simulation.strain_watch.restart()
     session.simulation.restore(session.first_state)
     changes.begin_again()
     for output in session.outputs:

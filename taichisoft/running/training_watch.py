@@ -46,11 +46,18 @@ class TrainingWatch:
                     f"'{name}' moves as it was not trained to at {state.time:.2f} s: {100 * share:.0f} % beyond the "
                     "amplitudes of the training: the validation's error no longer holds; metrics.json has the farthest"
                 )
+        for name, (x, y, z) in self._range.pressed_elsewhere(state).items():
+            if self._is_new(name, "places"):
+                yield (
+                    f"'{name}' is pressed at ({x:.1f}, {y:.1f}, {z:.1f}) mm at {state.time:.2f} s, where nothing "
+                    "did in its training: modes have no dents there, and the validation says nothing of their error; "
+                    "`--reduced-check` runs the full model beside it"
+                )
         for name, (times, error) in self._range.beyond_validation(report.imbalance).items():
             if times > UNBALANCED and self._is_new(name, "validation"):
                 yield (
                     f"'{name}' is {times:.1f} times as far from the full equations of motion as in its validation at "
-                    f"{state.time:.2f} s: its error no longer holds, and is about {error:.1g} mm; "
+                    f"{state.time:.2f} s: its error no longer holds, and is up to some {error:.1g} mm; "
                     "`--reduced-check` runs the full model beside it"
                 )
 

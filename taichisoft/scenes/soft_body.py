@@ -272,15 +272,18 @@ class SoftBodySettings(ActuatorTables):
         return [self, *self.regions]
 
     @property
+    def poisson_ratios(self) -> list[float]:
+        """Poisson's ratios at rest of `materials`."""
+        return [self.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio for one in self.materials]
+
+    @property
     def young_moduli(self) -> list[float]:
         """Young's moduli at rest [kPa] of `materials`."""
         return [
             one.young_modulus
             if one.young_modulus is not None
-            else 2.0
-            * (1.0 + (self.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio))
-            * initial_shear_modulus(one.law or self.law, one.coefficients or {})
-            for one in self.materials
+            else 2.0 * (1.0 + ratio) * initial_shear_modulus(one.law or self.law, one.coefficients or {})
+            for one, ratio in zip(self.materials, self.poisson_ratios, strict=True)
         ]
 
     @field_validator("collision_surface", mode="before")

@@ -53,6 +53,7 @@ class FrameWrenches:
     def find(
         self,
         start: State,
+        pose_before: np.ndarray,
         position: np.ndarray,
         node_velocity: np.ndarray,
         solution: StepSolution,
@@ -61,15 +62,24 @@ class FrameWrenches:
     ) -> np.ndarray:
         """Forces [mN], and torques about the pivots [mN mm], in world axes, in a step, shape (frame_count, 2, 3).
 
+        Torques are taken where all is at theta h: with 0.5 the change of the angular momentum is the sum of x times the
+        change of m v at the middle x of the way, exactly.
+
         Args:
             start: state at the start of the step, with the frames where they are at the end.
+            pose_before: `State.frame_pose` before the step, shape (frame_count, 2, 3).
             position, node_velocity: of the nodes at the end of the step [mm] and [mm/s], shape (node_count, 3) each.
             solution: impulses on the nodes and the rigid bodies.
             cable_forces: what `cable_forces` gives.
             carried: the rigid bodies that frames carry, where they are at the end of the step.
         """
         model = self._model
-        frames, places, time_step = model.frames, model.places(start), model.scene.time.step
+        frames, time_step, theta = model.frames, model.scene.time.step, model.scene.time.theta
+        pivots, centres = frames.pivots(model.places(start)), carried.position
+        if theta < 1.0:
+            position = start.position + theta * (position - start.position)
+            pivots = pivots + (1.0 - theta) * (frames.pivots(frames.places(pose_before)) - pivots)
+            centres = centres - (1.0 - theta) * time_step * carried.velocity[:, :3]
         wrench = np.zeros((len(frames.names), 2, 3))
         of_bodies = self._of_bodies(start, position, node_velocity, solution)
         for (frame, _), by_loads, by_cables in zip(self._bodies, of_bodies, cable_forces, strict=True):
@@ -77,12 +87,12 @@ class FrameWrenches:
         for line, coordinate in self._pulled:
             wrench[line.frame] += self._pull(line, start, float(solution.effort[coordinate]))
         impulses = solution.rigid_impulse[carried.index] / time_step
-        for frame, impulse, centre in zip(carried.frame.tolist(), impulses, carried.position, strict=True):
+        for frame, impulse, centre in zip(carried.frame.tolist(), impulses, centres, strict=True):
             wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
         for number in reversed(range(1, len(frames.names))):
             if frames.parent[number] >= 0:
                 wrench[frames.parent[number]] += wrench[number]
-        wrench[:, 1] -= _cross(frames.pivots(places), wrench[:, 0])
+        wrench[:, 1] -= _cross(pivots, wrench[:, 0])
         return wrench
 
     def _lay_out(self) -> kernels.HeldBodies:

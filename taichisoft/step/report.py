@@ -35,6 +35,7 @@ class StepReport:
         newton_residual: largest move of a node by another linearisation [mm]; None for steps with one linearisation
             (`time.newton`).
         find_imbalance: function that computes `imbalance`.
+        find_stretch: function that computes `stretch_over_law`.
     """
 
     step: int
@@ -55,6 +56,7 @@ class StepReport:
     linearisations: int = 1
     newton_residual: float | None = None
     find_imbalance: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
+    find_stretch: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
 
     @property
     def contact_count(self) -> int:
@@ -68,7 +70,7 @@ class StepReport:
 
     @cached_property
     def observation(self) -> Observation:
-        """What a controller sees after the step; computed on first access."""
+        """What a controller sees after the step, through the scene's sensors; its `truth` is without them."""
         return self.observe()
 
     @cached_property
@@ -79,3 +81,12 @@ class StepReport:
         access.
         """
         return self.find_imbalance()
+
+    @cached_property
+    def stretch_over_law(self) -> Mapping[str, float]:
+        """By soft body, largest stretch of an element over that up to which its law holds [-]; above 1 it is beyond.
+
+        0 for a law without a known range. Computed on first access, which takes about as long as a step without
+        contact.
+        """
+        return self.find_stretch()

@@ -13,9 +13,9 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.errors import BeyondLaw, GoalMissed
 from taichisoft.running.loop import run
-from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.session.output import Output
+from taichisoft.step.strain_watch import StrainWatch
 
 
 class Inflate(Controller):

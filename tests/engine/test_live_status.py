@@ -44,7 +44,7 @@ def session(**changes: Any) -> Any:
         "simulation": SimpleNamespace(
             model=SimpleNamespace(scene=scene),
             state=SimpleNamespace(time=2.5, rigid_position=np.array([[0.0, 0.0, 0.0], [-70.0, 71.0, 0.0]])),
-            observe=lambda: observation,
+            observe=lambda: SimpleNamespace(truth=observation),
             report=None,
         ),
         "first_state": SimpleNamespace(rigid_position=np.array([[0.0, 0.0, 0.0], [-100.0, 70.0, 0.0]])),
@@ -81,7 +81,7 @@ def test_it_says_how_the_run_goes() -> None:
 
 def test_pressures_that_differ_are_named() -> None:
     run = session()
-    run.simulation.observe().pressures["right.air"] = 20.0
+    run.simulation.observe().truth.pressures["right.air"] = 20.0
     assert "left.air 50.0 kPa, right.air 20.0 kPa" in picture(run)
 
 
@@ -103,7 +103,7 @@ def test_a_pause_and_the_keys_are_shown() -> None:
 
 def test_without_cavities_contacts_and_objects_there_is_less_to_say() -> None:
     run = session(controller=SimpleNamespace(status=""), recent_keys=deque())
-    run.simulation.observe = lambda: SimpleNamespace(pressures={}, normal_forces={})
+    run.simulation.observe = lambda: SimpleNamespace(truth=SimpleNamespace(pressures={}, normal_forces={}))
     shown = picture(run)
     assert "pressure  none" in shown and "lifted by 30.0 mm, pressed with 0 mN" in shown and "none yet" in shown
     run.simulation.model.scene.main_object = None

@@ -7,13 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import make_model
+from taichisoft.building.simulation import Simulation, make_model
+from taichisoft.control.control import Control
 from taichisoft.errors import SceneError
 from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_from_dict
+from taichisoft.statics import equilibrium
 
 BODY = {"density": 1e-6, "young_modulus": 300.0, "poisson_ratio": 0.3}
+CAVITY, PAPER = {"group": "cavity"}, {"group": "cavity", "thickness": 0.1}
 CUBE = {"box": [40.0] * 3, "mass": 0.05}
 
 
@@ -36,15 +39,17 @@ def rigid(**changes: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({"young_modulus": 0.3}, "finger.young_modulus = 0.3 kPa: soft robots have 0.5 to 100000; 0.3 MPa are 300 kPa"),
-        ({"young_modulus": 5e5}, "= 500000 kPa: soft robots have 0.5 to 100000; 500000 Pa are 500 kPa"),
+        ({"young_modulus": 0.3}, "finger.young_modulus = 0.3 kPa: soft robots have 0.5 to 50000; 0.3 MPa are 300 kPa"),
+        ({"young_modulus": 3e5}, "= 300000 kPa: soft robots have 0.5 to 50000; 300000 Pa are 300 kPa"),
+        ({"cavities": {"air": {**CAVITY, "highest_pressure": 3e4}}}, "cavities.air.highest_pressure = 30000 kPa:"),
+        ({"membranes": {"paper": {**PAPER, "young_modulus": 3e9}}}, "3e+09 Pa are 3e+06 kPa"),
         ({"density": 1070.0}, "1070 kg/m^3 are 1.07e-06 kg/mm^3"),
         ({"density": 1.07}, "1.07 g/cm^3 are 1.07e-06 kg/mm^3"),
-        ({"density": None, "mass": 8.0}, "finger.mass = 8 kg: makes 0.001 kg/mm^3 of 8e+03 mm^3"),
+        ({"density": None, "mass": 8.0}, "finger.mass = 8 kg: makes 0.00104 kg/mm^3 of 7.7e+03 mm^3"),
     ],
 )  # fmt: skip
 def test_what_a_soft_body_cannot_have(block: Callable[..., str], changes: dict[str, Any], line: str) -> None:
-    mesh = block((2, 2, 2), (20.0, 20.0, 20.0))
+    mesh = block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True)
     assert told(soft(mesh)) == []
     given = {key: value for key, value in soft(mesh, **changes)["soft_bodies"]["finger"].items() if value is not None}
     (warning,) = told({"soft_bodies": {"finger": given}})
@@ -60,12 +65,33 @@ def test_shut_air_that_no_rubber_holds(block: Callable[..., str]) -> None:
         assert len(warned) == count and all("holds more than 250 kPa" in line for line in warned)
 
 
-def test_a_mesh_in_metres(block: Callable[..., str]) -> None:
-    (warning,) = told(soft(block((2, 2, 2), (0.02, 0.01, 0.01))))
-    assert (
-        "soft_bodies.finger.mesh: its longest side = 0.02 mm: soft robots have 0.05 to 20000; 0.02 m are 20 mm"
-        in warning
-    )
+@pytest.mark.parametrize(("length", "meant"), [(0.02, "0.02 m are 20 mm"), (0.25, "0.25 m are 250 mm")])
+def test_a_mesh_in_metres(block: Callable[..., str], length: float, meant: str) -> None:
+    (warning,) = told(soft(block((2, 2, 2), (length, 0.5 * length, 0.5 * length))))
+    assert f"soft_bodies.finger.mesh: its longest side = {length} mm: soft robots have 1 to 20000; {meant}" in warning
+
+
+def test_a_request_in_another_unit_is_told_once(block: Callable[..., str]) -> None:
+    """30 kPa and 300 kPa given in Pa, whatever limits hold back; once in all steps and equilibria."""
+    anchors = [{"box": [[-11, -11, -11], [11, 11, -9.99]]}]
+    mesh, cavities = block((4, 4, 4), (20.0, 20.0, 20.0), hollow=True), {"air": {"group": "cavity"}}
+    scene = {**soft(mesh, cavities=cavities, anchors=anchors), "limits": {"highest_pressure": 2.0}}
+    for control, line in (
+        (
+            Control(pressure={"finger.air": 3e4}),
+            "control.pressure['finger.air'] = 30000 kPa: soft robots have 0 to 2000",
+        ),
+        (Control(young_modulus={"finger": 3e5}), "; 300000 Pa are 300 kPa"),
+    ):
+        simulation = Simulation(scene_from_dict(scene))
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            simulation.step(Control(pressure={"finger.air": 1.0}))
+            assert not seen
+            simulation.step(control)
+            equilibrium(simulation, control)
+        (warning,) = (str(one.message) for one in seen)
+        assert line in warning
 
 
 @pytest.mark.parametrize(
@@ -73,6 +99,10 @@ def test_a_mesh_in_metres(block: Callable[..., str]) -> None:
     [
         (rigid(mass=50.0), "rigid_bodies.cube.mass = 50 kg: makes 0.000781 kg/mm^3 of 6.4e+04 mm^3"),
         (rigid(mass=50.0), "50 g are 0.05 kg"),
+        (
+            {**rigid(), "obstacles": {"post": {"box": [0.1, 0.02, 0.02], "translation": [0.0, 99.0, 0.0]}}},
+            "obstacles.post: its longest side = 0.1 mm: soft robots have 1 to 20000; 0.1 m are 100 mm",
+        ),
         (rigid(mass=None, density=2.7), "2.7 g/cm^3 are 2.7e-06 kg/mm^3"),
         ({**rigid(), "time": {"step": 10.0}}, "time.step = 10 s: soft robots have 1e-07 to 0.5; 10 ms are 0.01 s"),
         ({**rigid(), "gravity": [0.0, 0.0, -9.81]}, "gravity = 9.81 mm/s^2: soft robots have 50 to 1e+06; 9.81 m"),

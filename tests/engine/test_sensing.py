@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import taichisoft
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
@@ -107,7 +108,9 @@ def test_controllers_see_what_sensors_show_and_can_have_the_truth(tmp_path: Any)
         assert one.object_positions["cube"].tolist() == (0.25 * np.rint(4 * truth.object_positions["cube"])).tolist()
         assert np.allclose(one.base_force, one.base_force_in_base)  # the base is not turned
         assert one.normal_forces["left", "cube"] != 0.0
-    assert disturbed.report is not None and disturbed.report.observation.pressures == truths[-1].pressures
+    assert disturbed.report is not None
+    reported = disturbed.report.observation
+    assert shown([reported]) == shown(seen[-1:]) and reported.truth.pressures == truths[-1].pressures
 
     # A run that goes on from a state, saved in the middle of delays and samples, has the same bits.
     fresh = gripper()
@@ -118,6 +121,17 @@ def test_controllers_see_what_sensors_show_and_can_have_the_truth(tmp_path: Any)
     assert shown(close(later, 7)) == shown(seen[5:])
     assert later.state == disturbed.state
     assert shown(close(gripper("sensors.pressure.seed=1"), 1)) != shown(seen[:1])
+
+
+def test_equilibrium_was_seen_by_sensors_for_long() -> None:
+    """A delay has passed where bodies rest, and derivatives are those of the exact figures."""
+    asked = Control(pressure={"left.cavity": 4.0})
+    late = "sensors={pressure={delay=0.1}, tip_position={delay=0.1, noise=0.5}}"
+    exact, delayed = Simulation(load_scene(TINY_GRIPPER)), Simulation(load_scene(TINY_GRIPPER, [late]))
+    plain, found = (taichisoft.equilibrium(one, asked) for one in (exact, delayed))
+    assert found.observation.pressures["left.cavity"] == plain.observation.pressures["left.cavity"] == 4.0
+    tips = [one["tip_positions.left"] for one in (plain.linearise(), found.linearise())]
+    assert np.array_equal(*tips) and np.abs(tips[0]).max() > 0.0
 
 
 def test_a_state_of_other_sensors_begins_them_anew() -> None:

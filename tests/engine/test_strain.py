@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import taichisoft
 from taichisoft.bodies.strain import HOOKE_STRETCH, Stretches
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
@@ -83,6 +84,24 @@ def test_a_run_says_once_that_a_body_has_left_the_range_of_its_law(block: Callab
     assert line.startswith("'block' is stretched 1.")
     assert "-fold at (" in line and "Hooke's law holds up to 1.2" in line
     assert "\n" not in line
+
+
+def test_leaving_a_law_is_told_without_a_run(block: Callable[..., str]) -> None:
+    """Steps and equilibria say it once, and their results have the largest stretch over that of the law."""
+    mesh = block((4, 4, 4), (20.0, 20.0, 20.0), hollow=True)
+    anchors = [{"box": [[-11, -11, -11], [11, 11, -9.9]]}]
+    simulation = Simulation(scene(mesh, anchors=anchors))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        at_rest = taichisoft.equilibrium(simulation, Control(pressure={"block.air": 5.0}))
+        assert not caught and 0.5 < at_rest.stretch_over_law["block"] < 1.0
+        reports = [simulation.step(Control(pressure={"block.air": 20.0})) for _ in range(60)]
+        found = taichisoft.equilibrium(simulation)
+    (line,) = (str(one.message) for one in caught)
+    assert line.startswith("'block' is stretched 1.") and "Hooke's law holds up to 1.2" in line
+    largest = Stretches(simulation.model.rest_position, simulation.model.soft_bodies[0].elements)
+    assert reports[-1].stretch_over_law == {"block": largest.largest(simulation.state.position).max() / HOOKE_STRETCH}
+    assert found.stretch_over_law["block"] > 1.0
 
 
 def test_a_divergence_by_large_strain_names_the_law(block: Callable[..., str]) -> None:

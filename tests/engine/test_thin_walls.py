@@ -2,6 +2,7 @@
 
 import logging
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import load_meshes
 from taichisoft.meshes.thin_walls import share_of_thin_walls
 from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft.scenes.file import scene_from_dict
 
 
 def said(scene: Any) -> list[str]:
@@ -42,12 +44,30 @@ def test_walls_of_two_cells_are_not() -> None:
 
 
 def test_a_shipped_mesh_of_thin_walls_is_warned_of_once() -> None:
-    """Three fingers share it; the line says how far smoothed elements bend at both Poisson's ratios."""
+    """Three fingers share it; the line says how far smoothed elements bend at the body's Poisson's ratio."""
     (line,) = said(load_scene("gripper-dragon-skin"))
     assert line.startswith("soft_bodies.finger1.mesh: walls of one element")
-    assert "0.3" in line
-    assert "0.499" in line
+    assert "at a Poisson's ratio of 0.499 a bar bends by about 31% of what is right" in line
     assert said(load_scene("gripper-dragon-skin", ["soft_bodies.finger1.element=quadratic"])) == []
+
+
+@pytest.mark.parametrize(
+    ("cells", "changes", "told"),
+    [
+        ((6, 1, 1), {"poisson_ratio": 0.45}, "a bar bends by about 62% of what is right"),
+        ((6, 1, 1), {"poisson_ratio": 0.47}, "a bar bends by about 52% of what is right"),
+        ((6, 1, 1), {"poisson_ratio": 0.3}, ""),
+        ((6, 1, 1), {"poisson_ratio": 0.45, "element": "linear"}, ""),  # which has a line of its own
+        ((6, 3, 3), {"poisson_ratio": 0.499}, ""),
+    ],
+)
+def test_any_body_of_one_element_is_warned_of(
+    block: Callable[..., str], cells: tuple[int, int, int], changes: dict[str, Any], told: str
+) -> None:
+    """Where it is hardly compressible, with the figure of its Poisson's ratio."""
+    table = {"mesh": block(cells, (30.0, 5.0, 5.0)), "density": 1e-6, "young_modulus": 100.0}
+    lines = said(scene_from_dict({"soft_bodies": {"bar": {**table, **changes}}}))
+    assert len(lines) == bool(told) and all(told in line for line in lines)
 
 
 def test_the_volume_that_a_regions_box_has_caught_is_said(caplog: pytest.LogCaptureFixture) -> None:

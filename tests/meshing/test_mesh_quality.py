@@ -54,8 +54,12 @@ def test_surfaces_without_names_are_told_by_which_way_they_face() -> None:
 
 def test_a_wall_of_one_element_is_warned_of() -> None:
     (caution,) = cautions(measure(hollow()))
-    assert caution.endswith(": cavity to outer (100% of the area); try a smaller size, or order = 2")
+    assert caution.endswith(
+        ": cavity to outer (100% of the area); try a smaller size, elements_across_walls = 2, or order = 2"
+    )
     assert cautions(measure(make_block((2, 2, 2), (1.0, 1.0, 1.0)))) == []
+    (unit,) = cautions(measure(make_block((2, 2, 2), (0.04, 0.02, 0.02))))
+    assert unit == "its longest side = 0.04 mm: soft robots have 1 to 20000; 0.04 m are 40 mm"
 
 
 def test_a_wall_of_one_quadratic_element_is_none_that_is_warned_of() -> None:

@@ -91,7 +91,7 @@ def record_gripper(folder: Path) -> Path:
     output.begin(model, gripper_state(model, 0))
     for step in range(1, len(FRAMES)):
         state, report = gripper_state(model, step), fake_run.fake_report(step)
-        seen = report.observation
+        seen = report.observation.truth
         seen.normal_forces = seen.friction_forces = seen.slip_speeds = {}
         seen.contact_areas = seen.peak_pressures = {}
         report.contact_count = len(state.contact_body_pair)

@@ -70,7 +70,8 @@ def report(step: int, **changes: Any) -> Any:
         "clipped": (),
     }
     signals = changes.pop("signals", {"set_point": 60.0, "error": -step})
-    return SimpleNamespace(time=step * STEP, signals=signals, observation=SimpleNamespace(**{**seen, **changes}))
+    observation = SimpleNamespace(truth=SimpleNamespace(**{**seen, **changes}))
+    return SimpleNamespace(time=step * STEP, signals=signals, observation=observation)
 
 
 if __name__ == "__main__":

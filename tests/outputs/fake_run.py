@@ -160,20 +160,22 @@ def fake_report(step: int) -> SimpleNamespace:
         step=step,
         time=step * STEP,
         observation=SimpleNamespace(
-            pressures={"finger.cavity": 2.0 * step},
-            volumes={"finger.cavity": 100.0 + step},
-            air_masses={"finger.cavity": 1e-5 + 1e-6 * step},
-            air_flows={"finger.cavity": 1e-4 * step},
-            valve_openings={"finger.cavity": 0.01 * step},
-            normal_forces={("cube", "finger"): 3.0 * step},
-            friction_forces={("finger", "cube"): 1.0 * step},
-            slip_speeds={("finger", "cube"): 0.5 * step},
-            contact_areas={("cube", "finger"): 2.0 * step},
-            peak_pressures={("finger", "cube"): 4.0 * step},
-            **dict.fromkeys(
-                ("base_force", "base_torque", "base_force_in_base", "base_torque_in_base"), np.full(3, 0.7 * step)
+            truth=SimpleNamespace(
+                pressures={"finger.cavity": 2.0 * step},
+                volumes={"finger.cavity": 100.0 + step},
+                air_masses={"finger.cavity": 1e-5 + 1e-6 * step},
+                air_flows={"finger.cavity": 1e-4 * step},
+                valve_openings={"finger.cavity": 0.01 * step},
+                normal_forces={("cube", "finger"): 3.0 * step},
+                friction_forces={("finger", "cube"): 1.0 * step},
+                slip_speeds={("finger", "cube"): 0.5 * step},
+                contact_areas={("cube", "finger"): 2.0 * step},
+                peak_pressures={("finger", "cube"): 4.0 * step},
+                **dict.fromkeys(
+                    ("base_force", "base_torque", "base_force_in_base", "base_torque_in_base"), np.full(3, 0.7 * step)
+                ),
+                clipped=(),
             ),
-            clipped=(),
         ),
         contact_count=contacts,
         contact_points=np.full((contacts, 3), float(step)),

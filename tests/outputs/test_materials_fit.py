@@ -111,6 +111,8 @@ def test_a_test_is_read_with_its_unit_and_its_header(tmp_path: Path) -> None:
         "Strain rate (1/s);Strain (-);Stress (N/mm²)\n7;0,5;0,2\n7;1;0,4\n",
         "strain;stress (Pa)\n0,5;200.000,0\n1,0;400.000,0\n",
         "strain;stress (Pa)\n0.5;200,000\n1.0;400,000\n",
+        "Dehnung (%);Spannung (MPa)\n50,0;0,2\n100,0;0,4\n",
+        "Tensile strain,Tensile stress\n(mm/mm),(MPa)\n0.5,0.2\n1,0.4\n",
         "Zwick;2024,5\nSpeed (mm/min),450\nstretch,stress (kPa)\n+1.5,2e2\n2,4E+2\n",
     ],
 )
@@ -119,6 +121,45 @@ def test_units_quotes_and_decimal_commas_are_understood(tmp_path: Path, text: st
     test = read_tension_test(written(tmp_path, text))
     np.testing.assert_allclose(test.stretch, [1.5, 2.0])
     np.testing.assert_allclose(test.stress, [200.0, 400.0])
+
+
+STRAIN = np.linspace(0.0, 1.0, 60)
+
+
+def fitted(folder: Path, strain: np.ndarray, stress: np.ndarray, *options: str) -> tuple[float, str]:
+    """Young's modulus of a neo-Hookean fit [kPa], and what is printed beside it."""
+    rows = "".join(f"{one:.6f},{value:.6f}\n" for one, value in zip(strain.tolist(), stress.tolist(), strict=True))
+    path = written(folder, "strain,stress (kPa)\n" + rows)
+    result = CliRunner().invoke(materials, ["fit", str(path), "--law", "neo-hookean", *options])
+    assert result.exit_code == 0, result.output
+    return float(result.output.split("modulus at rest ")[1].split(" kPa")[0]), " ".join(result.output.split())
+
+
+def test_unloading_is_told_and_loading_fitted_on_request(tmp_path: Path) -> None:
+    """Rubber of 100 kPa that is a third softer on its way back, in one cycle and in two: fits lie between."""
+    load = nominal_stress("neo-hookean", {"mu": 100.0 / 3.0}, 1.0 + STRAIN)
+    strain = np.concatenate([STRAIN, STRAIN[::-1]])
+    stress = np.concatenate([load, 0.7 * load[::-1]])
+    for cycles in (1, 2):
+        both, said = fitted(tmp_path, np.tile(strain, cycles), np.tile(stress, cycles))
+        assert both < 90.0 and "the strain falls back from 1, and" in said and "--loading" in said
+        first, said = fitted(tmp_path, np.tile(strain, cycles), np.tile(stress, cycles), "--loading")
+        assert first == pytest.approx(100.0, abs=0.1) and "warning" not in said
+    assert fitted(tmp_path, STRAIN[::-1], load[::-1])[1].count("warning") == 0  # a table from its end
+
+
+def test_stress_in_another_unit_is_told(tmp_path: Path) -> None:
+    load = nominal_stress("neo-hookean", {"mu": 1e5 / 3.0}, 1.0 + STRAIN)
+    assert "100000 Pa are 100 kPa" in fitted(tmp_path, STRAIN, load)[1]
+
+
+@pytest.mark.parametrize(("slack", "told"), [(0.05, True), (-0.04, True), (0.0, False), (0.01, False)])
+def test_slack_is_told_and_taken_off_on_request(tmp_path: Path, slack: float, told: bool) -> None:
+    load = nominal_stress("neo-hookean", {"mu": 100.0 / 3.0}, 1.0 + STRAIN)
+    modulus, said = fitted(tmp_path, STRAIN + slack, load)
+    assert ("the stress begins at a strain of" in said) == told == (abs(modulus - 100.0) > 2.0)
+    modulus, said = fitted(tmp_path, STRAIN + slack, load, "--slack", str(slack))
+    assert modulus == pytest.approx(100.0, abs=0.1) and "warning" not in said
 
 
 @pytest.mark.parametrize(("count", "warned"), [(10, True), (14, True), (15, False)])
@@ -144,6 +185,14 @@ def test_too_few_points_for_the_coefficients_are_warned_of(tmp_path: Path, count
         ("strain;stress (kPa)\n0.5;1,23\n", "line 2: '0.5;1,23' lacks a number"),
         ("strain;stress (kPa)\n0,5;1.23,4\n", "line 2: '0,5;1.23,4' lacks a number"),
         ("time,force\n1,2\n", "no line names a column 'strain' or 'stretch' and one 'stress (MPa)'"),
+        (
+            "Results\n\nTime,Extension,Load\n(s),(mm),(N)\n0,0.1,2\n",
+            "line 3 has 'Time', 'Extension', 'Load': divide the extension by the length at rest, and the load by",
+        ),
+        ("Weg (mm);Kraft (N)\n0,1;2,0\n", "line 1 has 'Weg (mm)', 'Kraft (N)': divide the extension"),
+        ("strain,true stress (kPa)\n0.1,2\n", "'true stress (kPa)': true stress is over the area of the moment"),
+        ("true strain,stress (kPa)\n0.1,2\n", "a true strain is the logarithm of the stretch"),
+        ("0.1,2\n0.2,3\n", "its columns have no names"),
         ("strain,stress\n1,2\n", "line 1: 'stress' needs a unit: pa, kpa, mpa"),
         ("strain,stress (MPa)\n1,x\n", "line 2: '1,x' lacks a number"),
         ("strain,stress (MPa)\n1,nan\n", "line 2: a value is not finite"),

@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+from blocks import make_block
 from conftest import Figures
 
+import taichisoft
+from taichisoft.meshes.thin_walls import BENDS, GROWS
+from taichisoft_benchmarks.regular_meshes import hollow_sphere
 from taichisoft_benchmarks.studies.bending import (
     cook_deflection,
     cook_reference,
@@ -74,3 +78,39 @@ def test_the_reference_of_cooks_membrane_is_another_program_for_the_same_body(fi
     """At Poisson's ratio 0.3, where nothing locks, both converge to one rise; 1 % is left with 8 cells a side."""
     ours, other = cook_deflection("quadratic", 8, 0.3), cook_reference(8, 0.3)
     figures.close("quadratic over mixed elements, 0.3 [-]", ours / other, 1.0, 0.01)
+
+
+def simulated(mesh: taichisoft.VolumeMesh, step: float, gravity: float, **table: object) -> taichisoft.Simulation:
+    body = {"mesh": "tutorial-coarse", "density": 1e-6, "young_modulus": 300.0, **table}
+    scene = {"gravity": [0.0, 0.0, -gravity], "time": {"step": step}, "soft_bodies": {"body": body}}
+    return taichisoft.Simulation(taichisoft.Model(taichisoft.scene_from_dict(scene), {"body": mesh}))
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.45, 0.499])
+@pytest.mark.parametrize("across", [1, 2])
+def test_bars_bend_as_the_warning_says(across: int, ratio: float, figures: Figures) -> None:
+    """A cantilever of 60 x 5 x 5 mm under its weight, over rho g A L^4 / (8 EI); two elements, as docs/elements.md."""
+    mesh = make_block((12 * across, across, across), (60.0, 5.0, 5.0))
+    anchors = [{"box": [[-31, -9, -9], [-29.99, 9, 9]]}]
+    at_rest = taichisoft.equilibrium(simulated(mesh, 0.01, 490.5, poisson_ratio=ratio, anchors=anchors)).state.position
+    tip = mesh.nodes[:, 0] > 29.99
+    sag = (mesh.nodes - at_rest)[tip, 2].mean() / (1e-6 * 490.5 * 60.0**4 * 12.0 / (8 * 300.0 * 5.0**2))
+    expected = BENDS[ratio] if across == 1 else {0.3: 1.01, 0.45: 0.94, 0.499: 0.72}[ratio]
+    figures.close("deflection over theory [-]", sag, expected, 0.006)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.45, 0.499])
+@pytest.mark.parametrize("across", [1, 2])
+def test_spheres_grow_as_the_warning_says(across: int, ratio: float, figures: Figures) -> None:
+    """Radii a = 10 and b = 13 mm under p = 0.1 kPa, over Lame's growth of the inner one."""
+    mesh, inner, outer = hollow_sphere(10.0, 13.0, 4, across), 10.0, 13.0
+    springs = [{"box": [[-14, -14, -14], [14, 14, 14]], "stiffness": 1e-3}]  # which hold it in place, and no more
+    cavities = {"air": {"group": "cavity"}}
+    simulation = simulated(mesh, 10.0, 0.0, poisson_ratio=ratio, anchors=springs, cavities=cavities)
+    for _ in range(3):
+        simulation.step(taichisoft.Control(pressure={"body.air": 0.1}))
+    inside = np.linalg.norm(mesh.nodes, axis=1) < inner + 1e-6
+    growth = ((simulation.state.position - mesh.nodes) * mesh.nodes)[inside].sum(axis=1).mean() / inner
+    shape = (1 - 2 * ratio) * inner + (1 + ratio) * outer**3 / (2 * inner**2)
+    lame = 0.1 * inner**3 / (outer**3 - inner**3) * shape / 300.0
+    figures.close("growth over Lame's [-]", growth / lame, GROWS[ratio] if across == 1 else 1.01, 0.006)

@@ -253,3 +253,23 @@ def test_two_bodies_that_strike_keep_their_momentum(figures: Figures) -> None:
     simulation = simulate({}, [0.0, 0.0, 0.0], rigid_bodies=bodies)
     advance(simulation, 0.1)
     figures.at_most("momentum [mN s]", float(np.abs(rigid_momentum(simulation) - [3.0, 0, 0]).max()), 1e-12)
+
+
+def test_a_spinning_arm_needs_no_moment(block: Callable[..., str], figures: Figures) -> None:
+    """The hinge of an arm that turns evenly at 12 rad/s has the force m w^2 r to bear, and no moment. Taken where the
+    arm is at the end of the step the moment would be -I w^3 h / 2, 6 % of I w^2."""
+    table = silicone(block((12, 2, 2), (60.0, 10.0, 10.0)), element="linear", young_modulus=2000.0)
+    table |= {"follows": "arm", "rayleigh_stiffness": 0.002, "anchors": [{"box": [[-31, -9, -9], [-29.99, 9, 9]]}]}
+    frames = {"arm": {"pivot": [-30.0, 0.0, 0.0], "hinge": {"axis": [0, 1, 0]}}}
+    simulation = simulate({"newton": 20}, [0.0, 0.0, 0.0], soft_bodies={"bar": table}, frames=frames)
+    moments, angle, rate = [], 0.0, 12.0
+    for step in range(1, 151):
+        angle += 0.01 * rate * (1.0 - np.exp(-step * 0.1))
+        report = simulation.step(Control(frame_angle={"arm": angle}))
+        moments.append(report.observation.frame_moments["arm"])
+    assert simulation.model.elasticity is not None
+    mass, place = simulation.model.elasticity.node_mass, simulation.state.position - [-30.0, 0.0, 0.0]
+    inertia, centre = mass @ (place**2)[:, [0, 2]].sum(axis=1), mass @ place
+    figures.at_most("moment over I w^2", abs(np.mean(moments[-30:])) / (inertia * rate**2), 1e-3)
+    force = np.linalg.norm(report.observation.frame_forces["arm"])
+    figures.close("force over m w^2 r", force / (rate**2 * np.linalg.norm(centre)), 1.0, 0.01)

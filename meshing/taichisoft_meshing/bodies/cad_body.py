@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from taichisoft.errors import MeshError
+from taichisoft.plausible import SIZE, implausible
 from taichisoft_meshing.bodies.meshed_body import SILICONE
 from taichisoft_meshing.bodies.openings import Opening, find_openings
 from taichisoft_meshing.bodies.step_file import import_solids, refuse_broken_step
@@ -21,10 +22,6 @@ from taichisoft_meshing.gmsh_session import SURFACE_ALGORITHMS, TRIANGLE, first_
 DEEP, LARGER = 0.9, 1.25
 """Least depth of the body behind its base over the largest depth behind any flat end, and least area of the base over
 that of the next largest end [-]."""
-
-
-PLAUSIBLE = (1.0, 5000.0)
-"""Length of a body [mm] outside of which the unit of its file is in doubt: metres written as mm, mm as metres."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +86,7 @@ class CadBody:
     @property
     def doubt(self) -> str:
         """What is odd about its size; empty where nothing is."""
-        length = self.extent.max()
-        if PLAUSIBLE[0] <= length <= PLAUSIBLE[1]:
-            return ""
-        return f"{self.path}: the body is {length:.4g} mm long; was it drawn in the unit that the file names?"
+        return implausible(f"{self.path}: its longest side", float(self.extent.max()), SIZE)
 
     @property
     def flat(self) -> bool:

@@ -134,8 +134,6 @@ class StepBody(_BodyFromFiles):
     def body(self) -> CadBody:
         """The body that the STEP file describes, checked."""
         table, body = self.table, read_step(self.file.parent / self.table.file)
-        if body.doubt:
-            warn_caller(body.doubt)
         solids, numbers = [solid.number for solid in body.solids], [face.number for face in body.faces]
         for name, solid in table.solids.items():
             self._refuse_numbers(f"solids.{name}", [solid], "solids", solids)

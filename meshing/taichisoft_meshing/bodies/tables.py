@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichisoft.plausible import SIZE, likely_unit
 from taichisoft.scenes import NotNegative, Positive, Table, Vector
 from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal
 from taichisoft_meshing.size_search import element_count, refuse_too_many
@@ -93,7 +94,11 @@ class Sizes(Table):
         """
         largest = size or self.largest or preset_sizes(extent)["coarse"]
         if not largest <= extent.max():
-            raise ValueError(f"size {largest:g}: is larger than the body; must be at most {extent.max():.4g} mm")
+            meant = likely_unit(extent.max(), SIZE) if extent.max() < SIZE.lowest else ""
+            raise ValueError(
+                f"size {largest:g}: is larger than the body; must be at most {extent.max():.4g} mm"
+                f"{f'; is the body in another unit? {meant}' if meant else ''}"
+            )
         smallest = largest * (self.smallest / self.largest if self.smallest and self.largest else 1.0)
         refuse_too_many(element_count(volume, largest, largest), "size", largest)
         refuse_too_many(element_count(volume, largest, smallest, cavity_volumes), "smallest", smallest, power=2)

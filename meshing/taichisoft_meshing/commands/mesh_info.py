@@ -109,6 +109,8 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
     import numpy as np
 
     from taichisoft.meshes import read_surface
+    from taichisoft.plausible import SIZE, implausible
+    from taichisoft.running import print_warning
     from taichisoft_meshing.mesh_record import surface_figures, write_record
     from taichisoft_meshing.quality.mesh_surfaces import connected_pieces, measure_surface
     from taichisoft_meshing.quality.quality_tables import surface_table
@@ -118,6 +120,8 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
     pieces, extent = len(connected_pieces(triangles, len(vertices))), np.ptp(vertices, axis=0)
     problems = [f"is not closed: {surface.open_edges} edges do not join two triangles"] if surface.open_edges else []
     console.print(surface_table(path.name, surface, pieces, extent))
+    if caution := implausible("its longest side", float(extent.max()), SIZE):
+        print_warning(console, caution)
     if output is not None:
         figures = {**surface_figures(surface), "volume_mm3": surface.volume, "pieces": pieces}
         record = {"file": path.name, **figures, "extent_mm": extent.tolist(), "problems": problems}

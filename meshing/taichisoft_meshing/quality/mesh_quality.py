@@ -28,6 +28,7 @@ class MeshQuality:
         surfaces: figures of the outer skin, of every cavity, and of the other surface groups.
         outside: names of cavities that are not fully inside the outer skin.
         walls: figures of the walls between each two surfaces; empty when elements are inverted.
+        longest_side: of the box around the body [mm].
     """
 
     node_count: int
@@ -41,6 +42,7 @@ class MeshQuality:
     surfaces: tuple[SurfaceQuality, ...]
     outside: tuple[str, ...]
     walls: tuple[WallQuality, ...]
+    longest_side: float
 
     @property
     def inverted(self) -> int:
@@ -70,6 +72,7 @@ def measure(mesh: VolumeMesh) -> MeshQuality:
         surfaces,
         cavities_outside(mesh.nodes, surfaces),
         measure_walls(mesh, surfaces) if (volumes > 0).all() else (),
+        float(np.ptp(mesh.nodes, axis=0).max()),
     )
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from taichisoft.meshes import ADVICE, TOO_STIFF
+from taichisoft.plausible import SIZE, implausible
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 
 QUALITY = "quality"
@@ -72,15 +73,17 @@ def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
 
 
 def cautions(quality: MeshQuality) -> list[str]:
-    """Warnings about displacements of thin walls, one line each; a wall of one quadratic element bends well."""
+    """Warnings about units and displacements of thin walls, a line each; a wall of one quadratic element bends well."""
+    said = implausible("its longest side", quality.longest_side, SIZE)
+    lines = [said] if said else []
     if quality.order == 2:
-        return []
+        return lines
     thin = [
         f"{wall.name} ({wall.share_of_one:.0%} of the area)"
         for wall in quality.walls
         if wall.of_cavity and wall.elements_across == 1
     ]
-    return [f"{TOO_STIFF}: {', '.join(thin)}; {ADVICE}"] if thin else []
+    return [*lines, f"{TOO_STIFF}: {', '.join(thin)}; {ADVICE}"] if thin else lines
 
 
 def summary(problems: Sequence[str]) -> str:

@@ -48,6 +48,8 @@ def fit(
     terms: Annotated[int, typer.Option(help="Number of terms, of Ogden's law.")] = 1,
     highest_stretch: Annotated[float, MORE] = HIGHEST_STRETCH,
     lowest_strain: Annotated[float, LESS] = LOWEST_STRAIN,
+    loading: Annotated[bool, typer.Option("--loading", help="Only points that are strained as never before.")] = False,
+    slack: Annotated[float, typer.Option(help="Strain at which the specimen begins to be pulled \\[-].")] = 0.0,
     density: Annotated[float, typer.Option(help="Density of the material \\[kg/mm^3].")] = DENSITY,
     poisson_ratio: Annotated[float, typer.Option(help="Poisson's ratio of the material \\[-].")] = POISSON_RATIO,
     name: Annotated[str | None, typer.Option(help="What it is called  \\[default: the file's name]")] = None,
@@ -60,6 +62,7 @@ def fit(
     """Fit a law to a tension test; prints coefficients [kPa] and the error over the range."""
     import rich
 
+    from taichisoft.plausible import MODULUS, implausible
     from taichisoft.running import print_warning
     from taichisoft.scenes import LAW_NAMES, Material
     from taichisoft_outputs.materials.fit import fit_law
@@ -67,7 +70,9 @@ def fit(
     from taichisoft_outputs.materials.plot import draw_materials
     from taichisoft_outputs.materials.tension_test import MaterialError, read_tension_test
 
-    measured = read_tension_test(test)
+    measured = read_tension_test(test).without_slack(slack)
+    if loading:
+        measured = measured.first_loading()
     if law not in LAW_NAMES:
         raise MaterialError(f"no law is called '{law}'; there are: {', '.join(LAW_NAMES)}")
     found = fit_law(measured.within(lowest_strain, highest_stretch), law, terms)
@@ -90,8 +95,9 @@ def fit(
         f"Young's modulus at rest {found.young_modulus:.4g} kPa; up to a stretch of {found.highest_stretch:.3g} "
         f"the error is {100 * found.error:.2f} % of the largest stress, {100 * found.worst:.2f} % at worst"
     )
-    if found.caution:
-        print_warning(rich.get_console(), found.caution)
+    unit = implausible("Young's modulus at rest", found.young_modulus, MODULUS)
+    for caution in filter(None, (*measured.cautions, found.caution, unit)):
+        print_warning(rich.get_console(), caution)
     if output is not None:
         write_material(material, output)
         say(output)

@@ -141,7 +141,7 @@ class RowMaker:
 
     def _contacts(self, frame: Frame) -> "Observation | ContactSummary":
         if frame.report is not None:
-            return frame.report.observation
+            return frame.report.observation.truth
         from taichisoft.control import summarise_contacts
 
         # A run that goes on from a recorded state begins with contacts and without a report.
@@ -150,7 +150,8 @@ class RowMaker:
     def _patches(self, frame: Frame) -> "tuple[Mapping[Pair, float], Mapping[Pair, float]]":
         """Contact areas and highest pressures by pair."""
         if frame.report is not None:
-            return frame.report.observation.contact_areas, frame.report.observation.peak_pressures
+            seen = frame.report.observation.truth
+            return seen.contact_areas, seen.peak_pressures
         from taichisoft.control import ContactPatches
 
         patches = ContactPatches(self._model).patches(frame.state)

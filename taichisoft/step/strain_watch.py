@@ -1,4 +1,6 @@
-"""Checks for stretches beyond the range of a body's law, during a run and at its end."""
+"""Checks for stretches beyond the range of a body's law, in steps, in equilibria, and at the end of a run."""
+
+from functools import cached_property
 
 import numpy as np
 
@@ -19,24 +21,33 @@ FARTHEST_BEYOND = 4.0
 
 
 class StrainWatch:
-    """Measures the stretches of all soft bodies at intervals, and keeps the largest of the run."""
+    """Measures the stretches of all soft bodies when it is asked, and keeps the largest."""
 
     def __init__(self, model: Model):
-        """Allocate; without soft bodies there is nothing to do."""
+        """Prepare; without soft bodies there is nothing to do."""
         self._bodies = model.soft_bodies
-        self._stretches = [Stretches(body.rest_position, body.elements) for body in self._bodies]
         self._ranges = [valid_stretch(body.settings) for body in self._bodies]
         self._waiting = True
         self.restart()
 
-    def restart(self) -> None:
-        """Reset the largest stretches when the run restarts."""
+    @cached_property
+    def _stretches(self) -> list[Stretches]:
+        return [Stretches(body.rest_position, body.elements) for body in self._bodies]
+
+    def restart(self, is_new_run: bool = False) -> None:
+        """Forget the largest stretches when a run restarts; in a new run say again what is beyond a law."""
         self._found = [(1.0, 1.0) for _ in self._bodies]
+        self._waiting = self._waiting or is_new_run
+
+    def over_law(self, state: State) -> dict[str, float]:
+        """By soft body: largest stretch of an element, over that up to which its law holds [-]; 0 of a law without."""
+        return {
+            body.name: float(stretches.largest(state.position[body.nodes]).max()) / limit
+            for body, stretches, (limit, _) in zip(self._bodies, self._stretches, self._ranges, strict=True)
+        }
 
     def complaint(self, state: State) -> str | None:
-        """Warning for the first state with a body beyond the range of its law, else None."""
-        if state.step % EVERY:
-            return None
+        """Line for the first state with a body beyond the range of its law, else None."""
         lines = [self._measure_stretches(number, state) for number in range(len(self._bodies))]
         line = next((line for line in lines if line is not None), None)
         if line is None or not self._waiting:
@@ -81,5 +92,5 @@ class StrainWatch:
         return (
             f"'{body.name}' is stretched {largest:.2f}-fold at ({x:.1f}, {y:.1f}, {z:.1f}) mm at "
             f"{state.time:.2f} s, and {law} holds up to {limit:g}: beyond it, forces are not realistic; "
-            "metrics.json has the largest stretch of the run"
+            "metrics.json of a run has the largest stretch"
         )
