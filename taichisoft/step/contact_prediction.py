@@ -74,7 +74,8 @@ class ContactPrediction:
         self._table = NO_CONTACTS
         self._room, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
         self._at_the_end = np.ones(FIRST_CAPACITY)
-        self._depth = float(self._pairs.least_reach[surfaces.may_touch].max(initial=0.0))
+        smaller = np.minimum(surfaces.body_size[:, None], surfaces.body_size)
+        self._depth = min(settings.alarm_distance, float(smaller[surfaces.may_touch].max(initial=0.0)))
         self._is_needed = bool(surfaces.may_touch.any())
         self._change = self._soft._replace(velocity=np.zeros((model.node_count, 3)))
         self._rigid_change = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
