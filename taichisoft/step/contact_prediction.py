@@ -13,7 +13,8 @@ Where a body is stopped short of its place at the end of the step, or turns on a
 
 How far is enough shows when the motion is found: what it moves two bodies against each other, from where they were
 measured, must lie within the reach of the search. Else they are sought again, that far; those that pressed each other
-in the last step where they touched, since that is where they are until the law of contact parts them.
+in the last step where they touched, since that is where they are until the law of contact parts them. And where the
+motion bends surfaces so far that they come too close, their contacts there are added.
 """
 
 from collections.abc import Iterable, Iterator
@@ -36,6 +37,8 @@ Part = tuple[Contacts, np.ndarray]
 NEAREST, NEAR = 0.5, 0.75
 # What contacts are sought again within, over the way that the motion without them has.
 AMPLE = 1.5
+# Fraction of the step of a contact that is put back to the start: not 0, at which an overlap was there and may stay.
+AT_ONCE = 1e-9
 FIRST_CAPACITY = 1024
 
 
@@ -74,12 +77,12 @@ class ContactPrediction:
         self._table = NO_CONTACTS
         self._room, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
         self._at_the_end = np.ones(FIRST_CAPACITY)
-        smaller = np.minimum(surfaces.body_size[:, None], surfaces.body_size)
-        self._depth = min(settings.alarm_distance, float(smaller[surfaces.may_touch].max(initial=0.0)))
+        self._depth = settings.alarm_distance
         self._is_needed = bool(surfaces.may_touch.any())
         self._change = self._soft._replace(velocity=np.zeros((model.node_count, 3)))
         self._rigid_change = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
         self._is_static = model.scene.time.dynamics == "static"
+        self._look: ContactDetection | None = None
 
     def find(self, state: State) -> ContactTable:
         """Find all locally closest pairs that can matter in the step that begins with `state`."""
@@ -89,28 +92,50 @@ class ContactPrediction:
         return self._table
 
     def missed(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray | None:
-        """Whether two bodies may have met out of the reach of the search, (body_count, body_count); None: none has.
+        """Whether two bodies may have met out of the reach of the search, or come too close where surfaces bent.
 
         In statics steps are as short as the reach demands, see `EquilibriumSearch`.
 
         Args:
             node_velocity: velocities along which the step moves the nodes [mm/s], shape (node_count, 3).
             rigid_velocity: the same of the rigid bodies, linear [mm/s] and angular [rad/s], shape (rigid_count, 6).
+
+        Returns:
+            Whether it is so of each two bodies, shape (body_count, body_count); None: of none.
         """
         if not self._is_needed or self._is_static:
             return None
         before = np.hstack([self._rigid.linear, self._rigid.angular])
         change = self._approach_with(node_velocity - self._soft.velocity, rigid_velocity - before)
-        is_short = self._surfaces.may_touch & (self._sought < self._distance + change)
-        if self._is_at_the_end and not is_short.any():
+        may_touch = self._surfaces.may_touch
+        is_short = may_touch & (self._sought < self._distance + change)
+        bends = may_touch & (change > NEAREST * self._distance) & (self._passed > 0.0)
+        if self._is_at_the_end and not (is_short | bends).any():
             return None
         # Where a part f of the step had passed, the rest of it, with the change, or all of it, less that part.
         self._ways = change, self._approach_with(node_velocity, rigid_velocity)
-        is_short = self._surfaces.may_touch & (self._sought < self._distance + self._way())
+        is_short = may_touch & (self._sought < self._distance + self._way())
+        self._is_bent = not is_short.any()
+        if self._is_bent and bends.any():
+            is_short = self._too_close_after(node_velocity, rigid_velocity, bends)
         return is_short if is_short.any() else None
+
+    def _too_close_after(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Which of these pairs of bodies are nearer than part of the contact distance after a motion."""
+        if self._look is None:
+            self._look = ContactDetection(self._surfaces, self._moving, self._distance)
+        self._set_change(node_velocity, rigid_velocity)
+        self._moving.move(self._time_step, self._change, self._rigid_change)
+        self._moving.follow_load(self._state)
+        self._ahead = self._look.find(np.where(pairs, NEAREST * self._distance, -1.0), self._depth)
+        kernels.measure_nearest(self._ahead, self._distance, self._tolerance, self._pairs)
+        too_close: np.ndarray = self._pairs.nearest < NEAREST * self._distance
+        return too_close
 
     def find_farther(self, pairs: np.ndarray) -> ContactTable | None:
         """Find the contacts again, of these pairs of bodies as far as `missed` has seen them move; None: no others."""
+        if self._is_bent:
+            return self._with_contacts_ahead()
         pressed = np.zeros_like(pairs)
         pressed[tuple(self._state.contact_body_pair[self._state.contact_impulse.any(axis=1)].T)] = True
         again, count = pairs & (pressed | pressed.T) & (self._passed > 0.0), self._table.contact_count
@@ -123,6 +148,43 @@ class ContactPrediction:
         self._table = self._table.holding(*found)
         return self._table
 
+    def _with_contacts_ahead(self) -> ContactTable:
+        """The contacts found so far, and those at the end of the motion that `missed` looked at, where these are known.
+
+        Each of the latter is put back by the ways of its points, as if it had been measured at the start: its gap is
+        then linear around the end of that motion.
+        """
+        ahead, count = self._ahead.trimmed(), self._table.contact_count
+        for side in range(2):
+            ways, shifts = self._ways_of_points(ahead, side)
+            ahead.points[:, side] -= shifts
+            ahead.distance[:] -= (2 * side - 1) * np.einsum("ci,ci->c", ahead.normal, ways)
+        features, again = (one.vertices[: one.count[0]].reshape(-1, 1, 6) for one in (self._table.found, ahead))
+        kept = ~(features == again.reshape(1, -1, 6)).all(axis=2).any(axis=1)
+        old = Contacts(np.array([kept.sum()]), *(array[:count][kept] for array in self._table.found[1:]))
+        parts = (old, self._table.fraction[:count][kept]), (ahead, np.full(ahead.count[0], AT_ONCE))
+        self._table = self._table.holding(*self._joined(parts))
+        return self._table
+
+    def _ways_of_points(self, contacts: Contacts, side: int) -> tuple[np.ndarray, np.ndarray]:
+        """Ways of the points on a side in the motion looked at, and those without turning [mm], shape (count, 3)."""
+        carriers, motion, vertices = self._surfaces.carriers, self._rigid_change, contacts.vertices[:, side]
+        soft_count, rigid_count = len(self._soft.body_start) - 1, len(motion.position)
+        ways = np.zeros_like(contacts.normal)
+        on_soft = contacts.bodies[:, side] < soft_count
+        weights = contacts.weights[on_soft, side, :, None] * carriers.weights[vertices[on_soft]]
+        nodes = carriers.nodes[vertices[on_soft]]
+        ways[on_soft] = self._time_step * np.einsum("cvn,cvni->ci", weights, self._change.velocity[nodes])
+        body = contacts.bodies[:, side] - soft_count
+        on_rigid = (body >= 0) & (body < rigid_count)
+        body = body[on_rigid]
+        shifts = self._time_step * motion.linear[body]
+        arms = contacts.points[on_rigid, side] - motion.position[body] - shifts
+        ways[on_rigid] = shifts + self._time_step * np.cross(motion.angular[body], arms)
+        straight = ways.copy()
+        straight[on_rigid] = shifts
+        return ways, straight
+
     def _way(self) -> np.ndarray:
         """Bounds of the ways of bodies against each other from where they were measured [mm]."""
         change, whole = self._ways
@@ -130,10 +192,13 @@ class ContactPrediction:
 
     def _approach_with(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
         """Bounds of the approach of bodies with these velocities [mm], shape (body_count, body_count)."""
-        self._change.velocity[:] = node_velocity
-        self._rigid_change.linear[:], self._rigid_change.angular[:] = rigid_velocity[:, :3], rigid_velocity[:, 3:]
+        self._set_change(node_velocity, rigid_velocity)
         kernels.measure_approach(self._time_step, self._change, self._rigid_change, self._pairs)
         return self._pairs.approach.copy()
+
+    def _set_change(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> None:
+        self._change.velocity[:] = node_velocity
+        self._rigid_change.linear[:], self._rigid_change.angular[:] = rigid_velocity[:, :3], rigid_velocity[:, 3:]
 
     def _find_contacts(self, state: State) -> Part:
         self._state, pairs = state, self._pairs
