@@ -34,7 +34,7 @@ from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_ve
 from taichisoft.step.step_derivative import StepDerivative
 
 MOST_SEARCHES = 8
-"""Most searches for contacts in a step, of which a second one is rare: where bodies moved farther than was sought."""
+"""Most searches for contacts in a step; a second one is rare, see `ContactPrediction`."""
 
 
 class TimeStepper:
@@ -202,15 +202,15 @@ class TimeStepper:
         return problem, solution
 
     def _warn_of_missed(self, start: State, missed: np.ndarray) -> None:
-        """Warn of the first two bodies that may have met unseen, once of each two."""
+        """Warn of bodies that may have met unseen, once of each two."""
         for pair in np.argwhere(np.triu(missed)).tolist():
             if tuple(pair) not in self._warned:
                 self._warned.add(tuple(pair))
                 first, second = (self.model.body_names[number] for number in pair)
                 time = start.step * self.model.scene.time.step
                 warn_caller(
-                    f"step {start.step} at {time:.4g} s: '{first}' and '{second}' may have met unseen, after "
-                    f"{MOST_SEARCHES} searches for their contacts, each as far as they had moved; take a shorter time.step"
+                    f"step {start.step} at {time:.4g} s: '{first}' and '{second}' may have gone into each other: they "
+                    f"bend so much that {MOST_SEARCHES} searches found ever new contacts; take a shorter time.step"
                 )
 
     def _request(self, start: State) -> ActuatorRequests:

@@ -127,7 +127,8 @@ class ContactPrediction:
         self._set_change(node_velocity, rigid_velocity)
         self._moving.move(self._time_step, self._change, self._rigid_change)
         self._moving.follow_load(self._state)
-        self._ahead = self._look.find(np.where(pairs, NEAREST * self._distance, -1.0), self._depth)
+        change = self._ways[0]  # how deep they may be, at most
+        self._ahead = self._look.find(np.where(pairs, change, -1.0), self._depth + float(change[pairs].max()))
         kernels.measure_nearest(self._ahead, self._distance, self._tolerance, self._pairs)
         too_close: np.ndarray = self._pairs.nearest < NEAREST * self._distance
         return too_close
@@ -154,15 +155,15 @@ class ContactPrediction:
         Each of the latter is put back by the ways of its points, as if it had been measured at the start: its gap is
         then linear around the end of that motion.
         """
-        ahead, count = self._ahead.trimmed(), self._table.contact_count
+        count, near = self._table.contact_count, self._ahead.distance[: self._ahead.count[0]] < self._distance
+        ahead = _part_of(self._ahead, near)
         for side in range(2):
             ways, shifts = self._ways_of_points(ahead, side)
             ahead.points[:, side] -= shifts
             ahead.distance[:] -= (2 * side - 1) * np.einsum("ci,ci->c", ahead.normal, ways)
         features, again = (one.vertices[: one.count[0]].reshape(-1, 1, 6) for one in (self._table.found, ahead))
         kept = ~(features == again.reshape(1, -1, 6)).all(axis=2).any(axis=1)
-        old = Contacts(np.array([kept.sum()]), *(array[:count][kept] for array in self._table.found[1:]))
-        parts = (old, self._table.fraction[:count][kept]), (ahead, np.full(ahead.count[0], AT_ONCE))
+        parts = (_part_of(self._table.found, kept), self._table.fraction[:count][kept]), (ahead, np.full(ahead.count[0], AT_ONCE))
         self._table = self._table.holding(*self._joined(parts))
         return self._table
 
@@ -324,5 +325,10 @@ class ContactPrediction:
 def _chosen(contacts: Contacts, pairs: np.ndarray) -> Contacts:
     """The contacts of these pairs of bodies."""
     count = contacts.count[0]
-    kept = pairs[tuple(contacts.bodies[:count].T)]
+    return _part_of(contacts, pairs[tuple(contacts.bodies[:count].T)])
+
+
+def _part_of(contacts: Contacts, kept: np.ndarray) -> Contacts:
+    """The contacts marked as kept, shape (count,)."""
+    count = len(kept)
     return Contacts(np.array([kept.sum()], dtype=np.int32), *(array[:count][kept] for array in contacts[1:]))
