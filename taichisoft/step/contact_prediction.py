@@ -163,7 +163,10 @@ class ContactPrediction:
             ahead.distance[:] -= (2 * side - 1) * np.einsum("ci,ci->c", ahead.normal, ways)
         features, again = (one.vertices[: one.count[0]].reshape(-1, 1, 6) for one in (self._table.found, ahead))
         kept = ~(features == again.reshape(1, -1, 6)).all(axis=2).any(axis=1)
-        parts = (_part_of(self._table.found, kept), self._table.fraction[:count][kept]), (ahead, np.full(ahead.count[0], AT_ONCE))
+        parts = (
+            (_part_of(self._table.found, kept), self._table.fraction[:count][kept]),
+            (ahead, np.full(ahead.count[0], AT_ONCE)),
+        )
         self._table = self._table.holding(*self._joined(parts))
         return self._table
 
@@ -207,7 +210,11 @@ class ContactPrediction:
         self._rigid.linear[:], self._rigid.angular[:] = self._rigid_now.linear, self._rigid_now.angular
         self._falls = self._time_step**2 * float(np.linalg.norm(state.gravity))
         kernels.look_ahead(self._time_step, self._distance, self._falls, self._soft, self._rigid, pairs)
-        self._approach, self._sought, self._passed = pairs.approach.copy(), pairs.reach.copy(), np.ones_like(pairs.reach)
+        self._approach, self._sought, self._passed = (
+            pairs.approach.copy(),
+            pairs.reach.copy(),
+            np.ones_like(pairs.reach),
+        )
         self._is_at_the_end = not pairs.count[FAST]
         if pairs.count[FAST]:
             return self._find_along_the_way()

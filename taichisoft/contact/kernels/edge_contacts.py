@@ -26,7 +26,9 @@ def edges_against_edges(
 ):
     """Find crossing edges of two surfaces within their bodies' reach, or penetrating by up to the reach and `depth`.
 
-    Edges on the far side of a body, which its whole thickness is between, only look as if they did. Crossed edges deeper than the deepest vertex inside are excluded. Where a block has sunk a little into the rim of a
+    They are no deeper than the thinner body: beyond it, edges only look as if they penetrated each other.
+
+    Crossed edges deeper than the deepest vertex inside are excluded. Where a block has sunk a little into the rim of a
     table, its vertical edge and the table's edge also appear to penetrate each other, but sideways and by far more:
     pushing them apart would be wrong.
     """

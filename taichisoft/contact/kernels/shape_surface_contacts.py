@@ -167,9 +167,7 @@ def push_out(
     if depth_here > COINCIDENT:
         out = (foot - centre) / depth_here
     if depth_here <= depth and beyond_rim == 0:
-        store_face(
-            pair, group, k, closest, weights, foot, out, -depth_here - sphere[3], surfaces, shapes, space, found
-        )
+        store_face(pair, group, k, closest, weights, foot, out, -depth_here - sphere[3], surfaces, shapes, space, found)
 
 
 @func
@@ -265,19 +263,21 @@ def touch_edge(
                         is_new = 0
                 if k > 0 and first < last and place > 0.0 and place < 1.0:
                     is_new = 1
-                if is_new and shapes.flat[s] == 0:
-                    if out.dot(edge_pseudonormal(e, surfaces, moved.position)) > 0.0:
-                        is_new = 0
-                        axis = x - (distance + shapes.radius[s]) * out
-                        closest, weights, _within_reach = find_triangles(
-                            axis, near_count, 0.0, depth, surfaces, trees, moved, space
-                        )
-                        if closest >= 0:
-                            away = axis - on_triangle(closest, weights, surfaces, moved.position)
-                            if away.dot(outward_normal(closest, weights, surfaces, moved.position)) < 0.0:
-                                place_there = vec4(axis[0], axis[1], axis[2], shapes.radius[s])
-                                push_out(pair, group, k, closest, weights, place_there, depth, surfaces, moved, shapes,
-                                         space, found)  # fmt: skip
+                beyond = 0.0
+                if shapes.flat[s] == 0:
+                    beyond = out.dot(edge_pseudonormal(e, surfaces, moved.position))
+                if is_new and beyond > 0.0:
+                    is_new = 0
+                    axis = x - (distance + shapes.radius[s]) * out
+                    closest, weights, _within_reach = find_triangles(
+                        axis, near_count, 0.0, depth, surfaces, trees, moved, space
+                    )
+                    if closest >= 0:
+                        away = axis - on_triangle(closest, weights, surfaces, moved.position)
+                        if away.dot(outward_normal(closest, weights, surfaces, moved.position)) < 0.0:
+                            place_there = vec4(axis[0], axis[1], axis[2], shapes.radius[s])
+                            push_out(pair, group, k, closest, weights, place_there, depth, surfaces, moved, shapes,
+                                     space, found)  # fmt: skip
                 if is_new and distance < reach and in_normal_cone(e, -out, surfaces, moved.position):
                     c = store_shape(pair, group + EDGES, e, k, x, out, distance, surfaces, shapes, space, found)
                     ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
