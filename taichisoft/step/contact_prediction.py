@@ -82,7 +82,13 @@ class ContactPrediction:
         self._change = self._soft._replace(velocity=np.zeros((model.node_count, 3)))
         self._rigid_change = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
         self._is_static = model.scene.time.dynamics == "static"
+        # Of the last search: what was sought how far, after which part of the step; of the last look: what it found.
+        self._sought, self._passed, self._approach = (np.zeros((body_count, body_count)) for _ in range(3))
+        self._ways = self._approach, self._approach
+        self._is_at_the_end: bool = True
+        self._is_bent: bool = False
         self._look: ContactDetection | None = None
+        self._ahead = Contacts.with_room(0)
 
     def find(self, state: State) -> ContactTable:
         """Find all locally closest pairs that can matter in the step that begins with `state`."""
@@ -115,7 +121,7 @@ class ContactPrediction:
         # Where a part f of the step had passed, the rest of it, with the change, or all of it, less that part.
         self._ways = change, self._approach_with(node_velocity, rigid_velocity)
         is_short = may_touch & (self._sought < self._distance + self._way())
-        self._is_bent = not is_short.any()
+        self._is_bent = not bool(is_short.any())
         if self._is_bent and bends.any():
             is_short = self._too_close_after(node_velocity, rigid_velocity, bends)
         return is_short if is_short.any() else None
@@ -130,7 +136,7 @@ class ContactPrediction:
         change = self._ways[0]  # how deep they may be, at most
         self._ahead = self._look.find(np.where(pairs, change, -1.0), self._depth + float(change[pairs].max()))
         kernels.measure_nearest(self._ahead, self._distance, self._tolerance, self._pairs)
-        too_close: np.ndarray = self._pairs.nearest < NEAREST * self._distance
+        too_close: np.ndarray = np.less(self._pairs.nearest, NEAREST * self._distance)
         return too_close
 
     def find_farther(self, pairs: np.ndarray) -> ContactTable | None:
