@@ -9,6 +9,8 @@ import numpy as np
 
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.body_geometry import PosesAhead
+from taichisoft.caller_warnings import warn_caller
+from taichisoft.contact.contact_table import ContactTable
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
@@ -31,6 +33,9 @@ from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
 from taichisoft.step.step_derivative import StepDerivative
 from taichisoft.step.strain_watch import StrainWatch
+
+MOST_SEARCHES = 8
+"""Most searches for contacts in a step; a second one is rare, see `ContactPrediction`."""
 
 
 class TimeStepper:
@@ -63,6 +68,7 @@ class TimeStepper:
         self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
         self._imbalance: Imbalance | None = None
         self._is_static = model.scene.time.dynamics == "static"
+        self._warned: set[tuple[int, ...]] = set()
         self.state = self._observer.with_samples(self.state)
 
     def restore(self, state: State) -> None:
@@ -181,9 +187,34 @@ class TimeStepper:
     def _solve(self, start: State) -> tuple[StepProblem, StepSolution]:
         requests = self._request(start)
         self._begin_motion(start, requests)
-        contacts = self._prediction.find(start)
-        problem = StepProblem(start, contacts, self._geometry, requests)
-        return problem, self._solver.solve(problem)
+        contacts: ContactTable | None = self._prediction.find(start)
+        searches = 1
+        while contacts is not None:
+            problem = StepProblem(start, contacts, self._geometry, requests)
+            solution = self._solver.solve(problem)
+            moving = moving_velocity(self.model.scene.time.theta, start.velocity, solution.node_velocity)
+            missed = self._prediction.missed(moving, self._rigid.moving_velocity(solution.rigid_velocity))
+            if missed is None:
+                break
+            if searches == MOST_SEARCHES:
+                self._warn_of_missed(start, missed)
+                break
+            contacts, searches = self._prediction.find_farther(missed), searches + 1
+            if contacts is not None:
+                self._begin_motion(start, requests)
+        return problem, solution
+
+    def _warn_of_missed(self, start: State, missed: np.ndarray) -> None:
+        """Warn of bodies that may have met unseen, once of each two."""
+        for pair in np.argwhere(np.triu(missed)).tolist():
+            if tuple(pair) not in self._warned:
+                self._warned.add(tuple(pair))
+                first, second = (self.model.body_names[number] for number in pair)
+                time = start.step * self.model.scene.time.step
+                warn_caller(
+                    f"step {start.step} at {time:.4g} s: '{first}' and '{second}' may have gone into each other: they "
+                    f"bend so much that {MOST_SEARCHES} searches found ever new contacts; take a shorter time.step"
+                )
 
     def _request(self, start: State) -> ActuatorRequests:
         """Measure volumes and lengths with their gradients, and make the actuators' requests."""

@@ -4,6 +4,7 @@ import numpy as np
 
 from taichisoft.contact.bounding_volumes import most_leaves
 from taichisoft.contact.kernels import shape_search
+from taichisoft.contact.kernels.approach import FAR
 from taichisoft.contact.kernels.contact_search import find_contacts, order_contacts
 from taichisoft.contact.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
 from taichisoft.contact.kernels.self_contacts import SelfTouching, find_self_contacts
@@ -28,6 +29,7 @@ class ContactDetection:
             contact_distance: distance that surfaces are kept apart [mm]; None: no self-contact.
         """
         self._surfaces = surfaces
+        self._extent = np.minimum(surfaces.body_size, FAR)
         self._touching_itself: SelfTouching | None = None
         if contact_distance is not None and len(surfaces.touching_itself):
             limits = np.array([NEIGHBOURHOOD * contact_distance, contact_distance])
@@ -74,15 +76,15 @@ class ContactDetection:
 
     def _search(self, depth: float) -> None:
         s = self._surfaces
+        space, found = self._space, self._found
         find_contacts(
-            self._reach, depth, s.topology, s.trees, s.planes, self._moved, self._space, self._found, self._contacts
+            self._reach, depth, self._extent, s.topology, s.trees, s.planes, self._moved, space, found, self._contacts
         )
         if len(self._smooth.vertices):
             self._search_smooth(depth)
         if len(s.shapes.body):
             self._search_shapes(depth)
         if self._touching_itself is not None:
-            space, found = self._space, self._found
             find_self_contacts(self._reach, self._touching_itself, s.topology, s.trees, self._moved, space, found)
         if len(self._smooth.vertices) or len(s.shapes.body) or self._touching_itself is not None:
             order_contacts(self._space, self._found, self._contacts)

@@ -51,8 +51,7 @@ class Contact(Table):
     contact_distance: Positive = 1.0
     """Distance that surfaces are kept apart [mm]."""
     alarm_distance: Positive = 5.0
-    """Distance up to which contacts are looked for [mm], or the size of the smaller body where that is less; further
-    where bodies approach each other faster."""
+    """Distance up to which contacts are looked for [mm]; further where bodies move farther in a step."""
     spacing: NotNegative = 4.0
     """Distance [mm] within which only the worst contact of two bodies is added to the constraints at a time; this
     changes how fast a step is, not what comes out."""

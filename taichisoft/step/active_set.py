@@ -78,22 +78,25 @@ class ActiveSet:
         """
         self._find_violated(node_velocity)
         self._missed[0] = 0.0
-        if self._follows_turns and self._rigid.angular.any():
-            self._terms[kernels.MAY_LIFT] = self._renewals >= MOST_LOWERINGS
-            renew_rows(
-                self._first_rigid,
-                self._terms,
-                self.table.found,
-                self._surfaces.vertex_is_round,
-                self._surfaces.carriers,
-                self._node_position,
-                node_velocity,
-                self._rigid,
-                self.table.separation,
-                self.table.choice,
-                self._violated_count,
-                self._missed,
-            )
+        if self._violated_count[0] and self._reduction.add_wanted(self.table, beside=True):
+            return True  # rows are renewed for a motion of all contacts: what turns about some of them does not
+        if not (self._follows_turns and self._rigid.angular.any()):
+            return False
+        self._terms[kernels.MAY_LIFT] = self._renewals >= MOST_LOWERINGS
+        renew_rows(
+            self._first_rigid,
+            self._terms,
+            self.table.found,
+            self._surfaces.vertex_is_round,
+            self._surfaces.carriers,
+            self._node_position,
+            node_velocity,
+            self._rigid,
+            self.table.separation,
+            self.table.choice,
+            self._violated_count,
+            self._missed,
+        )
         added = bool(self._violated_count[0]) and self._reduction.add_wanted(self.table, beside=True)
         self._renewals += bool(self._missed[0])
         return added or (self.missed > 0.0 and self._renewals < MOST_RENEWALS)

@@ -10,6 +10,11 @@ first time at which they come close, and their contacts are measured then; so no
 speed. Bodies that overlap at the start of the step are measured at the start, because their depth counts.
 
 Where a body is stopped short of its place at the end of the step, or turns on an arc, contacts are sought farther.
+
+How far is enough shows when the motion is found: what it moves two bodies against each other, from where they were
+measured, must lie within the reach of the search. Else they are sought again, that far; those that pressed each other
+in the last step where they touched, since that is where they are until the law of contact parts them. And where the
+motion bends surfaces so far that they come too close, their contacts there are added.
 """
 
 from collections.abc import Iterable, Iterator
@@ -30,6 +35,10 @@ from taichisoft.state import State
 Part = tuple[Contacts, np.ndarray]
 # Fractions of the contact distance: two surfaces are advanced until their distance is between these two.
 NEAREST, NEAR = 0.5, 0.75
+# What contacts are sought again within, over the way that the motion without them has.
+AMPLE = 1.5
+# Fraction of the step of a contact that is put back to the start: not 0, at which an overlap was there and may stay.
+AT_ONCE = 1e-9
 FIRST_CAPACITY = 1024
 
 
@@ -39,7 +48,8 @@ class ContactPrediction:
     def __init__(self, model: Model, rigid: RigidState):
         """Prepare for the bodies of `model`; the rigid ones have the poses and velocities of `rigid`."""
         settings, surfaces = model.scene.contact, model.surfaces
-        self._surfaces, self._rigid = surfaces, rigid
+        self._surfaces, self._rigid_now = surfaces, rigid
+        self._rigid = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
         self._time_step = model.scene.time.step
         self._tolerance = surfaces.gap_tolerance
         self._distance = settings.contact_distance
@@ -51,11 +61,10 @@ class ContactPrediction:
             velocity=np.zeros((model.node_count, 3)),
         )
         body_count = len(model.body_names)
-        smaller = np.minimum(surfaces.body_size[:, None], surfaces.body_size)
         self._pairs = BodyPairs(
             may_touch=surfaces.may_touch.astype(np.int32),
             may_pass_through=surfaces.may_pass_through.astype(np.int32),
-            least_reach=np.minimum(settings.alarm_distance, smaller),
+            least_reach=np.full((body_count, body_count), settings.alarm_distance),
             rigid_radius=np.array([body.radius for body in model.rigid_bodies], dtype=float),
             centre=np.zeros((body_count, 3)),
             radius=np.zeros(body_count),
@@ -68,8 +77,18 @@ class ContactPrediction:
         self._table = NO_CONTACTS
         self._room, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
         self._at_the_end = np.ones(FIRST_CAPACITY)
-        self._depth = float(self._pairs.least_reach[surfaces.may_touch].max(initial=0.0))
+        self._depth = settings.alarm_distance
         self._is_needed = bool(surfaces.may_touch.any())
+        self._change = self._soft._replace(velocity=np.zeros((model.node_count, 3)))
+        self._rigid_change = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
+        self._is_static = model.scene.time.dynamics == "static"
+        # Of the last search: what was sought how far, after which part of the step; of the last look: what it found.
+        self._sought, self._passed, self._approach = (np.zeros((body_count, body_count)) for _ in range(3))
+        self._ways = self._approach, self._approach
+        self._is_at_the_end: bool = True
+        self._is_bent: bool = False
+        self._look: ContactDetection | None = None
+        self._ahead = Contacts.with_room(0)
 
     def find(self, state: State) -> ContactTable:
         """Find all locally closest pairs that can matter in the step that begins with `state`."""
@@ -78,11 +97,131 @@ class ContactPrediction:
         self._table = self._table.holding(*self._find_contacts(state))
         return self._table
 
+    def missed(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray | None:
+        """Whether two bodies may have met out of the reach of the search, or come too close where surfaces bent.
+
+        In statics steps are as short as the reach demands, see `EquilibriumSearch`.
+
+        Args:
+            node_velocity: velocities along which the step moves the nodes [mm/s], shape (node_count, 3).
+            rigid_velocity: the same of the rigid bodies, linear [mm/s] and angular [rad/s], shape (rigid_count, 6).
+
+        Returns:
+            Whether it is so of each two bodies, shape (body_count, body_count); None: of none.
+        """
+        if not self._is_needed or self._is_static:
+            return None
+        before = np.hstack([self._rigid.linear, self._rigid.angular])
+        change = self._approach_with(node_velocity - self._soft.velocity, rigid_velocity - before)
+        may_touch = self._surfaces.may_touch
+        is_short = may_touch & (self._sought < self._distance + change)
+        bends = may_touch & (change > NEAREST * self._distance) & (self._passed > 0.0)
+        if self._is_at_the_end and not (is_short | bends).any():
+            return None
+        # Where a part f of the step had passed, the rest of it, with the change, or all of it, less that part.
+        self._ways = change, self._approach_with(node_velocity, rigid_velocity)
+        is_short = may_touch & (self._sought < self._distance + self._way())
+        self._is_bent = not bool(is_short.any())
+        if self._is_bent and bends.any():
+            is_short = self._too_close_after(node_velocity, rigid_velocity, bends)
+        return is_short if is_short.any() else None
+
+    def _too_close_after(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Which of these pairs of bodies are nearer than part of the contact distance after a motion."""
+        if self._look is None:
+            self._look = ContactDetection(self._surfaces, self._moving, self._distance)
+        self._set_change(node_velocity, rigid_velocity)
+        self._moving.move(self._time_step, self._change, self._rigid_change)
+        self._moving.follow_load(self._state)
+        change = self._ways[0]  # how deep they may be, at most
+        self._ahead = self._look.find(np.where(pairs, change, -1.0), self._depth + float(change[pairs].max()))
+        kernels.measure_nearest(self._ahead, self._distance, self._tolerance, self._pairs)
+        too_close: np.ndarray = np.less(self._pairs.nearest, NEAREST * self._distance)
+        return too_close
+
+    def find_farther(self, pairs: np.ndarray) -> ContactTable | None:
+        """Find the contacts again, of these pairs of bodies as far as `missed` has seen them move; None: no others."""
+        if self._is_bent:
+            return self._with_contacts_ahead()
+        pressed = np.zeros_like(pairs)
+        pressed[tuple(self._state.contact_body_pair[self._state.contact_impulse.any(axis=1)].T)] = True
+        again, count = pairs & (pressed | pressed.T) & (self._passed > 0.0), self._table.contact_count
+        self._passed[again] = 0.0
+        self._sought = np.where(pairs, self._distance + AMPLE * self._way(), self._sought)
+        self._is_at_the_end = not (self._passed < 1.0).any()
+        found = self._measure_all(self._passed.copy(), self._sought.copy())
+        if found[0].count[0] == count and not again.any():
+            return None
+        self._table = self._table.holding(*found)
+        return self._table
+
+    def _with_contacts_ahead(self) -> ContactTable:
+        """The contacts found so far, and those at the end of the motion that `missed` looked at, where these are known.
+
+        Each of the latter is put back by the ways of its points, as if it had been measured at the start: its gap is
+        then linear around the end of that motion.
+        """
+        count, near = self._table.contact_count, self._ahead.distance[: self._ahead.count[0]] < self._distance
+        ahead = _part_of(self._ahead, near)
+        for side in range(2):
+            ways, shifts = self._ways_of_points(ahead, side)
+            ahead.points[:, side] -= shifts
+            ahead.distance[:] -= (2 * side - 1) * np.einsum("ci,ci->c", ahead.normal, ways)
+        features, again = (one.vertices[: one.count[0]].reshape(-1, 1, 6) for one in (self._table.found, ahead))
+        kept = ~(features == again.reshape(1, -1, 6)).all(axis=2).any(axis=1)
+        parts = (
+            (_part_of(self._table.found, kept), self._table.fraction[:count][kept]),
+            (ahead, np.full(ahead.count[0], AT_ONCE)),
+        )
+        self._table = self._table.holding(*self._joined(parts))
+        return self._table
+
+    def _ways_of_points(self, contacts: Contacts, side: int) -> tuple[np.ndarray, np.ndarray]:
+        """Ways of the points on a side in the motion looked at, and those without turning [mm], shape (count, 3)."""
+        carriers, motion, vertices = self._surfaces.carriers, self._rigid_change, contacts.vertices[:, side]
+        soft_count, rigid_count = len(self._soft.body_start) - 1, len(motion.position)
+        ways = np.zeros_like(contacts.normal)
+        on_soft = contacts.bodies[:, side] < soft_count
+        weights = contacts.weights[on_soft, side, :, None] * carriers.weights[vertices[on_soft]]
+        nodes = carriers.nodes[vertices[on_soft]]
+        ways[on_soft] = self._time_step * np.einsum("cvn,cvni->ci", weights, self._change.velocity[nodes])
+        body = contacts.bodies[:, side] - soft_count
+        on_rigid = (body >= 0) & (body < rigid_count)
+        body = body[on_rigid]
+        shifts = self._time_step * motion.linear[body]
+        arms = contacts.points[on_rigid, side] - motion.position[body] - shifts
+        ways[on_rigid] = shifts + self._time_step * np.cross(motion.angular[body], arms)
+        straight = ways.copy()
+        straight[on_rigid] = shifts
+        return ways, straight
+
+    def _way(self) -> np.ndarray:
+        """Bounds of the ways of bodies against each other from where they were measured [mm]."""
+        change, whole = self._ways
+        return np.minimum(change + (1.0 - self._passed) * self._approach, whole + self._passed * self._approach)
+
+    def _approach_with(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
+        """Bounds of the approach of bodies with these velocities [mm], shape (body_count, body_count)."""
+        self._set_change(node_velocity, rigid_velocity)
+        kernels.measure_approach(self._time_step, self._change, self._rigid_change, self._pairs)
+        return self._pairs.approach.copy()
+
+    def _set_change(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> None:
+        self._change.velocity[:] = node_velocity
+        self._rigid_change.linear[:], self._rigid_change.angular[:] = rigid_velocity[:, :3], rigid_velocity[:, 3:]
+
     def _find_contacts(self, state: State) -> Part:
         self._state, pairs = state, self._pairs
         self._soft.position[:], self._soft.velocity[:] = state.position, state.velocity
+        self._rigid.linear[:], self._rigid.angular[:] = self._rigid_now.linear, self._rigid_now.angular
         self._falls = self._time_step**2 * float(np.linalg.norm(state.gravity))
         kernels.look_ahead(self._time_step, self._distance, self._falls, self._soft, self._rigid, pairs)
+        self._approach, self._sought, self._passed = (
+            pairs.approach.copy(),
+            pairs.reach.copy(),
+            np.ones_like(pairs.reach),
+        )
+        self._is_at_the_end = not pairs.count[FAST]
         if pairs.count[FAST]:
             return self._find_along_the_way()
         contacts = self._search(pairs.reach, 1.0)
@@ -94,7 +233,7 @@ class ContactPrediction:
 
     def _find_along_the_way(self) -> Part:
         """The contacts of a step in which bodies could pass through each other."""
-        may_touch, approach = self._surfaces.may_touch, self._pairs.approach.copy()
+        may_touch, approach = self._surfaces.may_touch, self._approach
         fraction = np.where(may_touch, 1.0, np.nan)
         self._find_approach_times(self._surfaces.may_pass_through & (approach > self._distance), approach, fraction)
         # The rest of the step after a pair was measured, arcs, the fall by gravity, and the effect of other impacts.
@@ -103,7 +242,12 @@ class ContactPrediction:
         bend = self._pairs.bend[:, None] + self._pairs.bend
         reach = self._distance + (1.0 - fraction) * approach + bend + self._falls + struck
         reach = np.maximum(reach, self._pairs.least_reach)
-        times = np.unique(fraction[may_touch]).tolist()
+        self._passed, self._sought = np.where(may_touch, fraction, 1.0), np.where(may_touch, reach, -1.0)
+        return self._measure_all(fraction, reach)
+
+    def _measure_all(self, fraction: np.ndarray, reach: np.ndarray) -> Part:
+        """Contacts of each two bodies within their reach, after their fraction of the step."""
+        times = np.unique(fraction[self._surfaces.may_touch]).tolist()
         return self._joined(
             part for time in times for part in self._measure(np.where(fraction == time, reach, -1), time)
         )
@@ -147,6 +291,9 @@ class ContactPrediction:
         ahead = (contacts if farther is reach else self._search(farther, time)).trimmed()
         at_start = self._search(np.where(too_close, farther, -1.0), 0.0)
         overlapping = self._too_close()
+        if overlapping.any():
+            self._passed[overlapping], self._is_at_the_end = 0.0, False
+        self._sought = np.maximum(self._sought, farther)
         for chosen, when in ((_chosen(at_start, overlapping), 0.0), (_chosen(ahead, ~overlapping), time)):
             yield chosen, np.full(chosen.count[0], when)
 
@@ -191,5 +338,10 @@ class ContactPrediction:
 def _chosen(contacts: Contacts, pairs: np.ndarray) -> Contacts:
     """The contacts of these pairs of bodies."""
     count = contacts.count[0]
-    kept = pairs[tuple(contacts.bodies[:count].T)]
+    return _part_of(contacts, pairs[tuple(contacts.bodies[:count].T)])
+
+
+def _part_of(contacts: Contacts, kept: np.ndarray) -> Contacts:
+    """The contacts marked as kept, shape (count,)."""
+    count = len(kept)
     return Contacts(np.array([kept.sum()], dtype=np.int32), *(array[:count][kept] for array in contacts[1:]))

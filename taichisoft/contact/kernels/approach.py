@@ -5,7 +5,7 @@ from typing import NamedTuple
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.kernels.surface_vertices import PoseArrays
-from taichisoft.runtime.language import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti
+from taichisoft.runtime.language import Integers, IntegerTable, Scalars, ScalarTable, Vectors, func, ti
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.rotation_matrices import rotation_of_vector
 
@@ -61,6 +61,37 @@ class BodyPairs(NamedTuple):
 FAST, TOO_CLOSE = range(2)
 
 
+@func
+def bound_approach(time_step: ti.f64, soft: NodeMotion, rigid: RigidState, pairs: BodyPairs):
+    """Fill in the balls of velocities, the bends, and the approach of each two bodies."""
+    soft_count, rigid_count = soft.body_start.shape[0] - 1, rigid.position.shape[0]
+    for body in range(soft_count):
+        low = soft.velocity[soft.body_start[body]]
+        high = low
+        for node in range(soft.body_start[body], soft.body_start[body + 1]):
+            low = ti.min(low, soft.velocity[node])
+            high = ti.max(high, soft.velocity[node])
+        pairs.centre[body] = 0.5 * (low + high)
+        pairs.radius[body] = 0.5 * (high - low).norm()
+        pairs.bend[body] = 0.0
+    for body in range(rigid_count):
+        pairs.centre[soft_count + body] = rigid.linear[body]
+        pairs.bend[soft_count + body] = time_step**2 * rigid.angular[body].norm_sqr() * pairs.rigid_radius[body]
+        pairs.radius[soft_count + body] = rigid.angular[body].norm() * pairs.rigid_radius[body]
+    for first in range(pairs.radius.shape[0]):
+        for second in range(pairs.radius.shape[0]):
+            apart = (pairs.centre[first] - pairs.centre[second]).norm()
+            pairs.approach[first, second] = time_step * (apart + pairs.radius[first] + pairs.radius[second])
+
+
+@kernel
+def measure_approach(time_step: ti.f64, soft: NodeMotion, rigid: RigidState, pairs: BodyPairs):
+    """Fill in the approach of each two bodies with these velocities."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        bound_approach(time_step, soft, rigid, pairs)
+
+
 @kernel
 def look_ahead(
     time_step: ti.f64, contact_distance: ti.f64, falls: ti.f64, soft: NodeMotion, rigid: RigidState, pairs: BodyPairs
@@ -72,31 +103,16 @@ def look_ahead(
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        soft_count, rigid_count = soft.body_start.shape[0] - 1, rigid.position.shape[0]
-        for body in range(soft_count):
-            low = soft.velocity[soft.body_start[body]]
-            high = low
-            for node in range(soft.body_start[body], soft.body_start[body + 1]):
-                low = ti.min(low, soft.velocity[node])
-                high = ti.max(high, soft.velocity[node])
-            pairs.centre[body] = 0.5 * (low + high)
-            pairs.radius[body] = 0.5 * (high - low).norm()
-            pairs.bend[body] = 0.0
-        for body in range(rigid_count):
-            pairs.centre[soft_count + body] = rigid.linear[body]
-            pairs.bend[soft_count + body] = time_step**2 * rigid.angular[body].norm_sqr() * pairs.rigid_radius[body]
-            pairs.radius[soft_count + body] = rigid.angular[body].norm() * pairs.rigid_radius[body]
+        bound_approach(time_step, soft, rigid, pairs)
         pairs.count[FAST] = 0
         for first in range(pairs.radius.shape[0]):
             for second in range(pairs.radius.shape[0]):
-                apart = (pairs.centre[first] - pairs.centre[second]).norm()
-                approach = time_step * (apart + pairs.radius[first] + pairs.radius[second])
-                pairs.approach[first, second] = approach
                 pairs.reach[first, second] = -1.0
                 if pairs.may_touch[first, second] != 0:
                     reach = contact_distance + falls + pairs.bend[first] + pairs.bend[second]
                     pairs.reach[first, second] = ti.max(reach, pairs.least_reach[first, second])
-                if pairs.may_pass_through[first, second] != 0 and approach > contact_distance:
+                may_pass = pairs.may_pass_through[first, second] != 0
+                if may_pass and pairs.approach[first, second] > contact_distance:
                     pairs.count[FAST] = pairs.count[FAST] + 1
 
 

@@ -10,13 +10,14 @@ from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, i
 from taichisoft.contact.kernels.local_distance import edge_pseudonormal, in_normal_cone, normal_cone
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Surfaces
 from taichisoft.contact.kernels.vertex_contacts import COINCIDENT
-from taichisoft.runtime.language import ScalarTable, Vectors, func, ti, vec3
+from taichisoft.runtime.language import Scalars, ScalarTable, Vectors, func, ti, vec3
 
 
 @func
 def edges_against_edges(
     reaches: ScalarTable,
     depth: ti.f64,
+    extent: Scalars,
     surfaces: Surfaces,
     trees: Trees,
     moved: MovedSurfaces,
@@ -24,6 +25,8 @@ def edges_against_edges(
     found: Contacts,
 ):
     """Find crossing edges of two surfaces within their bodies' reach, or penetrating by up to the reach and `depth`.
+
+    They are no deeper than the thinner body: beyond it, edges only look as if they penetrated each other.
 
     Crossed edges deeper than the deepest vertex inside are excluded. Where a block has sunk a little into the rim of a
     table, its vertical edge and the table's edge also appear to penetrate each other, but sideways and by far more:
@@ -33,7 +36,8 @@ def edges_against_edges(
         mine, theirs = surfaces.pairs[pair, 0], surfaces.pairs[pair, 1]
         reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
         their_low, their_high = moved.lower[trees.root[theirs]] - reach, moved.upper[trees.root[theirs]] + reach
-        least = -ti.min(depth, reach)
+        thinnest = ti.min(extent[surfaces.body[mine]], extent[surfaces.body[theirs]])
+        least = -ti.min(ti.min(depth, reach), thinnest)
         if space.deepest[pair] < 0.0:
             least = ti.max(least, space.deepest[pair])
         node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])

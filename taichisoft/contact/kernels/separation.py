@@ -11,7 +11,7 @@ from taichisoft.contact.kernels.surface_vertices import Carriers
 from taichisoft.runtime.language import SOFT, Integers, Scalars, ScalarTable, Vectors, VectorTable, func, ti, vec3
 from taichisoft.runtime.launch import kernel
 
-# A contact is expected to push if it would close within this number of steps at its present velocity.
+# A contact is expected to push if it would close, or touch, within this number of steps at its present velocity.
 STEPS_AHEAD = 2.0
 # Entries of `terms`, common to all contacts: time step [s]; contact distance [mm]; tolerance of velocities [mm/s];
 # 1 if penetrations at the start are kept and moved out later, else 0; 1 if any contact has restitution, else 0; theta;
@@ -112,7 +112,7 @@ def begin_separation(
         for c in range(contacts.count[0]):
             rate, speed = separation.gap_rate[c], separation.speed[c]
             choice.gap[c] = time_step * (rate + speed) + separation.kept_depth[c]
-            choice.wanted[c] = rate + STEPS_AHEAD * speed <= 0.0
+            choice.wanted[c] = time_step * (rate + STEPS_AHEAD * speed) <= separation.touching[c]
             # An impact may throw a body at its neighbours as fast as the fastest approach.
             closes = time_step * (rate + speed + 2.0 * fastest) < separation.touching[c]
             if terms[HAS_RESTITUTION] != 0.0 and closes:

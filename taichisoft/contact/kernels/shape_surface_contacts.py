@@ -9,6 +9,7 @@ from taichisoft.contact.kernels.box_trees import Trees, find_leaves
 from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
 from taichisoft.contact.kernels.local_distance import (
     closest_on_triangle,
+    edge_pseudonormal,
     face_normal,
     in_normal_cone,
     is_local_minimum,
@@ -82,7 +83,10 @@ def shapes_against_surfaces(
                     )  # fmt: skip
             if shapes.half_length[s] > 0.0:
                 for j in range(trees.edge_start[leaf], trees.edge_start[leaf + 1]):
-                    touch_edge(pair, group, trees.edge[j], reach, surfaces, moved, shapes, there, space, found)
+                    touch_edge(
+                        pair, group, trees.edge[j], near_count, vec2(reach, depth), surfaces, trees, moved, shapes,
+                        there, space, found,
+                    )  # fmt: skip
             for j in range(trees.vertex_start[leaf], trees.vertex_start[leaf + 1]):
                 touch_vertex(pair, group, trees.vertex[j], reach, surfaces, moved, shapes, there, space, found)
 
@@ -115,16 +119,7 @@ def touch_ball(
         out = outward_normal(closest, weights, surfaces, moved.position)
         foot = on_triangle(closest, weights, surfaces, moved.position)
         if (centre - foot).dot(out) < 0.0:
-            beyond_rim = 0
-            for c in ti.static(range(3)):
-                if weights[c] == 0.0 and surfaces.edge_triangles[surfaces.triangle_edges[closest, c], 1] < 0:
-                    beyond_rim = 1
-            depth_here = (foot - centre).norm()
-            if depth_here > COINCIDENT:
-                out = (foot - centre) / depth_here
-            if depth_here <= depth and beyond_rim == 0:
-                store_face(pair, group, k, closest, weights, foot, out, -depth_here - radius, surfaces, shapes, space,
-                           found)  # fmt: skip
+            push_out(pair, group, k, closest, weights, sphere, depth, surfaces, moved, shapes, space, found)
         else:
             for i in range(within_reach):
                 t, w = space.triangle[i], space.weights[i]
@@ -143,6 +138,36 @@ def touch_ball(
                             facing = away / distance
                         store_face(pair, group, k, t, w, there, facing, distance - radius, surfaces, shapes, space,
                                    found)  # fmt: skip
+
+
+@func
+def push_out(
+    pair: ti.i32,
+    group: ti.i32,
+    k: ti.i32,
+    closest: ti.i32,
+    weights: vec3,
+    sphere: vec4,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    moved: MovedSurfaces,
+    shapes: RoundShapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contact of a ball whose centre is inside a surface, down to `depth` [mm] from the closest triangle."""
+    centre = vec3(sphere[0], sphere[1], sphere[2])
+    out = outward_normal(closest, weights, surfaces, moved.position)
+    foot = on_triangle(closest, weights, surfaces, moved.position)
+    beyond_rim = 0
+    for c in ti.static(range(3)):
+        if weights[c] == 0.0 and surfaces.edge_triangles[surfaces.triangle_edges[closest, c], 1] < 0:
+            beyond_rim = 1
+    depth_here = (foot - centre).norm()
+    if depth_here > COINCIDENT:
+        out = (foot - centre) / depth_here
+    if depth_here <= depth and beyond_rim == 0:
+        store_face(pair, group, k, closest, weights, foot, out, -depth_here - sphere[3], surfaces, shapes, space, found)
 
 
 @func
@@ -197,15 +222,21 @@ def touch_edge(
     pair: ti.i32,
     group: ti.i32,
     e: ti.i32,
-    reach: ti.f64,
+    near_count: ti.i32,
+    limits: vec2,
     surfaces: Surfaces,
+    trees: Trees,
     moved: MovedSurfaces,
     shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contacts of the inner part of a capsule or cylinder with the inside of edge e."""
+    """Store the contacts of the inner part of a capsule or cylinder with the inside of edge e.
+
+    The edge may have gone past a capsule's axis, whose place there is then inside the surface, and is pushed out.
+    """
+    reach, depth = limits[0], limits[1]
     s = shapes.surface_pairs[pair, SHAPE]
     a, b = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
     nearest, _out, _where = signed_distance(0.5 * (a + b), s, shapes, there)
@@ -232,6 +263,21 @@ def touch_edge(
                         is_new = 0
                 if k > 0 and first < last and place > 0.0 and place < 1.0:
                     is_new = 1
+                beyond = 0.0
+                if shapes.flat[s] == 0:
+                    beyond = out.dot(edge_pseudonormal(e, surfaces, moved.position))
+                if is_new and beyond > 0.0:
+                    is_new = 0
+                    axis = x - (distance + shapes.radius[s]) * out
+                    closest, weights, _within_reach = find_triangles(
+                        axis, near_count, 0.0, depth, surfaces, trees, moved, space
+                    )
+                    if closest >= 0:
+                        away = axis - on_triangle(closest, weights, surfaces, moved.position)
+                        if away.dot(outward_normal(closest, weights, surfaces, moved.position)) < 0.0:
+                            place_there = vec4(axis[0], axis[1], axis[2], shapes.radius[s])
+                            push_out(pair, group, k, closest, weights, place_there, depth, surfaces, moved, shapes,
+                                     space, found)  # fmt: skip
                 if is_new and distance < reach and in_normal_cone(e, -out, surfaces, moved.position):
                     c = store_shape(pair, group + EDGES, e, k, x, out, distance, surfaces, shapes, space, found)
                     ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
