@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.meshes.smooth_normals import vertex_normals
@@ -80,6 +79,8 @@ class TrainingRange:
 
     def pressed_elsewhere(self, state: "State") -> dict[str, np.ndarray]:
         """By body, the contact [mm] that presses most of those where nothing near by pressed in the training, (3,)."""
+        from scipy.spatial import cKDTree  # a tenth of a start, for reduced bodies alone
+
         found = {}
         force = np.einsum("cd,cd->c", state.contact_impulse, state.contact_normal)
         for number, near in self._near_pressed.items():
@@ -105,6 +106,8 @@ class TrainingRange:
 
 def _near_pressed(body: "SoftBody") -> np.ndarray:
     """Whether a node is near one that something pressed in the training, on the same side, shape (node_count,)."""
+    from scipy.spatial import cKDTree
+
     assert body.modes is not None and body.modes.pressed is not None
     nodes, pressed = body.mesh.nodes, np.flatnonzero(body.modes.pressed)
     normals = vertex_normals(nodes, boundary_triangles(body.mesh.elements[:, :4]))
