@@ -35,6 +35,7 @@ class StepReport:
         newton_residual: largest move of a node by another linearisation [mm]; None for steps with one linearisation
             (`time.newton`).
         find_imbalance: function that computes `imbalance`.
+        stiffness, left: of a static step, as of `Equilibrium`; else None.
     """
 
     step: int
@@ -55,6 +56,8 @@ class StepReport:
     linearisations: int = 1
     newton_residual: float | None = None
     find_imbalance: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
+    stiffness: float | None = None
+    left: float | None = None
 
     @property
     def contact_count(self) -> int:
