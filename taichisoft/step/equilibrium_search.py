@@ -13,6 +13,8 @@ from taichisoft.step.stability import NEUTRAL, Softest, StabilityCheck
 
 SMALLEST_INCREMENT = 2.0**-8
 """Smallest part of the change of the loads that is tried at once [-]."""
+MOST_UNSOLVED = 6
+"""Most increments that linearisations have not solved: near loads that cannot be carried each takes hundreds of them."""
 MOST_SETTLING = 100
 """Most moves from a start at which the bodies do not rest."""
 STILL, MOST_MOVES = 1e-6, 300
@@ -138,6 +140,7 @@ class EquilibriumSearch:
         """An equilibrium, stable or not."""
         state, share, increment, increments, linearisations, residual = start, 0.0, 1.0, 0, 0, 0.0
         finest = self._time.newton_tolerance
+        unsolved = 0
         is_settled, tolerance = False, max(finest, ROUGH) if self._has_free else finest
         while share < 1.0:
             aim = min(1.0, share + increment)
@@ -155,11 +158,12 @@ class EquilibriumSearch:
             if not problem:
                 state, share, increment, increments = end, aim, 2.0 * increment, increments + 1
                 continue
-            increment *= 0.5
-            if increment < SMALLEST_INCREMENT and share == 0.0 and not is_settled:
+            increment, unsolved = 0.5 * increment, unsolved + problem.startswith("not solved")
+            is_last = increment < SMALLEST_INCREMENT or unsolved == MOST_UNSOLVED
+            if is_last and share == 0.0 and not is_settled:
                 state, more, _ = self._settled(loads, state, 0.0, 0)
-                is_settled, increment, linearisations = True, 1.0, linearisations + more
-            if increment < SMALLEST_INCREMENT:
+                is_settled, increment, unsolved, linearisations = True, 1.0, 0, linearisations + more
+            elif is_last:
                 raise EquilibriumNotFound(
                     body,
                     start.step,

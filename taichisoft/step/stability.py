@@ -101,7 +101,10 @@ class StabilityCheck:
         self._of_soft, self._of_rigid = of_soft[held], of_rigid[held]
         self._mass, self._mobility = rigid.weightless()
         compliance = rows.compliance[: rows.row_count**2].reshape(rows.row_count, rows.row_count)[np.ix_(held, held)]
-        of_bodies, more = self._of_rigid.reshape(len(held), self._rigid_count, 6), self._mobility - rigid.state.inverse_mass
+        of_bodies, more = (
+            self._of_rigid.reshape(len(held), self._rigid_count, 6),
+            self._mobility - rigid.state.inverse_mass,
+        )
         compliance = compliance + np.einsum("rbi,bij,sbj->rs", of_bodies, more, of_bodies)
         # Impulses between rigid bodies may be undetermined; their motion is not.
         self._inverse = np.linalg.pinv(compliance, rcond=1e-13, hermitian=True)
@@ -162,7 +165,10 @@ class StabilityCheck:
         if abs(side) < self._nonlinear.tolerance:  # nothing tells it
             side = softest.node_velocity.flat[np.abs(softest.node_velocity).argmax()]
         way = float(np.copysign(min(FIRST_WAY, longest), side))
-        while abs(2.0 * way) <= longest and way * ((self._forces(rates, 2.0 * way / time_step) - self._rest) @ rates) > 0.0:
+        while (
+            abs(2.0 * way) <= longest
+            and way * ((self._forces(rates, 2.0 * way / time_step) - self._rest) @ rates) > 0.0
+        ):
             way *= 2.0
         return way
 

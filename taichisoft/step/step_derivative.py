@@ -269,9 +269,14 @@ class StepDerivative:
             ends += _zeros(0.0, more[0], here[0], noise[0])
             if contact.slides:
                 along = -here[1:] / contact.friction
-                ends += _zeros(0.0, float(speeds[number, 1:] @ along), max(float(own[number, 1:] @ along), 0.0), noise[1])
+                ends += _zeros(
+                    0.0, float(speeds[number, 1:] @ along), max(float(own[number, 1:] @ along), 0.0), noise[1]
+                )
             elif contact.most > 0.0:
-                square, both = (mu * more[0]) ** 2 - more[1:] @ more[1:], mu**2 * here[0] * more[0] - here[1:] @ more[1:]
+                square, both = (
+                    (mu * more[0]) ** 2 - more[1:] @ more[1:],
+                    mu**2 * here[0] * more[0] - here[1:] @ more[1:],
+                )
                 left = max(contact.most**2 - contact.friction**2, 0.0)
                 ends += _zeros(float(square), 2.0 * float(both), left, noise[0] * contact.most)
         return max((end for end, rises in ends if rises), default=-np.inf), min(

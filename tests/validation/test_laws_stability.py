@@ -55,17 +55,23 @@ def test_a_column_falls_to_the_side_of_its_load(column: Any, figures: Figures, s
     begins at the end stays there."""
     simulation = column(1.2 * GREENHILL, side)
     straight = equilibrium(simulation, stable=False)
-    assert straight.stiffness == pytest.approx(-0.2, abs=0.05) and abs(tip(simulation, straight.state.position)[2]) < 1.0
+    assert (
+        straight.stiffness == pytest.approx(-0.2, abs=0.05) and abs(tip(simulation, straight.state.position)[2]) < 1.0
+    )
     with pytest.warns(UserWarning, match=r"near the start is unstable \(stiffness -0.*gone on to a stable one"):
         found = equilibrium(simulation)
     sideways = tip(simulation, found.state.position)[2]
     assert found.left == straight.stiffness and found.stiffness > 0.0
     # Large deflections: an inextensible column at 1.2 of its critical weight, by shooting.
-    figures.close("way to the side of a column at 1.2 of its critical weight, mm", side * sideways, heavy_elastica(1.2), 5.0)
+    figures.close(
+        "way to the side of a column at 1.2 of its critical weight, mm", side * sideways, heavy_elastica(1.2), 5.0
+    )
     simulation.restore(found.state)
     for _ in range(50):
         simulation.step()
-    figures.at_most("from the end of a motion, mm", float(np.abs(simulation.state.position - found.state.position).max()), 1e-3)
+    figures.at_most(
+        "from the end of a motion, mm", float(np.abs(simulation.state.position - found.state.position).max()), 1e-3
+    )
 
 
 def heavy_elastica(share: float) -> float:
@@ -83,7 +89,10 @@ def heavy_elastica(share: float) -> float:
 def test_static_steps_buckle_a_column_between_clamps(column: Any, figures: Figures) -> None:
     """A column that is shortened by e beyond Euler's strain bends to w = 2 L / pi sqrt(e - e_c) in the middle, or as far
     as a wall allows."""
-    for wall, most in (({}, None), ({"obstacles": {"wall": {"plane": {"point": [0, 0, -3.5], "normal": [0, 0, 1]}}}}, 0.5)):
+    for wall, most in (
+        ({}, None),
+        ({"obstacles": {"wall": {"plane": {"point": [0, 0, -3.5], "normal": [0, 0, 1]}}}}, 0.5),
+    ):
         simulation = column(1e-9, -1.0, True, time={"dynamics": "static"}, **wall)
         nodes = simulation.model.anchored_nodes
         places = simulation.model.rest_position[nodes].copy()
