@@ -73,9 +73,9 @@ def inverse(
     rectangular trust regions (Voglis and Lagaris 2004, A rectangular trust region dogleg approach for unconstrained and
     bound constrained nonlinear optimization). Targets out of reach give the nearest that the bounds allow, each
     residual over its scale. The search begins with what is asked for now; it is local, and finds one solution of
-    several. It goes from one equilibrium to the next. Where friction acts, which remembers the way, it then goes on with
-    equilibria that are all found from the present state: by statics on the straight way, or `by` motion, with steps from
-    there under the control until nothing moves any more, which is what `Simulation.step` does with the control found.
+    several. It goes from one equilibrium to the next. Where friction acts, which remembers the way, it then goes on
+    with equilibria that are all found from the present state: by statics on the straight way, or `by` motion, with
+    steps under the control until nothing moves any more, as `Simulation.step` makes them with the control found.
 
     Args:
         simulation: a simulation with soft bodies, all of them with anchors.
@@ -226,8 +226,8 @@ class _Search:
                 rows = rows + np.outer(change - rows @ way, way) / (way @ way)
         else:
             linear = here.linearise(self.names)
-            rows = [linear[one.name][np.isfinite(target)] / scale for one, target, scale in self._figures]
-            rows = np.vstack(rows) * np.diff(self.bounds)[:, 0]
+            parts = [linear[one.name][np.isfinite(target)] / scale for one, target, scale in self._figures]
+            rows = np.vstack(parts) * np.diff(self.bounds)[:, 0]
         self._known = values.copy(), self._all_residuals(here), rows
         return np.asarray(rows / np.diff(self.bounds)[:, 0])
 

@@ -29,8 +29,8 @@ from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.stability import StabilityCheck
 from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
+from taichisoft.step.stability import StabilityCheck
 from taichisoft.step.step_derivative import StepDerivative
 
 

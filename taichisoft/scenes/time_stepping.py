@@ -37,7 +37,7 @@ class Time(Table):
     end of the step whatever it is (Moreau and Jean's scheme)."""
     newton: Annotated[int, Field(strict=True, gt=0)] = 1
     """Most linearisations of the soft bodies' equations in a step. One is linearly implicit Euler; more lead to the
-    solution of the equations at the end of the step, contacts and actuators included. Static steps make what it takes."""
+    solution of the equations at the end of the step, contacts and actuators included. Static steps take more."""
     newton_tolerance: Positive = 1e-7
     """No further linearisation is made where one would move no node by more than this [mm], whatever the step."""
 

@@ -14,7 +14,7 @@ from taichisoft.step.stability import NEUTRAL, Softest, StabilityCheck
 SMALLEST_INCREMENT = 2.0**-8
 """Smallest part of the change of the loads that is tried at once [-]."""
 MOST_UNSOLVED = 6
-"""Most increments that linearisations have not solved: near loads that cannot be carried each takes hundreds of them."""
+"""Most increments that stay unsolved: near loads that cannot be carried each takes hundreds of linearisations."""
 MOST_SETTLING = 100
 """Most moves from a start at which the bodies do not rest."""
 STILL, MOST_MOVES = 1e-6, 300
@@ -194,7 +194,8 @@ class EquilibriumSearch:
                 raise EquilibriumNotFound(
                     body,
                     loads.start.step,
-                    f"does not come to rest at {loads.start.time:.6g} s: after {MOST_MOVES} moves it still goes {way:.2g} mm "
+                    f"does not come to rest at {loads.start.time:.6g} s: after {MOST_MOVES} moves it still goes "
+                    f"{way:.2g} mm "
                     "at a time; nothing holds it, or not enough",
                     "a support, a firmer grip, or less weight",
                 )

@@ -110,7 +110,7 @@ class RigidMotion:
             springs.pull(state, self._time_step, self._theta, rigid)
 
     def weightless(self) -> tuple[np.ndarray, np.ndarray]:
-        """A thousandth of the masses, and the inverse masses with springs of bodies of so little mass, 0 of carried ones.
+        """A thousandth of the masses, and inverse masses with springs of bodies of so little mass, 0 of carried ones.
 
         Masses slow the way to an equilibrium, and have no say in it.
 

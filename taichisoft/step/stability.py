@@ -32,7 +32,7 @@ class Softest:
         stiffness: of the move, over that of the linearisation, which is positive definite [-]: 1 at rest without loads,
             0 where an equilibrium becomes unstable, negative beyond.
         rates: of the unknowns and the rigid bodies, where the fastest node or centre of mass has 1 mm/s.
-        node_velocity, rigid_velocity: the same of all nodes, shape (node_count, 3), and of the bodies, (rigid_count, 6).
+        node_velocity, rigid_velocity: the same of all nodes, shape (node_count, 3), and of bodies, (rigid_count, 6).
         impulse: that the linearisation makes of it on the unknowns, shape (node_count, 3).
     """
 
@@ -110,7 +110,7 @@ class StabilityCheck:
         self._inverse = np.linalg.pinv(compliance, rcond=1e-13, hermitian=True)
 
     def softest(self, before: np.ndarray | None = None) -> Softest:
-        """The move with the least stiffness; of several that are alike the one that leads most to where nodes came from.
+        """The move with the least stiffness; of several that are alike the one that leads to where nodes came from.
 
         Args:
             before: from here to there [mm], shape (node_count, 3).
@@ -123,7 +123,8 @@ class StabilityCheck:
         soft = self._soft.on_unknowns(cause[: 3 * self._node_count].reshape(-1, 3)).ravel()
         move = self._solve(np.concatenate([soft, cause[3 * self._node_count :]]))
         move = self._solve(move.rates)
-        basis, ratios, last, shares = [move.over(_size(move))], np.zeros((0, 0)), np.inf, np.ones(1)
+        ratios = np.zeros((MOST_DIRECTIONS + 1, MOST_DIRECTIONS))
+        basis, last = [move.over(_size(move))], np.inf
         while True:
             cause = self._excess(basis[-1])
             column = np.array([one.rates @ cause for one in basis])
@@ -131,18 +132,14 @@ class StabilityCheck:
             for one, share in zip(basis, column, strict=True):
                 move = move.less(one, share)
             count, beyond = len(basis), _size(move)
-            wider = np.zeros((count, count))
-            wider[:-1, :-1], wider[:, -1] = ratios, column
-            if count > 1:
-                wider[-1, -2] = size_before
-            ratios, size_before = wider, beyond
-            values, vectors = np.linalg.eig(ratios)
+            ratios[:count, count - 1] = column
+            values, vectors = np.linalg.eig(ratios[:count, :count])
             top = int(values.real.argmax())
             shares, stiffness = vectors[:, top].real, 1.0 - float(values[top].real)
             settled = abs(stiffness - last) <= CERTAIN * max(abs(stiffness), NEUTRAL)
             if (count >= FEWEST and settled) or count == MOST_DIRECTIONS or beyond <= 1e-12:
                 break
-            last = stiffness
+            last, ratios[count, count - 1] = stiffness, beyond
             basis.append(move.over(beyond))
         rates = np.array([one.rates for one in basis]).T @ shares
         impulse = np.array([one.impulse for one in basis]).T @ shares
@@ -204,7 +201,7 @@ class StabilityCheck:
         return slope
 
     def _forces(self, rates: np.ndarray, share: float) -> np.ndarray:
-        """Impulses by all forces but contacts where a share of a move leads; those of the anchors' springs are left out,
+        """Impulses by all forces but contacts where a share of a move leads; the anchors' springs are left out,
         whose round-off would be all that is seen."""
         nodes, bodies = self._velocities(share * rates)
         solution, coordinates = self._solution, self._model.actuators.coordinates

@@ -87,8 +87,8 @@ def heavy_elastica(share: float) -> float:
 
 
 def test_static_steps_buckle_a_column_between_clamps(column: Any, figures: Figures) -> None:
-    """A column that is shortened by e beyond Euler's strain bends to w = 2 L / pi sqrt(e - e_c) in the middle, or as far
-    as a wall allows."""
+    """A column that is shortened by e beyond Euler's strain bends to w = 2 L / pi sqrt(e - e_c) in the middle, or as
+    far as a wall allows."""
     for wall, most in (
         ({}, None),
         ({"obstacles": {"wall": {"plane": {"point": [0, 0, -3.5], "normal": [0, 0, 1]}}}}, 0.5),
