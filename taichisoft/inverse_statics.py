@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.control.observed_figures import ObservedFigure, find_figure
 from taichisoft.errors import ControlError, EquilibriumNotFound, TaichisoftError
-from taichisoft.linearisation import asked_for, asking
+from taichisoft.linearisation import LOADS, asked_for, asking
+from taichisoft.state import State
 from taichisoft.statics import Equilibrium, Statics, statics_of
+from taichisoft.time_stepper import TimeStepper
 
 SCALES = {"bending_angles": 0.01, "normal_forces": 10.0, "friction_forces": 10.0, "base_force": 10.0}
 """Differences of targets that count as much as one of 1 mm, in the units of the figures; of all others 1."""
@@ -20,6 +22,8 @@ REACHED = 1e-3
 """Residual over its scale below which a target counts as reached [-]."""
 FOUND = 1e-5
 """Residual over its scale at which the search ends [-]."""
+NEAR = 3e-4
+"""The same where friction acts, and every equilibrium is found from the start [-]."""
 MOST_TRIALS = 60
 STARTS = (0.5, 0.25, 0.75, 0.05, 0.95)
 """Places in the ranges where the search may begin, if nothing depends on anything where it is now."""
@@ -27,6 +31,8 @@ INSIDE = 0.02
 """Least distance from the ends of the ranges at the beginning, over the ranges [-]."""
 NO_FRICTION = 1e-6
 """Friction below which the way to an equilibrium does not matter [mN]."""
+SLOW, LONGEST = 0.01, 20.0
+"""Speed of all nodes and rigid bodies below which a motion counts as ended [mm/s], and the longest motion [s]."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,7 @@ def inverse(
     targets: Mapping[str, Any],
     bounds: Mapping[str, tuple[float, float]],
     scales: Mapping[str, float] | None = None,
+    by: Literal["statics", "motion"] = "statics",
 ) -> InverseSolution:
     """Find what to ask for so that soft bodies come to rest at targets; the simulation stays where it is.
 
@@ -66,7 +73,9 @@ def inverse(
     rectangular trust regions (Voglis and Lagaris 2004, A rectangular trust region dogleg approach for unconstrained and
     bound constrained nonlinear optimization). Targets out of reach give the nearest that the bounds allow, each
     residual over its scale. The search begins with what is asked for now; it is local, and finds one solution of
-    several. Where friction acts the equilibria are those on the straight way from the present state.
+    several. It goes from one equilibrium to the next. Where friction acts, which remembers the way, it then goes on
+    with equilibria that are all found from the present state: by statics on the straight way, or `by` motion, with
+    steps under the control until nothing moves any more, as `Simulation.step` makes them with the control found.
 
     Args:
         simulation: a simulation with soft bodies, all of them with anchors.
@@ -76,6 +85,7 @@ def inverse(
             {"pressure.finger.cavity": (0.0, 40.0), "base_translation.z": (-5.0, 5.0)}.
         scales: differences of targets that count equally, by the names of the targets; where none is given 1 mm,
             0.01 rad and 10 mN, of other figures 1.
+        by: "statics" or "motion"; without friction both have the same ends.
 
     Raises:
         TaichisoftError: a target, a bound or a scale is not valid, or nothing can be varied.
@@ -83,23 +93,12 @@ def inverse(
         SceneError: see `equilibrium`.
         EquilibriumNotFound: there is no equilibrium where the search begins.
     """
-    from scipy.optimize import least_squares  # takes 0.2 s to import
-
+    if by not in ("statics", "motion"):
+        raise TaichisoftError(f"by = {by!r}: must be 'statics' or 'motion'")
     search = _Search(simulation, targets, bounds, scales or {})
-    start = search.start()
-    with suppress(_Found):
-        least_squares(
-            search.residuals,
-            start,
-            search.jacobian,
-            method="dogbox",
-            bounds=search.bounds.T,
-            x_scale=np.diff(search.bounds)[:, 0],
-            ftol=1e-13,
-            xtol=1e-11,
-            gtol=1e-13,
-            max_nfev=MOST_TRIALS,
-        )
+    search.run(search.start())
+    if search.has_friction:
+        search.run(search.begin_anew(by))
     solution = search.solution()
     simulation.warn_of_units(solution.control)
     simulation.warn_beyond_law(solution.equilibrium.state)
@@ -132,9 +131,43 @@ class _Search:
         for name in scales:
             if name not in targets:
                 raise TaichisoftError(f"scales: '{name}' is not a target; targets are {', '.join(targets)}")
+        self._model = simulation.model
+        self._from_start: str | None = None
+        self._known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._last: tuple[bytes, Equilibrium] | None = None
         self._best: tuple[float, np.ndarray, Equilibrium] | None = None
         self._trials = 0
+
+    def run(self, start: np.ndarray) -> None:
+        """Search for the best values from these on."""
+        from scipy.optimize import least_squares  # takes 0.2 s to import
+
+        with suppress(_Found):
+            least_squares(
+                self.residuals,
+                start,
+                self.jacobian,
+                method="dogbox",
+                bounds=self.bounds.T,
+                x_scale=np.diff(self.bounds)[:, 0],
+                ftol=1e-13,
+                xtol=1e-11,
+                gtol=1e-13,
+                max_nfev=MOST_TRIALS,
+            )
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether friction acts in the best equilibrium so far."""
+        assert self._best is not None
+        return sum(self._best[2].observation.truth.friction_forces.values()) >= NO_FRICTION
+
+    def begin_anew(self, by: str) -> np.ndarray:
+        """Find all further equilibria from the start, by statics or motion; returns the best values so far."""
+        assert self._best is not None
+        values = self._best[1]
+        self._from_start, self._last, self._best, self._known = by, None, None, None
+        return values
 
     def start(self) -> np.ndarray:
         """Where to begin: what is asked for now, or where every target depends on something.
@@ -173,18 +206,33 @@ class _Search:
             if self._best is None:
                 raise
             return np.full(sum(int(np.isfinite(target).sum()) for _, target, _ in self._figures), np.nan)
-        residuals = np.concatenate([self._residual(found, *one) for one in self._figures])
+        residuals = self._all_residuals(found)
         size = float(residuals @ residuals)
         if self._best is None or size < self._best[0]:
             self._best = size, values.copy(), found
-        if np.abs(residuals).max(initial=0.0) < FOUND:
+        if np.abs(residuals).max(initial=0.0) < (FOUND if self._from_start is None else NEAR):
             raise _Found
         return residuals
 
     def jacobian(self, values: np.ndarray) -> np.ndarray:
-        """Derivatives of the residuals, shape (residual_count, control_count)."""
-        linear = self._equilibrium(values).linearise(self.names)
-        return np.vstack([linear[one.name][np.isfinite(target)] / scale for one, target, scale in self._figures])
+        """Derivatives of the residuals, shape (residual_count, control_count).
+
+        Those of an equilibrium leave out how the way there changes. Where it counts they are corrected by what changed
+        from one trial to the next (Broyden 1965, A class of methods for solving nonlinear simultaneous equations).
+        """
+        here = self._equilibrium(values)
+        if self._from_start is not None and self._known is not None:
+            before, residuals, rows = self._known
+            way = (values - before) / np.diff(self.bounds)[:, 0]
+            change = self._all_residuals(here) - residuals
+            if way.any():
+                rows = rows + np.outer(change - rows @ way, way) / (way @ way)
+        else:
+            linear = here.linearise(self.names)
+            parts = [linear[one.name][np.isfinite(target)] / scale for one, target, scale in self._figures]
+            rows = np.vstack(parts) * np.diff(self.bounds)[:, 0]
+        self._known = values.copy(), self._all_residuals(here), rows
+        return np.asarray(rows / np.diff(self.bounds)[:, 0])
 
     def solution(self) -> InverseSolution:
         """The best that was found."""
@@ -207,25 +255,38 @@ class _Search:
             reached=not missed,
             at_bounds=at_bounds,
             trials=self._trials,
-            message=_in_words(missed, residuals, at_bounds),
+            message=_in_words(missed, residuals, at_bounds) + self._caution(found),
         )
+
+    def _caution(self, found: Equilibrium) -> str:
+        """What else is to be said of a solution."""
+        said = f"; {found.warning}" if found.warning else ""
+        if self._from_start == "statics":
+            said += (
+                "; friction depends on the way, and this is at rest on a straight one: inverse(..., by='motion') finds "
+                "what steps from here come to"
+            )
+        return said
+
+    def _all_residuals(self, found: Equilibrium) -> np.ndarray:
+        return np.concatenate([self._residual(found, *one) for one in self._figures])
 
     def _residual(self, found: Equilibrium, figure: ObservedFigure, target: np.ndarray, scale: float) -> np.ndarray:
         asked = np.isfinite(target)
         return np.asarray((figure.of(found.observation)[asked] - target[asked]) / scale)
 
     def _equilibrium(self, values: np.ndarray) -> Equilibrium:
-        """The equilibrium; from the last one where there is no friction, on which the way would leave its mark."""
+        """The equilibrium; from the last one, or from the start where the way must be that from there."""
         key = values.tobytes()
         if self._last is None or self._last[0] != key:
             self._trials += 1
             begin = self._state
-            if self._last is not None and _has_no_friction(self._last[1]):
+            if self._from_start == "motion":
+                begin = self._moved(values)
+            elif self._from_start is None and self._last is not None:
                 begin = self._last[1].state
             try:
                 found = self._statics.find(begin, self._control(values))
-                if begin is not self._state and not _has_no_friction(found):
-                    found = self._statics.find(self._state, self._control(values))
             except EquilibriumNotFound:
                 if begin is self._state:
                     raise
@@ -233,12 +294,27 @@ class _Search:
             self._last = key, found
         return self._last[1]
 
+    def _moved(self, values: np.ndarray) -> State:
+        """Where a motion from the start comes to rest.
+
+        Raises:
+            EquilibriumNotFound: it moves on and on.
+        """
+        stepper, control = TimeStepper(self._model), self._control(values)
+        stepper.restore(self._state)
+        for _ in range(round(LONGEST / self._model.scene.time.step)):
+            before = stepper.state
+            stepper.step(control)
+            state = stepper.state
+            moved = (state.position - before.position, state.rigid_position - before.rigid_position)
+            way = max(float(np.abs(part).max(initial=0.0)) for part in moved)
+            same = all(np.array_equal(getattr(state, name), getattr(before, name)) for name in LOADS)
+            if same and way < SLOW * self._model.scene.time.step:
+                return state.changed(time=self._state.time, step=self._state.step)
+        raise EquilibriumNotFound("", self._state.step, f"still moves after {LONGEST:g} s", "more damping")
+
     def _control(self, values: np.ndarray) -> Control:
         return asking(self._state, dict(zip(self.names, values.tolist(), strict=True)))
-
-
-def _has_no_friction(found: Equilibrium) -> bool:
-    return sum(found.observation.truth.friction_forces.values()) < NO_FRICTION
 
 
 def _in_words(missed: list[str], residuals: Mapping[str, np.ndarray], at_bounds: tuple[str, ...]) -> str:

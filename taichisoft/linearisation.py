@@ -17,7 +17,7 @@ from taichisoft.errors import ControlError, nearest
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.solution import StepSolution
-from taichisoft.step.step_derivative import StepDerivative
+from taichisoft.step.step_derivative import Edge, StepDerivative
 from taichisoft.time_stepper import TimeStepper
 
 NOTHING = Control()
@@ -50,11 +50,17 @@ class Linearisation:
             over its nodes, or on the centre of mass of a rigid body.
         units: of the controls: kPa, mm, rad, mN and so on, in the same order.
         observation: what is observed after the step, or in the equilibrium; exact, without the scene's sensors.
+        ranges: changes of each control, below and above 0, within which contacts stay open, sticking or sliding as far
+            as the derivatives tell, in the control's unit; infinite where none changes; shape (control_count, 2).
+            Contacts that took no part, since they were farther apart, are not in it.
+        edges: contacts at such a change, nearer than the solvers' tolerances tell: derivatives are those of one side.
     """
 
     controls: tuple[str, ...]
     units: tuple[str, ...]
     observation: Observation
+    ranges: np.ndarray
+    edges: tuple[Edge, ...]
     _body_names: tuple[str, ...]
     _seen: tuple[Weighted, ...]
 
@@ -106,7 +112,8 @@ def linearise(
     ends = _NearEnds(stepper, derivative, control)
     seen = tuple(ends.along(one) for one in chosen)
     names, units = tuple(one.name for one in chosen), tuple(one.unit for one in chosen)
-    return Linearisation(names, units, ends.here, stepper.model.body_names, seen)
+    ranges = np.array(ends.ranges).reshape(-1, 2)
+    return Linearisation(names, units, ends.here, ranges, tuple(derivative.edges()), stepper.model.body_names, seen)
 
 
 class _NearEnds:
@@ -118,6 +125,7 @@ class _NearEnds:
         self._nothing = causes.difference(causes, 0.0)
         self._unmoved = derivative.along(self._nothing)
         self.here = self._observe(derivative.start, self._unmoved, 0.0)
+        self.ranges: list[tuple[float, float]] = []
 
     def along(self, one: Input) -> Weighted:
         """What is observed with more and with less of a number, with the weights whose sum is the derivative."""
@@ -131,9 +139,11 @@ class _NearEnds:
             # At the end of a range only one side is free to move.
             low, high = (sign * self._is_moved(side) for sign, side in ((low, down), (high, up)))
             if low == high:  # limits hold it
+                self.ranges.append((-np.inf, np.inf))
                 return ((0.0, self.here),)
             causes = derivative.causes(up), derivative.causes(down)
             change = derivative.along(causes[0].difference(causes[1], 1.0 / (width * (high - low))))
+        self.ranges.append(derivative.range_along(change))
         velocities = change.node_velocity, change.rigid_velocity[:, :3]
         speed = max(float(np.abs(velocity).max(initial=0.0)) for velocity in velocities)
         # What a control moves is seen where it moves a node by so much, what it does not move where it acts alone.

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from taichisoft.building.simulation import Simulation, check_simulation
+from taichisoft.caller_warnings import warn_caller
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.requests import apply_control
@@ -27,6 +28,14 @@ class Equilibrium:
         linearisations: number of linearisations of the soft bodies' equations, over all increments.
         increments: number of parts in which the loads were changed: 1 unless the equations had no solution in reach.
         residual: largest move of a node by another linearisation, or by another search for contacts [mm].
+        stiffness: least stiffness of all small moves, over that without the loads' share [-]: near 1 where loads hardly
+            matter, 0 where the equilibrium becomes unstable, negative beyond; to a tenth of itself. Contacts act as
+            they do: those that press stay closed, those that stick do not slide, those at the limit of friction do
+            against the friction they have, and open ones stay open; pressures and tensions turn with the bodies, sealed
+            air and imposed volumes or pulls resist. Left out is how contacts turn with rigid bodies, so that a stack
+            about to topple counts as stable. None without soft bodies.
+        left: `stiffness` of the unstable equilibrium from which the bodies have gone on to this one; else None.
+        warning: what is to be said of its stability, or nothing.
     """
 
     state: State
@@ -34,6 +43,9 @@ class Equilibrium:
     linearisations: int
     increments: int
     residual: float
+    stiffness: float | None
+    left: float | None
+    warning: str
     _stepper: TimeStepper = field(repr=False, compare=False)
 
     @cached_property
@@ -60,7 +72,7 @@ class Equilibrium:
         return linearise(self._stepper, None, controls)
 
 
-def equilibrium(simulation: Simulation, control: Control | None = None) -> Equilibrium:
+def equilibrium(simulation: Simulation, control: Control | None = None, stable: bool = True) -> Equilibrium:
     """Find where the bodies of a simulation come to rest; the simulation stays where it is.
 
     The search begins with the present state: where there are several equilibria it finds one near by, and friction
@@ -73,20 +85,27 @@ def equilibrium(simulation: Simulation, control: Control | None = None) -> Equil
     holds what sticks, until none moves by more than 1e-6 mm (a proximal point method: Rockafellar 1976, Monotone
     operators and the proximal point algorithm). The heavier they are, the more moves.
 
+    An equilibrium that a small move makes the bodies leave, such as that of a column straight under more than its
+    critical load, is left on the side from which they came, for a stable one; a warning says so. What stability is
+    checked against says `Equilibrium.stiffness`.
+
     Args:
         simulation: a simulation whose soft bodies all have anchors.
         control: pressures, pulls, base and so on, as for a step; None: as they were asked for last.
+        stable: False: stay in an unstable equilibrium that the search finds.
 
     Raises:
         ControlError: `control` requests something impossible.
         SceneError: a soft body has no anchors.
-        EquilibriumNotFound: the loads cannot be carried, such as a pressure beyond which a cavity grows on and on, or
-            nothing holds a rigid body.
+        EquilibriumNotFound: the loads cannot be carried, such as a pressure beyond which a cavity grows on and on,
+            nothing holds a rigid body, or only an unstable equilibrium is near.
     """
     control = Control() if control is None else control
     statics = statics_of(simulation)
     simulation.warn_of_units(control)
-    found = statics.find(simulation.state, control)
+    found = statics.find(simulation.state, control, stable)
+    if found.warning and stable:
+        warn_caller(found.warning)
     simulation.warn_beyond_law(found.state)
     return found
 
@@ -125,10 +144,10 @@ class Statics:
     def close(self) -> None:
         """Nothing is left open."""
 
-    def find(self, start: State, control: Control) -> Equilibrium:
+    def find(self, start: State, control: Control, stable: bool = True) -> Equilibrium:
         """The equilibrium under a control, from a state on."""
         stepper = self._stepper
-        found = stepper.find_equilibrium(start, apply_control(stepper.model, start, control))
+        found = stepper.find_equilibrium(start, apply_control(stepper.model, start, control), stable)
         no_velocity = np.zeros_like(start.frame_velocity)
         memory = found.state.sensor_memory.copy()
         memory[1:2] = 0.0  # sensors have long seen what rests: their samples begin anew
@@ -137,4 +156,5 @@ class Statics:
         stepper.restore(state)
         state = stepper.state
         linearisations = found.report.linearisations
-        return Equilibrium(state, stepper.observe(), linearisations, found.increments, found.residual, stepper)
+        told = (linearisations, found.increments, found.residual, found.stiffness, found.left, found.warning)
+        return Equilibrium(state, stepper.observe(), *told, stepper)

@@ -31,6 +31,7 @@ from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
+from taichisoft.step.stability import StabilityCheck
 from taichisoft.step.step_derivative import StepDerivative
 from taichisoft.step.strain_watch import StrainWatch
 
@@ -67,6 +68,7 @@ class TimeStepper:
         self._observer = Observer(model)
         self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
         self._imbalance: Imbalance | None = None
+        self._solved: tuple[StepProblem, StepSolution] | None = None
         self._is_static = model.scene.time.dynamics == "static"
         self._warned: set[tuple[int, ...]] = set()
         self.state = self._observer.with_samples(self.state)
@@ -109,30 +111,45 @@ class TimeStepper:
         if self._is_static:
             found = self.find_equilibrium(self.state, start)
             taken = time.perf_counter() - started
+            if found.warning:
+                warn_caller(found.warning)
             self.state = found.state
-            self.report = replace(found.report, signals=dict(control.signals), step_time=taken)
+            self.report = replace(
+                found.report, signals=dict(control.signals), step_time=taken, stiffness=found.stiffness, left=found.left
+            )
         else:
             self.state, self.report = self._move(start, control, started)
         return self.report
 
-    def find_equilibrium(self, start: State, asked: State) -> FoundEquilibrium:
+    def find_equilibrium(self, start: State, asked: State, stable: bool = True) -> FoundEquilibrium:
         """Where the bodies of a state come to rest under what another asks for; of a model of static dynamics.
+
+        An unstable equilibrium is left if it must be `stable`.
 
         Raises:
             EquilibriumNotFound: see `taichisoft.equilibrium`.
         """
 
-        def move(state: State, tolerance: float) -> tuple[State, StepReport]:
+        def move(state: State, tolerance: float, unmixed: int) -> tuple[State, StepReport]:
             if not isinstance(self._solver, NonlinearStep):
                 return self._move(state, Control(), 0.0)
-            self._solver.tolerance = tolerance
+            self._solver.tolerance, self._solver.unmixed = tolerance, unmixed
             try:
                 return self._move(state, Control(), 0.0)
             finally:
-                self._solver.tolerance = self.model.scene.time.newton_tolerance
+                self._solver.tolerance, self._solver.unmixed = self.model.scene.time.newton_tolerance, 0
 
         # Not kept: it would refer back to this object, which could not go as soon as nobody needs it.
-        return EquilibriumSearch(self.model, move).find(start, asked)
+        return EquilibriumSearch(self.model, move, self._stability).find(start, asked, stable)
+
+    def _stability(self, end: State) -> StabilityCheck | None:
+        """Prepare to check the end of the last move."""
+        if self._soft is None or not isinstance(self._solver, NonlinearStep):
+            return None
+        if self._solved is None:  # another problem was solved in the same work space
+            self._solved = self._solve(end)
+        parts = self._soft, self._rigid, self._constraint_solver, self._solver
+        return StabilityCheck(self.model, *parts, *self._solved)
 
     def derivative(self, control: Control) -> StepDerivative:
         """Solve the step that `step` would make, and linearise it; the state stays.
@@ -176,6 +193,7 @@ class TimeStepper:
         problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem, solution)
+        self._solved = None if shift is not None else (problem, solution)
         gradient = self._geometry.gradient.soft.copy() if self._has_reduced_bodies else None
         end = self._integrate(start, solution, shift, reported)
         self._divergence_check.check(start, end)

@@ -6,9 +6,9 @@ from pydantic import Field
 
 from taichisoft.scenes.table import Positive, Table
 
-STATIC_LINEARISATIONS = 400
-"""Most linearisations in a static step: a finger needs 13 at 30 kPa and 41 at 100 kPa, since a linearisation leaves out
-how pressure turns with the walls."""
+STATIC_LINEARISATIONS = 2000
+"""Most linearisations of a static move: a finger needs 13 at 30 kPa and 41 at 100 kPa, since a linearisation leaves out
+how pressure turns with the walls; one just below the pressure that it cannot carry needs 600."""
 
 
 LEAST_THETA_OF_THREADS = 0.55
@@ -37,7 +37,7 @@ class Time(Table):
     end of the step whatever it is (Moreau and Jean's scheme)."""
     newton: Annotated[int, Field(strict=True, gt=0)] = 1
     """Most linearisations of the soft bodies' equations in a step. One is linearly implicit Euler; more lead to the
-    solution of the equations at the end of the step, contacts and actuators included. Static steps make up to 400."""
+    solution of the equations at the end of the step, contacts and actuators included. Static steps take more."""
     newton_tolerance: Positive = 1e-7
     """No further linearisation is made where one would move no node by more than this [mm], whatever the step."""
 

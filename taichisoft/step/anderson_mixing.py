@@ -8,7 +8,8 @@ DEPTH = 5
 """Most changes between linearisations that are remembered."""
 
 FARTHEST = 8.0
-"""Longest way to a combination over the last change [-]: farther off, changes are not linear."""
+"""Longest way to a first combination over the last change [-]: farther off, changes are not linear; each combination
+that is better than the last one lets the next go twice as far, since near a critical load hardly anything resists."""
 
 
 class AndersonMixing:
@@ -26,6 +27,7 @@ class AndersonMixing:
         """Begin again: the solutions have led nowhere."""
         self._solutions: list[StepSolution] = []
         self._changes: list[np.ndarray] = []
+        self._farthest = FARTHEST
 
     def next(self, before: StepSolution, after: StepSolution) -> StepSolution | None:
         """The combination to go on from; None before there are two solutions.
@@ -47,4 +49,6 @@ class AndersonMixing:
         for share, (first, second) in zip(shares, zip(self._solutions, self._solutions[1:], strict=False), strict=True):
             mixed = mixed.plus(second, -share).plus(first, share)
         way = float(np.linalg.norm(mixed.node_velocity - before.node_velocity))
-        return before.towards(mixed, min(1.0, FARTHEST * float(np.linalg.norm(self._changes[-1])) / max(way, 1e-300)))
+        share = min(1.0, self._farthest * float(np.linalg.norm(self._changes[-1])) / max(way, 1e-300))
+        self._farthest *= 2.0
+        return before.towards(mixed, share)

@@ -182,5 +182,9 @@ class EndOfStep:
 
     def matrix_product(self, change: np.ndarray) -> np.ndarray:
         """Product of the matrix kept, without the anchors' springs, and node velocities [mN s], (node_count, 3)."""
-        product: np.ndarray = (self._last_matrix @ change.ravel()).reshape(-1, 3) - self._anchored * change
+        product: np.ndarray = (self._last_matrix @ change.ravel()).reshape(-1, 3) - self.anchored_product(change)
         return product
+
+    def anchored_product(self, change: np.ndarray) -> np.ndarray:
+        """The anchors' part of the product of the matrix and node velocities [mN s], shape (node_count, 3)."""
+        return np.asarray(self._anchored * change)

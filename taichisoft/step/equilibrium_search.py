@@ -9,9 +9,12 @@ from taichisoft.errors import EquilibriumNotFound, SimulationDiverged
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.report import StepReport
+from taichisoft.step.stability import NEUTRAL, Softest, StabilityCheck
 
 SMALLEST_INCREMENT = 2.0**-8
 """Smallest part of the change of the loads that is tried at once [-]."""
+MOST_UNSOLVED = 6
+"""Most increments that stay unsolved: near loads that cannot be carried each takes hundreds of linearisations."""
 MOST_SETTLING = 100
 """Most moves from a start at which the bodies do not rest."""
 STILL, MOST_MOVES = 1e-6, 300
@@ -26,12 +29,18 @@ CONFIGURATION = (
 """What of a state moves change; the rest is what is asked for, and the air at the start."""
 
 ROUGH = 1e-3
-"""Newton's tolerance of the first moves of rigid bodies [mm], which later ones go on from."""
+"""Newton's tolerance of moves from which others go on [mm]."""
 FINER = 0.03
 """Newton's tolerance of a move, over the way of the last one (inexact Newton: Dembo, Eisenstat and Steihaug 1982)."""
 
-Move = Callable[[State, float], tuple[State, StepReport]]
-"""Makes a static step from a state with its loads, to a tolerance of Newton's method [mm]."""
+UNMIXED = (10, 40, 400)
+"""Linearisations without Anderson's mixing on the way from an unstable equilibrium, in one trial after the other."""
+
+Move = Callable[[State, float, int], tuple[State, StepReport]]
+"""Makes a static step from a state with its loads, to a tolerance of Newton's method [mm], with so many linearisations
+before Anderson's mixing."""
+Check = Callable[[State], StabilityCheck | None]
+"""Prepares to check the equilibrium where the last move has ended; None of rigid bodies alone."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +52,36 @@ class FoundEquilibrium:
         report: that of the last move, with the linearisations of all.
         increments: number of parts in which the loads were changed.
         residual: largest move of a node by another linearisation, or by another move [mm].
+        stiffness: least stiffness of a small move, see `Softest`; negative: unstable; None of rigid bodies alone.
+        left: that of the unstable equilibrium from which the bodies have gone on, or None.
     """
 
     state: State
     report: StepReport
     increments: int
     residual: float
+    stiffness: float | None = None
+    left: float | None = None
+
+    @property
+    def warning(self) -> str:
+        """What is to be said of its stability, or nothing."""
+        when = f"at {self.state.time:.6g} s the equilibrium"
+        if self.stiffness is not None and self.stiffness <= -NEUTRAL:
+            return f"{when} is unstable (stiffness {self.stiffness:.2g} of that without loads): no motion ends in it"
+        if self.left is not None:
+            least = f"stiffness {self.left:.2g} of that without loads"
+            return f"{when} near the start is unstable ({least}): bodies have gone on to a stable one"
+        return ""
 
 
 class EquilibriumSearch:
     """Finds equilibria of a model of static dynamics; see `taichisoft.equilibrium`."""
 
-    def __init__(self, model: Model, move: Move):
-        """Prepare for a model whose static steps `move` makes."""
-        self._move, self._contact, self._time = move, model.scene.contact, model.scene.time
+    def __init__(self, model: Model, move: Move, check: Check):
+        """Prepare for a model whose static steps `move` makes, and whose equilibria `check` checks."""
+        self._move, self._check = move, check
+        self._contact, self._time = model.scene.contact, model.scene.time
         self._soft = [(body.name, body.nodes) for body in model.soft_bodies]
         self._rigid = [body.name for body in model.rigid_bodies]
         self._radius = np.array([body.radius for body in model.rigid_bodies])
@@ -64,45 +89,100 @@ class EquilibriumSearch:
         self._may_touch = bool(model.surfaces.may_touch.any())
         self._model = model
 
-    def find(self, start: State, asked: State) -> FoundEquilibrium:
+    def find(self, start: State, asked: State, stable: bool = True) -> FoundEquilibrium:
         """The equilibrium under what is asked for, from a state on.
+
+        Args:
+            start: the state.
+            asked: the same bodies with what is asked for.
+            stable: whether to go on from an unstable equilibrium.
 
         Raises:
             EquilibriumNotFound: the loads cannot be carried, or nothing holds a rigid body.
         """
         loads = _Loads(self._model, start, asked)
+        found, left = self._approach(loads, start), None
+        for unmixed in (*UNMIXED, 0):
+            check = self._check(found.state)
+            if check is None:
+                break
+            softest = check.softest()
+            found = replace(found, stiffness=softest.stiffness, left=left)
+            if softest.stiffness > -NEUTRAL or not stable or not unmixed:
+                break
+            left = softest.stiffness if left is None else left
+            pushed = self._pushed(found.state, check, softest, start)
+            state, linearisations, problem = self._settled(loads, pushed, 1.0, unmixed)
+            if problem:
+                raise EquilibriumNotFound(
+                    problem[0],
+                    start.step,
+                    f"has no stable equilibrium near at {start.time:.6g} s, only an unstable one: {problem[1]}",
+                    "smaller loads, or a motion with inertia",
+                )
+            linearisations += found.report.linearisations
+            found = self._at_rest(loads, replace(found, state=state), linearisations, self._time.newton_tolerance, 1)
+        return found
+
+    def _pushed(self, state: State, check: StabilityCheck, softest: Softest, start: State) -> State:
+        """Bodies a little way from an unstable equilibrium, on the side from which they came."""
+        longest = 0.5 * self._contact.contact_distance if self._may_touch else np.inf
+        before = start.position - state.position
+        nearer = check.softest(before) if before.any() else softest
+        softest = nearer if nearer.stiffness < -NEUTRAL else softest
+        way = check.way_off(softest, before, longest)
+        return state.changed(
+            position=state.position + way * softest.node_velocity,
+            rigid_position=state.rigid_position + way * softest.rigid_velocity[:, :3],
+        )
+
+    def _approach(self, loads: "_Loads", start: State) -> FoundEquilibrium:
+        """An equilibrium, stable or not."""
         state, share, increment, increments, linearisations, residual = start, 0.0, 1.0, 0, 0, 0.0
         finest = self._time.newton_tolerance
+        unsolved = 0
         is_settled, tolerance = False, max(finest, ROUGH) if self._has_free else finest
         while share < 1.0:
             aim = min(1.0, share + increment)
+            # Where nothing touches, what is on the way leaves no mark.
+            accuracy = tolerance if aim == 1.0 or self._may_touch else max(finest, ROUGH)
             body = problem = ""
             try:
                 with np.errstate(over="ignore", invalid="ignore"):  # an end that is not finite is refused below
-                    end, report = self._move(loads.at(state, aim), tolerance)
+                    end, report = self._move(loads.at(state, aim), accuracy, 0)
                 linearisations += report.linearisations
                 residual = report.newton_residual or 0.0
-                body, problem = self._problem(state, end, report, tolerance)
+                body, problem = self._problem(state, end, report, accuracy)
             except SimulationDiverged as error:
                 body, problem = error.body, error.cause
             if not problem:
                 state, share, increment, increments = end, aim, 2.0 * increment, increments + 1
                 continue
-            increment *= 0.5
-            if increment < SMALLEST_INCREMENT and share == 0.0 and not is_settled:
-                state, more = self._settled(loads, state)
-                is_settled, increment, linearisations = True, 1.0, linearisations + more
-            if increment < SMALLEST_INCREMENT:
+            increment, unsolved = 0.5 * increment, unsolved + problem.startswith("not solved")
+            is_last = increment < SMALLEST_INCREMENT or unsolved == MOST_UNSOLVED
+            if is_last and share == 0.0 and not is_settled:
+                state, more, _ = self._settled(loads, state, 0.0, 0)
+                is_settled, increment, unsolved, linearisations = True, 1.0, 0, linearisations + more
+            elif is_last:
                 raise EquilibriumNotFound(
                     body,
                     start.step,
                     f"has no equilibrium at {start.time:.6g} s, beyond {share:.1%} of the change of loads: {problem}",
                     "smaller loads, or begin nearer to rest",
                 )
+        found = FoundEquilibrium(state, report, increments, residual)
+        return self._at_rest(loads, found, linearisations, tolerance)
+
+    def _at_rest(
+        self, loads: "_Loads", found: FoundEquilibrium, linearisations: int, tolerance: float, fewest: int = 0
+    ) -> FoundEquilibrium:
+        """An equilibrium that moves do not leave, after so many linearisations to a tolerance."""
+        state, report, residual = found.state, found.report, found.residual
+        finest = self._time.newton_tolerance
         still = STILL if self._has_free else finest
-        for _ in range(MOST_MOVES if self._has_free else MOST_SEARCHES if len(state.contact_point) else 0):
+        for _ in range(MOST_MOVES if self._has_free else MOST_SEARCHES if len(state.contact_point) else fewest):
             before = state
-            state, report = self._move(loads.at(before, 1.0), tolerance)
+            state, report = self._move(loads.at(before, 1.0), tolerance, 0)
             linearisations += report.linearisations
             way, body = self._way(before, state)
             residual = max(report.newton_residual or 0.0, way)
@@ -113,33 +193,47 @@ class EquilibriumSearch:
             if self._has_free:
                 raise EquilibriumNotFound(
                     body,
-                    start.step,
-                    f"does not come to rest at {start.time:.6g} s: after {MOST_MOVES} moves it still goes {way:.2g} mm "
+                    loads.start.step,
+                    f"does not come to rest at {loads.start.time:.6g} s: after {MOST_MOVES} moves it still goes "
+                    f"{way:.2g} mm "
                     "at a time; nothing holds it, or not enough",
                     "a support, a firmer grip, or less weight",
                 )
-        return FoundEquilibrium(state, replace(report, linearisations=linearisations), increments, residual)
+        report = replace(report, linearisations=linearisations)
+        return replace(found, state=state, report=report, residual=residual)
 
-    def _settled(self, loads: "_Loads", state: State) -> tuple[State, int]:
-        """Where bodies that do not rest at the start go under the loads there, in short moves; and linearisations."""
-        finest = self._time.newton_tolerance
-        longest, linearisations = 0.5 * self._contact.alarm_distance, 0
+    def _settled(
+        self, loads: "_Loads", state: State, share: float, unmixed: int
+    ) -> tuple[State, int, tuple[str, str] | None]:
+        """Where bodies that do not rest go under a share of the loads, in short moves.
+
+        Returns:
+            The last state, the number of linearisations, and a body and why it has not come to rest, or None.
+        """
+        finest, problem = self._time.newton_tolerance, ("", "")
+        longest, linearisations, last = 0.5 * self._contact.alarm_distance, 0, np.inf
         for _ in range(MOST_SETTLING):
             try:
-                end, report = self._move(loads.at(state, 0.0), finest)
-            except SimulationDiverged:
+                end, report = self._move(loads.at(state, share), finest, unmixed)
+            except SimulationDiverged as error:
+                problem = error.body, error.cause
                 break
             way, _ = self._way(state, end)
             linearisations += report.linearisations
-            if not self._problem(state, end, report, finest)[1]:
-                return end, linearisations
+            problem = self._problem(state, end, report, finest)
+            if not problem[1]:
+                return end, linearisations, None
+            residual = report.newton_residual or 0.0
             if not way > longest:
-                break
+                if not residual < 0.5 * last:
+                    break
+                state, last = end, residual
+                continue
             moved = {name: getattr(state, name) for name in ("position", "rigid_position", "rigid_rotation")}
             moved = {name: before + longest / way * (getattr(end, name) - before) for name, before in moved.items()}
             moved["rigid_rotation"] /= np.linalg.norm(moved["rigid_rotation"], axis=1, keepdims=True)
             state = end.changed(**moved)
-        return state, linearisations
+        return state, linearisations, problem
 
     def _way(self, before: State, after: State) -> tuple[float, str]:
         """Longest way of a node, or of a point of a rigid body [mm], and the body's name."""
@@ -166,6 +260,7 @@ class _Loads:
     """What acts on the bodies, from a state to that which a control asks for."""
 
     def __init__(self, model: Model, start: State, asked: State):
+        self.start = start
         still = ("velocity", "rigid_velocity", "rigid_angular_velocity")
         self._asked = asked.changed(**{name: np.zeros_like(getattr(start, name)) for name in still})
         acting = np.where(asked.actuator_imposed, model.actuators.own_coordinates(start), start.actuator_effort)

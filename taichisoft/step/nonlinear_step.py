@@ -20,6 +20,8 @@ from taichisoft.step.solution import StepProblem, StepSolution, moving_velocity
 # SMALL_SLOPE times the slope at the start.
 LARGE_SLOPE, SMALL_SLOPE = 0.8, 0.5
 MOST_TRIALS = 12
+# Linearisations of a static step in which what is missing must be halved: where loads cannot be carried it never is.
+PATIENCE = 150
 # Least distance of the next trial from both brackets, over their distance: far out, forces are high powers of it.
 LEAST_MOVE = 0.1
 
@@ -36,6 +38,8 @@ class NonlinearStep:
         geometry: geometry of the actuators where the bodies are.
         equations: the equations of the soft bodies.
         tolerance: largest move of a node by another linearisation at which a step ends [mm].
+        unmixed: number of linearisations of a static step before Anderson's mixing, which goes to unstable equilibria
+            as well, where they lead away from those.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class NonlinearStep:
         self._time_step, self._most = model.scene.time.step, model.scene.time.most_linearisations
         self._time, self._stage, self._theta = model.scene.time, model.scene.time.stage, model.scene.time.theta
         self.tolerance = model.scene.time.newton_tolerance
+        self.unmixed = 0
         self._is_static = model.scene.time.dynamics == "static"
 
     def solve(self, problem: StepProblem) -> StepSolution:
@@ -79,9 +84,11 @@ class NonlinearStep:
         values, rates = problem.geometry.values(), first.lead_rate
         velocity = self._rates(solution, problem.geometry)
         mixing, residual = AndersonMixing() if self._is_static else None, np.inf
+        least, most = np.inf, self._most
         while True:
             aim = values + self._stage * (velocity - rates)
-            mixed, last = mixing.next(before, solution) if mixing is not None else None, residual
+            may_mix = mixing is not None and linearisations > self.unmixed
+            mixed, last = mixing.next(before, solution) if mixing is not None and may_mix else None, residual
             if mixed is not None:
                 self._move(mixed)
                 residual = self._missing(mixed, first, aim)
@@ -92,7 +99,9 @@ class NonlinearStep:
                     mixing.forget()
                 solution = self._line_search(before, solution, force)
                 residual = self._missing(solution, first, aim)
-            if not residual > self.tolerance or linearisations == self._most:
+            if residual < 0.5 * least and self._is_static and not self.unmixed:
+                least, most = residual, min(self._most, linearisations + PATIENCE)
+            if not residual > self.tolerance or linearisations == most:
                 return replace(solution, iterations=iterations, linearisations=linearisations, newton_residual=residual)
             values, rates = self.geometry.values(), self._rates(solution)
             impulse = solution.effort[first.coordinates] * self._time_step

@@ -36,6 +36,7 @@ class StepReport:
             (`time.newton`).
         find_imbalance: function that computes `imbalance`.
         find_stretch: function that computes `stretch_over_law`.
+        stiffness, left: of a static step, as of `Equilibrium`; else None.
     """
 
     step: int
@@ -57,6 +58,8 @@ class StepReport:
     newton_residual: float | None = None
     find_imbalance: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
     find_stretch: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
+    stiffness: float | None = None
+    left: float | None = None
 
     @property
     def contact_count(self) -> int:

@@ -17,6 +17,8 @@ from taichisoft.step.solution import moving_velocity
 
 MOVE_TIME = 0.01
 """Longest time of a move to an equilibrium [s], in which inertia keeps free rigid bodies back."""
+WEIGHTLESS = 1e-3
+"""Share of the masses that is left where they have no say [-]."""
 FALL = 0.45
 """Longest free fall in such a move, in parts of the alarm distance: contacts are searched within half of it."""
 
@@ -106,6 +108,22 @@ class RigidMotion:
                 rigid.free[body, :3] += self._time_step / factor * acceleration
         for springs in self._springs:
             springs.pull(state, self._time_step, self._theta, rigid)
+
+    def weightless(self) -> tuple[np.ndarray, np.ndarray]:
+        """A thousandth of the masses, and inverse masses with springs of bodies of so little mass, 0 of carried ones.
+
+        Masses slow the way to an equilibrium, and have no say in it.
+
+        Returns:
+            Two arrays of shape (rigid_count, 6, 6).
+        """
+        turn, inverse = self.state.rotation, self.state.inverse_mass.copy()
+        mass = np.zeros_like(inverse)
+        mass[:, :3, :3] = self._bodies.mass[:, None, None] * np.eye(3)
+        mass[:, 3:, 3:] = turn @ self._bodies.inertia @ turn.transpose(0, 2, 1)
+        moves = inverse.any(axis=(1, 2))
+        inverse[moves] = np.linalg.inv(np.linalg.inv(inverse[moves]) - (1.0 - WEIGHTLESS) * mass[moves])
+        return WEIGHTLESS * mass, inverse
 
     def apply_impulses(self) -> None:
         """Apply the impulses to the velocities of the bodies."""

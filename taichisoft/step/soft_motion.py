@@ -121,8 +121,11 @@ class SoftMotion:
 
     def response_of_unknowns(self, impulse: np.ndarray) -> np.ndarray:
         """Change of velocity of the nodes [mm/s] by impulses on the unknowns [mN s], shape (node_count, 3) each."""
-        change, reduced = self.system.solver.solve(impulse), self.system.reduced
-        return change if reduced is None else reduced.node_velocity(change)
+        return self.expanded(self.system.solver.solve(impulse))
+
+    def expanded(self, rates: np.ndarray) -> np.ndarray:
+        """Velocities of the nodes [mm/s] by rates of the unknowns, shape (node_count, 3) each."""
+        return rates if self.system.reduced is None else self.system.reduced.node_velocity(rates)
 
     def on_unknowns(self, node_impulse: np.ndarray) -> np.ndarray:
         """Impulses on the unknowns, which are nodes and amplitudes, by those on the nodes [mN s], (node_count, 3)."""
@@ -163,10 +166,7 @@ class SoftMotion:
         return self._moved(self.system.solver.complete_with(self.on_unknowns(node_impulse)))
 
     def _moved(self, change: np.ndarray) -> np.ndarray:
-        reduced = self.system.reduced
-        if reduced is not None:
-            change = reduced.node_velocity(change)
-        return change + self.known_velocity
+        return self.expanded(change) + self.known_velocity
 
     def factorise(self, state: State, impulse: np.ndarray, known_velocity: np.ndarray) -> None:
         """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses.

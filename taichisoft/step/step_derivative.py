@@ -14,7 +14,7 @@ from taichisoft.state import State
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.rigid_motion import RigidMotion
-from taichisoft.step.row_conditions import find_conditions, find_jacobians
+from taichisoft.step.row_conditions import AT_BOUND, find_conditions, find_jacobians
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution
 
@@ -24,6 +24,10 @@ MOST_DIRECTIONS = 200
 """Most directions in which their solution is sought."""
 WEIGHTLESS = 1e6
 """Factor of the inverse masses of rigid bodies in the derivative of an equilibrium [-]."""
+LEFT_BY_SOLVERS = 10.0
+"""Most that solvers leave of a contact's velocity, over their tolerance [-]."""
+ROUND_OFF = 1e-9
+"""Change of an impulse or a speed over the largest one that counts as none [-]."""
 SMALL_MOVE = 1e-4
 """Largest move of a node in a difference of residuals [mm]: its cube and round-off are both below 1e-8 of it."""
 
@@ -63,6 +67,35 @@ class Motion:
     def velocities(self) -> np.ndarray:
         """All velocities, shape (3 node_count + 6 rigid_count,)."""
         return np.concatenate([self.node_velocity.ravel(), self.rigid_velocity.ravel()])
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A contact at a change of what it does, on which side is below what the solver tells.
+
+    Attributes:
+        bodies: names of its two bodies.
+        point: where it is [mm], shape (3,).
+        between: "open and pressing" or "sticking and sliding".
+    """
+
+    bodies: tuple[str, ...]
+    point: np.ndarray
+    between: str
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """A contact's normal and friction impulses, the most friction that it can have [mN s], and whether it has that."""
+
+    normal: float
+    friction: float
+    most: float
+    slides: bool
+
+    @property
+    def is_open(self) -> bool:
+        return not self.normal > 0.0
 
 
 class StepDerivative:
@@ -137,8 +170,11 @@ class StepDerivative:
         self._compliance = self._of_soft @ self._row_response.T + self._of_rigid @ self._rigid_response + own
         velocity = self._of_soft @ solution.node_velocity.ravel() + self._of_rigid @ solution.rigid_velocity.ravel()
         velocity[3 * self._contact_count :] = causes.row_velocity[3 * self._contact_count :]
-        friction = rows.rows.friction[: rows.contact_count]
-        self._conditions = find_conditions(friction, causes.bounds, self._impulse, velocity)
+        self._friction = rows.rows.friction[: rows.contact_count].copy()
+        self._conditions = find_conditions(self._friction, causes.bounds, self._impulse, velocity)
+        self._speed = rows.solver.velocity[: 3 * self._contact_count].copy()
+        self._bodies = problem.contacts.found.bodies[contacts].copy()
+        self._point = problem.contacts.found.points[contacts].mean(axis=1)
 
     def causes(self, start: State) -> Causes:
         """What acts at the motion found, in a step from the same bodies with other requests or frames elsewhere."""
@@ -196,6 +232,65 @@ class StepDerivative:
             contact_impulse=contact_impulse,
             effort=effort,
         )
+
+    def edges(self) -> list[Edge]:
+        """Contacts that the tolerance of the solver may as well leave on the other side of a change."""
+        found, scene = [], self._model.scene
+        tolerance = LEFT_BY_SOLVERS * scene.contact.tolerance
+        if self._nonlinear is not None:
+            tolerance = max(tolerance, LEFT_BY_SOLVERS * scene.time.newton_tolerance / self._time_step)
+        speed, compliance = self._speed.reshape(-1, 3), np.diag(self._compliance)[: len(self._speed)].reshape(-1, 3)
+        for number, contact in enumerate(self._contact_conditions()):
+            least = tolerance / compliance[number]
+            open_edge = speed[number, 0] < tolerance if contact.is_open else contact.normal < least[0]
+            if contact.slides:
+                friction_edge = float(np.linalg.norm(speed[number, 1:])) < tolerance
+            else:
+                friction_edge = contact.most > 0.0 and contact.most - contact.friction < least[1:].min()
+            for is_there, between in ((open_edge, "open and pressing"), (friction_edge, "sticking and sliding")):
+                if is_there:
+                    pair = tuple(self._model.body_names[body] for body in self._bodies[number])
+                    found.append(Edge(pair, self._point[number], between))
+        return found
+
+    def range_along(self, change: StepSolution) -> tuple[float, float]:
+        """Shares of a change, below and above 0, within which all contacts stay open, sticking or sliding."""
+        impulses = np.einsum("cij,cj->ci", self._basis, change.contact_impulse[self._contacts])
+        count = 3 * self._contact_count
+        speeds = self._of_soft[:count] @ change.node_velocity.ravel()
+        speeds = (speeds + self._of_rigid[:count] @ change.rigid_velocity.ravel()).reshape(-1, 3)
+        noise = [ROUND_OFF * float(np.abs(part).max(initial=0.0)) for part in (impulses, speeds)]
+        now, own, ends = self._impulse[:count].reshape(-1, 3), self._speed.reshape(-1, 3), []
+        for number, contact in enumerate(self._contact_conditions()):
+            here, more, mu = now[number], impulses[number], self._friction[number]
+            if contact.is_open:
+                ends += _zeros(0.0, speeds[number, 0], max(own[number, 0], 0.0), noise[1])
+                continue
+            ends += _zeros(0.0, more[0], here[0], noise[0])
+            if contact.slides:
+                along = -here[1:] / contact.friction
+                ends += _zeros(
+                    0.0, float(speeds[number, 1:] @ along), max(float(own[number, 1:] @ along), 0.0), noise[1]
+                )
+            elif contact.most > 0.0:
+                square, both = (
+                    (mu * more[0]) ** 2 - more[1:] @ more[1:],
+                    mu**2 * here[0] * more[0] - here[1:] @ more[1:],
+                )
+                left = max(contact.most**2 - contact.friction**2, 0.0)
+                ends += _zeros(float(square), 2.0 * float(both), left, noise[0] * contact.most)
+        return max((end for end, rises in ends if rises), default=-np.inf), min(
+            (end for end, rises in ends if not rises), default=np.inf
+        )
+
+    def _contact_conditions(self) -> list[_Contact]:
+        """What each contact does, in their order."""
+        found = []
+        for (normal, *along), mu in zip(self._impulse[: len(self._speed)].reshape(-1, 3), self._friction, strict=True):
+            friction, most = float(np.hypot(*along)), float(mu * normal)
+            slides = normal > 0.0 and most > 0.0 and friction >= (1.0 - AT_BOUND) * most
+            found.append(_Contact(float(normal), friction, most, slides))
+        return found
 
     def moved(self, start: State, change: StepSolution, share: float) -> tuple[StepProblem, StepSolution, np.ndarray]:
         """The solution with a share of a change, where the bodies now are, in a step from another start.
@@ -280,3 +375,20 @@ class StepDerivative:
         pulls = np.repeat(effort, count)[:, None] * self.geometry.gradient.rigid
         np.add.at(impulse, coordinates.rigid_body, self._time_step * pulls)
         return np.asarray(rigid.free + np.einsum("bij,bj->bi", rigid.inverse_mass, impulse))
+
+
+def _zeros(square: float, slope: float, value: float, noise: float) -> list[tuple[float, bool]]:
+    """Where a polynomial that is not negative at 0 becomes so, on either side; True of the end below 0."""
+    if abs(slope) <= noise and abs(square) <= noise:
+        return []
+    if square == 0.0:
+        return [(-value / slope + 0.0, slope > 0.0)]
+    inside = slope**2 - 4.0 * square * value
+    if inside < 0.0:
+        return []
+    # The stable formula: the sum never cancels.
+    half = -0.5 * (slope + np.copysign(np.sqrt(inside), slope))
+    roots = sorted({half / square, value / half if half != 0.0 else half / square})
+    if value == 0.0:
+        return [(0.0, slope > 0.0)]
+    return [(float(root), root < 0.0) for root in roots]

@@ -121,3 +121,18 @@ def test_a_cube_is_pressed_as_hard_as_it_should_be() -> None:
     wanted = {"normal_forces.left|cube": 150.0, "normal_forces.right|cube": 150.0}
     found = inverse(simulation, wanted, BOTH)
     assert found.reached and abs(found.values["pressure.left.cavity"] - found.values["pressure.right.cavity"]) < 0.01
+
+
+def test_forces_found_by_motion_are_those_of_steps() -> None:
+    """Friction depends on the way: statics go a straight one, and their message says so; steps go another."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, ("limits={}",)))
+    wanted = {"normal_forces.left|cube": 200.0, "normal_forces.right|cube": 200.0}
+    by_statics, by_motion = (inverse(simulation, wanted, BOTH, by=by) for by in ("statics", "motion"))
+    assert by_statics.message.startswith("reached; friction depends on the way") and by_motion.message == "reached"
+    assert simulation.observe().time == 0.0
+    for _ in range(600):
+        simulation.step(by_motion.control)
+    forces = simulation.observe().normal_forces
+    assert [forces["left", "cube"], forces["right", "cube"]] == pytest.approx([200.0, 200.0], abs=0.05)
+    with pytest.raises(TaichisoftError, match="by = 'way': must be 'statics' or 'motion'"):
+        inverse(simulation, wanted, BOTH, by="way")  # type: ignore[arg-type]

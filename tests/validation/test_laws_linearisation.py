@@ -258,3 +258,33 @@ def test_what_cannot_be_linearised_is_said() -> None:
         for _ in range(5):
             bouncing.step()
             bouncing.linearise()
+
+
+def test_derivatives_hold_as_far_as_ranges_say(figures: Figures) -> None:
+    """Of one linearisation the response is linear until a contact slides or sticks; then its slope jumps."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, (*WALL, EXACT)))
+    for _ in range(20):
+        simulation.step(squeeze(9.0))
+    linear = simulation.linearise(squeeze(9.0), ["pressure.left.cavity"])
+    low, high = linear.ranges[0]
+    assert -0.1 < low < 0.0 < high and not linear.edges
+    start, force = simulation.state, linear.observation.normal_forces["left", "wall"]
+    errors = []
+    for share in (0.9, 1.5):
+        simulation.restore(start)
+        simulation.step(Control(pressure={"left.cavity": 9.0 + share * low, "right.cavity": 9.0}))
+        change = (simulation.observe().normal_forces["left", "wall"] - force) / (share * low)
+        errors.append(abs(change / float(linear["normal_forces.left|wall"][0]) - 1.0))
+    figures.at_most("difference within a range, over the derivative", errors[0], 2e-4)
+    assert errors[1] > 100.0 * errors[0]
+
+
+def test_contacts_at_an_edge_are_named() -> None:
+    """At rest friction is at its limit and nothing slides: tolerances decide on the side, and no change is small."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, ("limits={}",)))
+    for _ in range(300):
+        simulation.step(squeeze(9.0))
+    linear = simulation.linearise(controls=["pressure.left.cavity"])
+    assert {edge.between for edge in linear.edges} == {"sticking and sliding"}
+    assert ("left", "cube") in {edge.bodies for edge in linear.edges}
+    assert np.abs(linear.ranges).max() < 1e-6
