@@ -46,15 +46,13 @@ from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 # Taichi's own analyses take four fifths of the time to compile, more than in proportion to a kernel's size, and LLVM
-# does their work again: without them no step is slower.
+# does their work again. `Kernel.thorough` asks for them.
 OPTIONS = {
     "arch": ti.cpu,
     "default_fp": ti.f64,
     "default_ip": ti.i32,
     "fast_math": True,
-    "advanced_optimization": False,
     "cfg_optimization": False,
-    "opt_level": 0,
     "offline_cache": True,
     "log_level": ti.ERROR,
 }
@@ -138,7 +136,9 @@ def _compile(kernel: Any) -> tuple[Any, Any, Any]:
     arguments = [kind.empty if isinstance(kind, Arrays) else 0 for _, kind in kernel.flat]
     compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
     program = ti.lang.impl.get_runtime().prog
-    return primal, compiled, program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+    config = program.config()
+    config.advanced_optimization, config.opt_level = kernel.thorough, int(kernel.thorough)
+    return primal, compiled, program.compile_kernel(config, program.get_device_caps(), compiled)
 
 
 def _init(threads: int, folder: str) -> None:

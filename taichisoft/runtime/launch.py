@@ -80,6 +80,7 @@ class Kernel:
 
     Attributes:
         function: the function that was decorated.
+        thorough: whether Taichi searches for common expressions, which takes long and pays for large kernels alone.
         bundles: bundles among its parameters.
         flat: names and types of its parameters, with one for each array of a bundle.
     """
@@ -89,6 +90,7 @@ class Kernel:
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self.function = function
+        self.thorough = False
         self._serial = serial
         parameters = inspect.signature(function).parameters.values()
         self._names = [parameter.name for parameter in parameters]

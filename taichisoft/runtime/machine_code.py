@@ -186,7 +186,7 @@ def symbol(name: str) -> str:
 
 def kept_name(kernel: Any) -> str:
     """Name of a kernel's file, with a key of all that its machine code depends on."""
-    parts = (_compiler_source(), *target(), _digest(kernel.function))
+    parts = (_compiler_source(), kernel.thorough, *target(), _digest(kernel.function))
     return f"{kernel.__name__}-{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}"
 
 

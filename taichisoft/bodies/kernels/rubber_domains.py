@@ -266,3 +266,6 @@ def add_rubber_domains(
                     for b in range(t * BLOCKS_A_TASK, ti.min((t + 1) * BLOCKS_A_TASK, block_count)):
                         add_copies(b, copies, sums, total)
                     t = ti.atomic_add(total.progress[BEGUN_LATER], 1)
+
+
+add_rubber_domains.thorough = True  # a third faster, for 10 s more to compile
