@@ -212,7 +212,7 @@ class TimeStepper:
             solution = self._solver.solve(problem)
             moving = moving_velocity(self.model.scene.time.theta, start.velocity, solution.node_velocity)
             missed = self._prediction.missed(moving, self._rigid.moving_velocity(solution.rigid_velocity))
-            if missed is None:
+            if missed is None or self._divergence_check.is_torn(start.position + self.model.scene.time.step * moving):
                 break
             if searches == MOST_SEARCHES:
                 self._warn_of_missed(start, missed)

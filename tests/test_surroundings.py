@@ -78,7 +78,7 @@ def test_without_a_home_kernels_are_kept_among_temporary_files(run: Run, tmp_pat
         (line,) = told
         assert "XDG_CACHE_HOME can name another folder" in line
     (cache,) = (tmp_path / "temporary").glob("taichisoft-cache-*")
-    assert list(cache.rglob("*.tic"))
+    assert list(cache.rglob("*.kernel"))
     assert (tmp_path / "out" / "cube" / "recording.h5").is_file()
     if home is None:
         assert "compiles its kernels" in first.stderr and "compiles its kernels" not in run(**named).stderr

@@ -99,6 +99,14 @@ class DivergenceCheck:
             self._check_inverted(before, step)
         self._check_actuators(after.actuator_value, step)
 
+    def is_torn(self, position: np.ndarray) -> bool:
+        """Whether `check` would find too many elements inverted, with nodes at positions [mm], (node_count, 3)."""
+        if not self._bodies or not np.isfinite(position).all():
+            return bool(self._bodies)
+        self._points.after[: len(position)] = position
+        kernels.count_inverted(self._inverted, self._domains, self._points.after)
+        return bool((self._inverted.count > self._largest_inverted).any())
+
     def _refuse_not_finite(self, values: np.ndarray, step: int, first_body: int = 0) -> None:
         """Raise SimulationDiverged for the first body with a value that is not finite; a row belongs to each point."""
         if np.isfinite(np.add.reduce(values, axis=None)):  # not finite if any value is not
