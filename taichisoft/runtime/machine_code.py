@@ -293,8 +293,10 @@ def locked(name: str, wait: bool) -> Iterator[bool]:
 
 def _compiled(kernel: Any, name: str, compile_now: Callable[[str], bytes]) -> bytes:
     """Compile a kernel: one of ours with all others, in processes of their own, one of a user's here."""
-    if kernel.function.__module__.startswith("taichisoft.") and os.access(kept_folder("kernels"), os.W_OK):
+    ours = kernel.function.__module__.startswith("taichisoft.")
+    if ours:
         _tell_of_compilation()
+    if ours and os.access(kept_folder("kernels"), os.W_OK):
         while any([helper.poll() is None for helper in _helpers()]):
             if (data := kept(name)) is not None:
                 return data
