@@ -449,7 +449,7 @@ def test_a_goal_is_in_the_observation_and_its_reward_can_be_worked_out_for_anoth
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         warnings.filterwarnings("ignore", ".*walls of one element")
-        warnings.filterwarnings("ignore", ".*is stretched")  # by the highest pressure, which the targets' range comes from
+        warnings.filterwarnings("ignore", ".*is stretched")  # by the highest pressure, which gives the targets
         check_env(env.unwrapped, skip_render_check=True)
     first, _ = env.reset(seed=0, options={"target": (-110.0, 20.0, 0.0)})
     assert "way to the target up" not in [channel.name for channel in env.unwrapped.channels]

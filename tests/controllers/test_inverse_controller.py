@@ -14,6 +14,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.controller import Controller
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.scenes import key_descriptions
 from taichisoft_controllers.inverse_controller import InverseSettings
 
 ALONE = ("rigid_bodies={}", "limits={}", "gravity=[0.0, 0.0, 0.0]", "soft_bodies.left.rayleigh_stiffness=0.005")
@@ -76,8 +77,8 @@ def test_what_cannot_be_followed_is_said(settings: dict[str, Any], error: type[E
 def test_the_guide_has_every_setting_and_its_scene_is_valid() -> None:
     guide = (Path(__file__).resolve().parents[2] / "docs" / "controllers.md").read_text(encoding="utf-8")
     section = guide.partition("\n## Inverse\n")[2]
-    for key, field in InverseSettings.model_fields.items():
-        assert re.search(rf"^\| `{key}` \| .* \| {re.escape(str(field.description))} \|$", section, re.MULTILINE), key
+    for key, meaning in key_descriptions(InverseSettings).items():
+        assert re.search(rf"^\| `{key}` \| .* \| {re.escape(meaning)} \|$", section, re.MULTILINE), key
     (scene,) = re.findall(r"```toml\n(.*?)```", section, re.DOTALL)
     shown = tomllib.loads(scene)["controller"]
     assert shown["name"] == "inverse" and InverseSettings.checked(**shown["settings"]).relative
