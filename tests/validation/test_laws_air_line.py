@@ -237,7 +237,7 @@ def test_requests_take_effect_after_delay_and_response(hollow: Make) -> None:
     ("line", "control", "message"),
     [
         ({}, {"valve": {CAVITY: 1.5}}, "= 1.5: must be from -1 (open to the exhaust) to 1 (open to the source)"),
-        ({}, {"valve": {CAVITY: math.nan}}, "= nan: must be a finite number"),
+        ({}, {"valve": {CAVITY: math.nan}}, "= nan: must be one finite number"),
         (
             {"supply": 50.0},
             {"pressure": {CAVITY: 5.0}},

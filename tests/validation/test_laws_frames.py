@@ -219,7 +219,7 @@ def test_frames_that_make_no_sense_are_refused(tables: dict[str, Any], message: 
         ({"frame_translation": {"jow": np.zeros(3)}}, "control.frame_translation: no frame is called 'jow'"),
         ({"frame_angle": {"jaw": 1.0}}, "this frame has no hinge"),
         ({"frame_rotation": {"lid": np.zeros(3)}}, "this frame turns about its hinge; ask for frame_angle"),
-        ({"frame_angle": {"lid": np.nan}}, r"control.frame_angle\['lid'\] = nan: must be a finite number"),
+        ({"frame_angle": {"lid": np.nan}}, r"control.frame_angle\['lid'\] = nan: must be one finite number"),
         ({"frame_velocity": {"jaw": [1.0, 2.0]}}, "must be 3 finite numbers"),
         ({"frame_velocity": {"jaw": np.ones(3)}, "frame_translation": {"jaw": np.ones(3)}}, "are both given"),
         ({"base_velocity": np.ones(3), "frame_velocity": {"base": np.ones(3)}}, "are both given"),
