@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.control.observation import Pair
 from taichisoft.errors import SceneError
+from taichisoft.meshes.smooth_normals import vertex_normals
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -318,6 +319,7 @@ class ContactPatches:
             turn = matrices_from_quaternions(state.rigid_rotation)[other - soft]
             shift = state.rigid_position[other - soft]
             vertices, triangles, shape = body.vertices @ turn.T + shift, body.triangles, body.shape
+            smooth = body.smooth
             shift = shift - turn @ body.centre_of_mass
         else:
             obstacle = self._model.obstacles[other - soft - rigid]
@@ -325,11 +327,11 @@ class ContactPatches:
                 return partial(_opposite_plane, obstacle.point, obstacle.normal)
             assert obstacle.vertices is not None and obstacle.triangles is not None
             vertices, triangles, shape = obstacle.vertices, obstacle.triangles, obstacle.shape
-            turn, shift = obstacle.turn, obstacle.shift
+            turn, shift, smooth = obstacle.turn, obstacle.shift, obstacle.smooth
         if shape is not None and not shape.flat:
             half = 0.5 * shape.length * turn[:, 2]
             return partial(_opposite_capsule, shift - half, shift + half, shape.radius, vertices[triangles])
-        return partial(_opposite_faces, vertices[triangles])
+        return partial(_opposite_faces, _curved(vertices, triangles) if smooth else vertices[triangles])
 
     def _below(
         self, placed: tuple[np.ndarray, np.ndarray], points: np.ndarray, body: int
@@ -488,6 +490,15 @@ def _small_triangles(parts: int) -> np.ndarray:
 
 
 SMALL = _small_triangles(PARTS)
+
+
+def _curved(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Small faces of the curved surface that a smooth one stands for (`kernels/smooth_surfaces.py`), (count, 3, 3)."""
+    corners, normals = vertices[triangles], vertex_normals(vertices, triangles)[triangles]
+    points = np.einsum("skc,tcd->tskd", SMALL, corners)
+    height = np.einsum("tcd,tcd->tc", corners, normals)[:, None, None] - np.einsum("tskd,tcd->tskc", points, normals)
+    curved: np.ndarray = points + 0.5 * np.einsum("skc,tskc,tcd->tskd", SMALL, height, normals)
+    return curved.reshape(-1, 3, 3)
 
 
 def _barycentric(point: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
