@@ -36,6 +36,9 @@ DENSE = 300
 EVENED, THINNED = 0.25, 4.0
 """Area over which pressures are spread, as shares of that of a cell: anyway, which takes 2 to 4 % off the peak of a
 ball's contact of four to six elements' radius, and for each cell that no contact carries beside one that does."""
+BEYOND = 1.25
+"""How many times the area of the cells at the rim the area may be off: balls that are pressed into smoothed elements of
+0.5 to 1.2 of the contact's radius, at any Poisson's ratio, touch up to 1.2 times that too much."""
 NOTHING = 1e-12
 """Least share of a triangle."""
 
@@ -63,10 +66,11 @@ class ContactPatch:
         middle: barycentric coordinates of the middle of the touching part of each, shape (count, 3).
         forces: normal force on each [mN], shape (count,).
         area: of all of them, projected along the normal of the contact [mm^2].
-        area_error: area of the cells through which the rim of the contact goes [mm^2].
+        area_error: 1.25 times the area of the cells through which the rim of the contact goes [mm^2].
         peak: highest pressure [kPa]; the mesh limits how narrow a peak it can show.
         peak_error: how far the pressure changes from there to the cells around, the share of it by which the area there
-            is unknown, and what evening out over cells without a contact took off [kPa].
+            is unknown and half the share of all the area, and what evening out over cells without a contact took off
+            [kPa].
     """
 
     body: str
@@ -219,16 +223,17 @@ class ContactPatches:
         forces = (cells * (pressure * most / np.maximum(area, 1e-300))[corners]).sum(axis=1)
         top = int(pressure.argmax())
         peak = max(float(pressure[top]), float(size.sum() / areas.sum()))
-        around = corners[(corners == top).any(axis=1)]
+        around, error = corners[(corners == top).any(axis=1)], BEYOND * float(area @ unknown)
+        share = float(unknown[top] + 0.5 * error / areas.sum())
         return ContactPatch(
             body=self._model.body_names[body],
             triangles=seen - self._first[body],
             middle=cells / areas[:, None],
             forces=forces,
             area=float(areas.sum()),
-            area_error=float(area @ unknown),
+            area_error=error,
             peak=peak,
-            peak_error=float(np.ptp(pressure[around]) + peak * unknown[top] + max(uneven.max() - peak, 0.0)),
+            peak_error=float(np.ptp(pressure[around]) + peak * share + max(uneven.max() - peak, 0.0)),
         )
 
     def _cells(

@@ -213,6 +213,19 @@ def test_a_roller_presses_a_strip_as_hertz_says(tmp_path: Path, shape: str, cell
     assert abs(seen.peak_pressures[pair] - 2.0 * load / (np.pi * half)) <= seen.peak_pressure_errors[pair]
 
 
+@pytest.mark.parametrize(("cells", "ratio"), [(8, 0.3), (8, 0.45), (12, 0.45)])
+def test_errors_cover_a_ball_in_smoothed_elements(tmp_path: Path, cells: int, ratio: float) -> None:
+    """They touch twice as much as Hertz says where they are as large as the contact's radius, and the errors say so."""
+    held, radius = (-DEPTH - 0.01, -DEPTH + 0.01), 8.0
+    block = soft(rubber(tmp_path / "block.msh", cells), held, element="smoothed", poisson_ratio=ratio)
+    ball = {"sphere": {"radius": radius}, "position": [0.4, 0.3, radius + 0.1], "follows": "top"}
+    seen, pair = pressed(0.6, soft_bodies={"block": block}, rigid_bodies={"ball": ball}), ("block", "ball")
+    hertz = np.pi * (0.75 * seen.normal_forces[pair] * radius * (1.0 - ratio**2) / MODULUS) ** (2 / 3)
+    assert abs(seen.contact_areas[pair] - hertz) <= seen.contact_area_errors[pair]
+    highest = 1.5 * seen.normal_forces[pair] / hertz
+    assert abs(seen.peak_pressures[pair] - highest) <= seen.peak_pressure_errors[pair]
+
+
 def test_a_smooth_ball_of_triangles_touches_as_a_round_one(tmp_path: Path) -> None:
     """80 triangles stand for the curved surface; their flat faces are up to 0.5 mm below it, its force 8 % smaller."""
     trimesh.creation.icosphere(subdivisions=1, radius=8.0).export(tmp_path / "ball.stl")
