@@ -136,9 +136,7 @@ def test_only_the_launch_itself_is_timed(monkeypatch: pytest.MonkeyPatch) -> Non
     assert (clock, seconds, result[0]) == ([2.0], [0.0], 6.0)
 
 
-def test_a_kernel_is_named_before_it_is_compiled_and_only_then(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kernel_is_named_before_it_is_compiled_and_only_then(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # where it was not kept by an earlier run of this test
 
     @kernel
