@@ -1,7 +1,7 @@
 """Where contacts press a soft body's surface: contact areas, pressures, and forces on the patches of tactile arrays."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -65,7 +65,7 @@ class ContactPatch:
         triangles: numbers of the triangles that touch, in the body's surface, shape (count,).
         middle: barycentric coordinates of the middle of the touching part of each, shape (count, 3).
         forces: normal force on each [mN], shape (count,).
-        area: of all of them, projected along the normal of the contact [mm^2].
+        area: of all of them, projected along the normal of the contact, half of it in self-contact [mm^2].
         area_error: 1.25 times the area of the cells through which the rim of the contact goes [mm^2].
         peak: highest pressure [kPa]; the mesh limits how narrow a peak it can show.
         peak_error: how far the pressure changes from there to the cells around, the share of it by which the area there
@@ -161,14 +161,19 @@ class ContactPatches:
         return along / self._model.scene.time.step
 
     def _sides(self, state: State, pair: tuple[int, int], rows: np.ndarray) -> dict[int, ContactPatch]:
-        """The patch of a pair of bodies on each of its soft bodies, by the body's number."""
+        """The patch of a pair of bodies on each of its soft bodies, by its number; of self-contact, both sides."""
         before, now = (self._placed(state.position - h * state.velocity) for h in (self._model.scene.time.step, 0.0))
         force = self._pressing(state)[rows, None] * state.contact_normal[rows]
         found: dict[int, ContactPatch] = {}
-        first, second = pair
+        points, normals, (first, second) = state.contact_point[rows], state.contact_normal[rows], pair
+        if first == second:
+            below, weights = self._below((before, now), np.vstack([points] * 2), first, np.vstack([normals, -normals]))
+            facing, both = self._facing(state, first, now), np.vstack([force, -force])
+            patch = self._patch(now, first, facing, below, weights, both)
+            return {first: replace(patch, area=0.5 * patch.area, area_error=0.5 * patch.area_error)}
         for body, other, sign in ((first, second, 1.0), (second, first, -1.0)):
-            if body < len(self._model.soft_bodies) and body not in found:
-                triangle, weights = self._below((before, now), state.contact_point[rows], body)
+            if body < len(self._model.soft_bodies):
+                triangle, weights = self._below((before, now), points, body)
                 found[body] = self._patch(now, body, self._facing(state, other, now), triangle, weights, sign * force)
         return found
 
@@ -339,16 +344,26 @@ class ContactPatches:
         return partial(_opposite_faces, _curved(vertices, triangles) if smooth else vertices[triangles])
 
     def _below(
-        self, placed: tuple[np.ndarray, np.ndarray], points: np.ndarray, body: int
+        self,
+        placed: tuple[np.ndarray, np.ndarray],
+        points: np.ndarray,
+        body: int,
+        outward: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The triangle of a body nearest to each point, of those at its nearest vertex, and barycentric coordinates.
 
-        Contacts were measured between the start and the end of the step: `placed` has the surfaces at both.
+        Contacts were measured between the start and the end of the step: `placed` has the surfaces at both. Where
+        `outward` is given, (count, 3), vertices count that face that way.
         """
         row, choices = np.arange(len(points)), []
         for position in placed:
             some = position[self._start[body] : self._start[body + 1]]
-            nearest = self._start[body] + ((points[:, None] - some) ** 2).sum(axis=2).argmin(axis=1)
+            squared = ((points[:, None] - some) ** 2).sum(axis=2)
+            if outward is not None:
+                fans = self._fans[self._start[body] : self._start[body + 1]]
+                normals = _cross_of(position[self._triangles])[fans] * (fans >= 0)[..., None]
+                squared[outward @ normals.sum(axis=1).T <= 0.0] = np.inf
+            nearest = self._start[body] + squared.argmin(axis=1)
             candidates = self._fans[nearest]
             a, b, c = (position[self._triangles[candidates, k]] for k in range(3))
             weights = _barycentric(points[:, None], a, b, c)

@@ -13,6 +13,7 @@ from conftest import Figures
 import taichisoft
 from taichisoft.building.scene_files import load_scene
 from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 Box = Callable[[tuple[float, ...], tuple[float, ...], tuple[int, ...]], str]
@@ -108,6 +109,31 @@ def test_soft_on_soft_touches_with_the_smaller_face(box: Box, lower: int, upper:
     for bodies in ({"block": block, "stamp": stamp}, {"stamp": stamp, "block": block}):
         seen = pressed(0.3, soft_bodies=bodies)
         assert seen.contact_areas[tuple(bodies)] == pytest.approx(144.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(3, 3), (4, 7), (6, 2)])
+def test_self_contact_has_the_area_of_one_side(lower: int, upper: int) -> None:
+    """Two blocks of one body, 0.3 mm apart and pressed by 1.2: 5 kPa on 400 mm^2."""
+    one, other = (make_block((n, n, 2), (20.0, 20.0, 10.0)) for n in (lower, upper))
+    nodes = np.vstack([one.nodes, other.nodes + np.array([0.0, 0.0, 10.3])])
+    elements = np.vstack([one.elements, other.elements + len(one.nodes)])
+    body = soft("tutorial-coarse", (-5.1, -4.9), self_contact=True)
+    body["anchors"] = [{"box": [[-99.0, -99.0, z - 0.1], [99.0, 99.0, z + 0.1]]} for z in (-5.0, 15.3)]
+    scene = {
+        "gravity": [0.0, 0.0, 0.0],
+        "time": {"step": 0.1, "dynamics": "static"},
+        "contact": {"friction": 0.0, "contact_distance": 0.1, "alarm_distance": 2.0},
+        "soft_bodies": {"blocks": body},
+    }
+    mesh = VolumeMesh("blocks", nodes, elements, {}).check()
+    simulation = taichisoft.Simulation(taichisoft.Model(taichisoft.scene_from_dict(scene), {"blocks": mesh}))
+    places = simulation.model.rest_position[simulation.model.anchored_nodes].copy()
+    places[places[:, 2] > 0.0, 2] -= 1.2
+    simulation.step(taichisoft.Control(anchor_positions={"blocks": places}))
+    seen, pair = simulation.observe(), ("blocks", "blocks")
+    assert seen.normal_forces[pair] == pytest.approx(2000.0, rel=1e-4)
+    assert seen.contact_areas[pair] == pytest.approx(400.0, rel=2e-3)
+    assert seen.peak_pressures[pair] == pytest.approx(5.0, rel=0.01)
 
 
 def test_few_contacts_stand_for_all_that_touches(box: Box) -> None:
