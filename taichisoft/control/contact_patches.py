@@ -1,7 +1,7 @@
 """Where contacts press a soft body's surface: contact areas, pressures, and forces on the patches of tactile arrays."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.control.observation import Pair
 from taichisoft.errors import SceneError
+from taichisoft.meshes.smooth_normals import vertex_normals
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -35,6 +36,9 @@ DENSE = 300
 EVENED, THINNED = 0.25, 4.0
 """Area over which pressures are spread, as shares of that of a cell: anyway, which takes 2 to 4 % off the peak of a
 ball's contact of four to six elements' radius, and for each cell that no contact carries beside one that does."""
+BEYOND = 1.25
+"""How many times the area of the cells at the rim the area may be off: balls that are pressed into smoothed elements of
+0.5 to 1.2 of the contact's radius, at any Poisson's ratio, touch up to 1.2 times that too much."""
 NOTHING = 1e-12
 """Least share of a triangle."""
 
@@ -61,11 +65,12 @@ class ContactPatch:
         triangles: numbers of the triangles that touch, in the body's surface, shape (count,).
         middle: barycentric coordinates of the middle of the touching part of each, shape (count, 3).
         forces: normal force on each [mN], shape (count,).
-        area: of all of them, projected along the normal of the contact [mm^2].
-        area_error: area of the cells through which the rim of the contact goes [mm^2].
+        area: of all of them, projected along the normal of the contact, half of it in self-contact [mm^2].
+        area_error: 1.25 times the area of the cells through which the rim of the contact goes [mm^2].
         peak: highest pressure [kPa]; the mesh limits how narrow a peak it can show.
         peak_error: how far the pressure changes from there to the cells around, the share of it by which the area there
-            is unknown, and what evening out over cells without a contact took off [kPa].
+            is unknown and half the share of all the area, and what evening out over cells without a contact took off
+            [kPa].
     """
 
     body: str
@@ -156,14 +161,19 @@ class ContactPatches:
         return along / self._model.scene.time.step
 
     def _sides(self, state: State, pair: tuple[int, int], rows: np.ndarray) -> dict[int, ContactPatch]:
-        """The patch of a pair of bodies on each of its soft bodies, by the body's number."""
+        """The patch of a pair of bodies on each of its soft bodies, by its number; of self-contact, both sides."""
         before, now = (self._placed(state.position - h * state.velocity) for h in (self._model.scene.time.step, 0.0))
         force = self._pressing(state)[rows, None] * state.contact_normal[rows]
         found: dict[int, ContactPatch] = {}
-        first, second = pair
+        points, normals, (first, second) = state.contact_point[rows], state.contact_normal[rows], pair
+        if first == second:
+            below, weights = self._below((before, now), np.vstack([points] * 2), first, np.vstack([normals, -normals]))
+            facing, both = self._facing(state, first, now), np.vstack([force, -force])
+            patch = self._patch(now, first, facing, below, weights, both)
+            return {first: replace(patch, area=0.5 * patch.area, area_error=0.5 * patch.area_error)}
         for body, other, sign in ((first, second, 1.0), (second, first, -1.0)):
-            if body < len(self._model.soft_bodies) and body not in found:
-                triangle, weights = self._below((before, now), state.contact_point[rows], body)
+            if body < len(self._model.soft_bodies):
+                triangle, weights = self._below((before, now), points, body)
                 found[body] = self._patch(now, body, self._facing(state, other, now), triangle, weights, sign * force)
         return found
 
@@ -218,16 +228,17 @@ class ContactPatches:
         forces = (cells * (pressure * most / np.maximum(area, 1e-300))[corners]).sum(axis=1)
         top = int(pressure.argmax())
         peak = max(float(pressure[top]), float(size.sum() / areas.sum()))
-        around = corners[(corners == top).any(axis=1)]
+        around, error = corners[(corners == top).any(axis=1)], BEYOND * float(area @ unknown)
+        share = float(unknown[top] + 0.5 * error / areas.sum())
         return ContactPatch(
             body=self._model.body_names[body],
             triangles=seen - self._first[body],
             middle=cells / areas[:, None],
             forces=forces,
             area=float(areas.sum()),
-            area_error=float(area @ unknown),
+            area_error=error,
             peak=peak,
-            peak_error=float(np.ptp(pressure[around]) + peak * unknown[top] + max(uneven.max() - peak, 0.0)),
+            peak_error=float(np.ptp(pressure[around]) + peak * share + max(uneven.max() - peak, 0.0)),
         )
 
     def _cells(
@@ -318,6 +329,7 @@ class ContactPatches:
             turn = matrices_from_quaternions(state.rigid_rotation)[other - soft]
             shift = state.rigid_position[other - soft]
             vertices, triangles, shape = body.vertices @ turn.T + shift, body.triangles, body.shape
+            smooth = body.smooth
             shift = shift - turn @ body.centre_of_mass
         else:
             obstacle = self._model.obstacles[other - soft - rigid]
@@ -325,23 +337,33 @@ class ContactPatches:
                 return partial(_opposite_plane, obstacle.point, obstacle.normal)
             assert obstacle.vertices is not None and obstacle.triangles is not None
             vertices, triangles, shape = obstacle.vertices, obstacle.triangles, obstacle.shape
-            turn, shift = obstacle.turn, obstacle.shift
+            turn, shift, smooth = obstacle.turn, obstacle.shift, obstacle.smooth
         if shape is not None and not shape.flat:
             half = 0.5 * shape.length * turn[:, 2]
             return partial(_opposite_capsule, shift - half, shift + half, shape.radius, vertices[triangles])
-        return partial(_opposite_faces, vertices[triangles])
+        return partial(_opposite_faces, _curved(vertices, triangles) if smooth else vertices[triangles])
 
     def _below(
-        self, placed: tuple[np.ndarray, np.ndarray], points: np.ndarray, body: int
+        self,
+        placed: tuple[np.ndarray, np.ndarray],
+        points: np.ndarray,
+        body: int,
+        outward: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The triangle of a body nearest to each point, of those at its nearest vertex, and barycentric coordinates.
 
-        Contacts were measured between the start and the end of the step: `placed` has the surfaces at both.
+        Contacts were measured between the start and the end of the step: `placed` has the surfaces at both. Where
+        `outward` is given, (count, 3), vertices count that face that way.
         """
         row, choices = np.arange(len(points)), []
         for position in placed:
             some = position[self._start[body] : self._start[body + 1]]
-            nearest = self._start[body] + ((points[:, None] - some) ** 2).sum(axis=2).argmin(axis=1)
+            squared = ((points[:, None] - some) ** 2).sum(axis=2)
+            if outward is not None:
+                fans = self._fans[self._start[body] : self._start[body + 1]]
+                normals = _cross_of(position[self._triangles])[fans] * (fans >= 0)[..., None]
+                squared[outward @ normals.sum(axis=1).T <= 0.0] = np.inf
+            nearest = self._start[body] + squared.argmin(axis=1)
             candidates = self._fans[nearest]
             a, b, c = (position[self._triangles[candidates, k]] for k in range(3))
             weights = _barycentric(points[:, None], a, b, c)
@@ -488,6 +510,15 @@ def _small_triangles(parts: int) -> np.ndarray:
 
 
 SMALL = _small_triangles(PARTS)
+
+
+def _curved(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Small faces of the curved surface that a smooth one stands for (`kernels/smooth_surfaces.py`), (count, 3, 3)."""
+    corners, normals = vertices[triangles], vertex_normals(vertices, triangles)[triangles]
+    points = np.einsum("skc,tcd->tskd", SMALL, corners)
+    height = np.einsum("tcd,tcd->tc", corners, normals)[:, None, None] - np.einsum("tskd,tcd->tskc", points, normals)
+    curved: np.ndarray = points + 0.5 * np.einsum("skc,tskc,tcd->tskd", SMALL, height, normals)
+    return curved.reshape(-1, 3, 3)
 
 
 def _barycentric(point: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:

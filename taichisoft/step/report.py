@@ -16,8 +16,8 @@ class StepReport:
     Attributes:
         step: index of the step, from 0.
         time: simulated time at the end of the step [s].
-        contact_points: midpoints of the contacts at the start of the step, including open ones [mm], shape
-            (contact_count, 3).
+        contact_points: midpoints of the contacts where bodies would be after the step without contact, including open
+            ones [mm], shape (contact_count, 3). Forces act on a body that turns where these are halfway of its turn.
         contact_forces: force on the second body of each contact [mN], shape (contact_count, 3).
         contact_bodies: numbers of the two bodies of each contact in `body_names`, shape (contact_count, 2).
         body_names: names of all bodies in the scene's order: soft bodies, rigid bodies, obstacles.

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from blocks import make_block
 from conftest import Figures
 
 import taichisoft
 from taichisoft.building.scene_files import load_scene
 from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 Box = Callable[[tuple[float, ...], tuple[float, ...], tuple[int, ...]], str]
@@ -107,6 +109,31 @@ def test_soft_on_soft_touches_with_the_smaller_face(box: Box, lower: int, upper:
     for bodies in ({"block": block, "stamp": stamp}, {"stamp": stamp, "block": block}):
         seen = pressed(0.3, soft_bodies=bodies)
         assert seen.contact_areas[tuple(bodies)] == pytest.approx(144.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(3, 3), (4, 7), (6, 2)])
+def test_self_contact_has_the_area_of_one_side(lower: int, upper: int) -> None:
+    """Two blocks of one body, 0.3 mm apart and pressed by 1.2: 5 kPa on 400 mm^2."""
+    one, other = (make_block((n, n, 2), (20.0, 20.0, 10.0)) for n in (lower, upper))
+    nodes = np.vstack([one.nodes, other.nodes + np.array([0.0, 0.0, 10.3])])
+    elements = np.vstack([one.elements, other.elements + len(one.nodes)])
+    body = soft("tutorial-coarse", (-5.1, -4.9), self_contact=True)
+    body["anchors"] = [{"box": [[-99.0, -99.0, z - 0.1], [99.0, 99.0, z + 0.1]]} for z in (-5.0, 15.3)]
+    scene = {
+        "gravity": [0.0, 0.0, 0.0],
+        "time": {"step": 0.1, "dynamics": "static"},
+        "contact": {"friction": 0.0, "contact_distance": 0.1, "alarm_distance": 2.0},
+        "soft_bodies": {"blocks": body},
+    }
+    mesh = VolumeMesh("blocks", nodes, elements, {}).check()
+    simulation = taichisoft.Simulation(taichisoft.Model(taichisoft.scene_from_dict(scene), {"blocks": mesh}))
+    places = simulation.model.rest_position[simulation.model.anchored_nodes].copy()
+    places[places[:, 2] > 0.0, 2] -= 1.2
+    simulation.step(taichisoft.Control(anchor_positions={"blocks": places}))
+    seen, pair = simulation.observe(), ("blocks", "blocks")
+    assert seen.normal_forces[pair] == pytest.approx(2000.0, rel=1e-4)
+    assert seen.contact_areas[pair] == pytest.approx(400.0, rel=2e-3)
+    assert seen.peak_pressures[pair] == pytest.approx(5.0, rel=0.01)
 
 
 def test_few_contacts_stand_for_all_that_touches(box: Box) -> None:
@@ -210,6 +237,33 @@ def test_a_roller_presses_a_strip_as_hertz_says(tmp_path: Path, shape: str, cell
     assert seen.peak_pressures[pair] == pytest.approx(2.0 * load / (np.pi * half), rel=0.03)
     assert abs(seen.contact_areas[pair] - 6.0 * half) <= seen.contact_area_errors[pair]
     assert abs(seen.peak_pressures[pair] - 2.0 * load / (np.pi * half)) <= seen.peak_pressure_errors[pair]
+
+
+@pytest.mark.parametrize(("cells", "ratio"), [(8, 0.3), (8, 0.45), (12, 0.45)])
+def test_errors_cover_a_ball_in_smoothed_elements(tmp_path: Path, cells: int, ratio: float) -> None:
+    """They touch twice as much as Hertz says where they are as large as the contact's radius, and the errors say so."""
+    held, radius = (-DEPTH - 0.01, -DEPTH + 0.01), 8.0
+    block = soft(rubber(tmp_path / "block.msh", cells), held, element="smoothed", poisson_ratio=ratio)
+    ball = {"sphere": {"radius": radius}, "position": [0.4, 0.3, radius + 0.1], "follows": "top"}
+    seen, pair = pressed(0.6, soft_bodies={"block": block}, rigid_bodies={"ball": ball}), ("block", "ball")
+    hertz = np.pi * (0.75 * seen.normal_forces[pair] * radius * (1.0 - ratio**2) / MODULUS) ** (2 / 3)
+    assert abs(seen.contact_areas[pair] - hertz) <= seen.contact_area_errors[pair]
+    highest = 1.5 * seen.normal_forces[pair] / hertz
+    assert abs(seen.peak_pressures[pair] - highest) <= seen.peak_pressure_errors[pair]
+
+
+def test_a_smooth_ball_of_triangles_touches_as_a_round_one(tmp_path: Path) -> None:
+    """80 triangles stand for the curved surface; their flat faces are up to 0.5 mm below it, its force 8 % smaller."""
+    trimesh.creation.icosphere(subdivisions=1, radius=8.0).export(tmp_path / "ball.stl")
+    block = soft(rubber(tmp_path / "block.msh", 14), (-DEPTH - 0.01, -DEPTH + 0.01), poisson_ratio=RATIO)
+    held = {"position": [0.4, 0.3, 8.1], "follows": "top"}
+    shapes = {"sphere": {"radius": 8.0}}, {"surface": str(tmp_path / "ball.stl"), "smooth": True}
+    seen = [pressed(0.6, soft_bodies={"block": block}, rigid_bodies={"ball": shape | held}) for shape in shapes]
+    pair = "block", "ball"
+    round_one, smooth = (one.contact_areas[pair] / one.normal_forces[pair] ** (2 / 3) for one in seen)
+    assert smooth == pytest.approx(round_one, rel=0.15)
+    round_one, smooth = (one.peak_pressures[pair] / one.normal_forces[pair] ** (1 / 3) for one in seen)
+    assert smooth == pytest.approx(round_one, rel=0.15)
 
 
 def test_patches_of_a_pad_share_the_force_on_it() -> None:
