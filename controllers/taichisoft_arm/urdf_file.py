@@ -71,7 +71,8 @@ class ArmDescription:
 def read_arm(path: Path, link: str | None = None) -> ArmDescription:
     """Read an arm.
 
-    Joints that are not between the root and the link stay where they are at 0, or at the limit next to it.
+    Joints that are not between the root and the link stay where they are at 0, or at the limit next to it; those that
+    mimic another one are warned of.
 
     Args:
         path: the file.
@@ -90,6 +91,7 @@ def read_arm(path: Path, link: str | None = None) -> ArmDescription:
     if not moving:
         raise SceneError(f"{path}: no joint moves the link '{end}'")
     numbers = {joint.name: number + 1 for number, joint in enumerate(moving)}
+    _warn_of_mimics(robot, numbers, path)
     placed = {one.name: _placed(one.name, parents, numbers) for one in robot.links}
     joints = tuple(_chain_joint(joint, placed[joint.parent][1], path) for joint in moving)
     colours = {material.name: material for material in robot.materials}
@@ -196,6 +198,16 @@ def _placed(link: str, parents: dict[str, Any], numbers: dict[str, int]) -> tupl
         else:
             pose = pose @ _origin(joint) @ _resting(joint)
     return number, pose
+
+
+def _warn_of_mimics(robot: Any, numbers: dict[str, int], path: Path) -> None:
+    """Warn of joints beside the chain that would move as another joint does."""
+    still = [f"'{one.name}' ('{one.mimic.joint}')" for one in robot.joints if one.mimic and one.name not in numbers]
+    if still:
+        warn_caller(
+            f"{path}: joints that are not between the root and the gripper's link do not move, nor do those that mimic "
+            f"another one: {', '.join(still)}; their links stay where they are at 0"
+        )
 
 
 def _origin(element: Any) -> np.ndarray:

@@ -162,6 +162,13 @@ def test_any_broken_part_is_refused_or_harmless(tmp_path):
             assert np.isfinite(numbers).all(), (element.tag, key, change)
 
 
+def test_a_mimic_joint_beside_the_chain_is_told(tmp_path):
+    jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="mount"/><child link="jaw"/>'
+    jaw += '<limit lower="0" upper="0.03" velocity="1" effort="1"/><mimic joint="slide" multiplier="2"/></joint>'
+    with pytest.warns(UserWarning, match=r"do not move, nor do those that mimic another one: 'grip' \('slide'\)"):
+        read_arm(own_arm(tmp_path, more=jaw), "mount")
+
+
 def test_a_joint_without_a_speed_gets_the_usual_one(tmp_path):
     path = own_arm(tmp_path)
     path.write_text(path.read_text().replace('velocity="1.0" ', ""))
