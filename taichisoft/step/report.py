@@ -16,7 +16,8 @@ class StepReport:
     Attributes:
         step: index of the step, from 0.
         time: simulated time at the end of the step [s].
-        contact_points: midpoints of the contacts at the start of the step, including open ones [mm], shape
+        contact_points: midpoints of the contacts, including open ones, where they were sought: at the place within the
+            step to which the velocities at its start lead, not where bodies are at its end [mm], shape
             (contact_count, 3).
         contact_forces: force on the second body of each contact [mN], shape (contact_count, 3).
         contact_bodies: numbers of the two bodies of each contact in `body_names`, shape (contact_count, 2).
