@@ -89,6 +89,8 @@ def read_arrays(path: str | Path) -> "dict[str, np.ndarray]":
             count = int.from_bytes(file.read(2), "little")
             if len(archive.namelist()) != count:  # a wrong length in the directory hides entries from zipfile
                 raise ValueError(f"its directory has {len(archive.namelist())} arrays instead of {count}")
+            if len(set(archive.namelist())) != count:
+                raise ValueError("two of its arrays have one name")
             contents = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
         return {name: read_array(io.BytesIO(content), allow_pickle=False) for name, content in contents.items()}
     except OSError:

@@ -26,6 +26,17 @@ NUMBERS = {"xyz": (3,), "rpy": (3,), "size": (3,), "rgba": (4,), "scale": (1, 3)
 LARGEST = 1e6
 """Larger lengths [m] and angles [rad] are refused, and those that are not finite."""
 
+FAR = 20.0
+"""Lengths [m] and angles [rad] of an arm that are larger are probably in other units."""
+ONCE = {
+    "joint": ("parent", "child", "origin", "axis", "limit", "mimic"),
+    "visual": ("origin", "geometry"),
+    "collision": ("origin", "geometry"),
+}
+"""Elements that may be in others once; yourdfpy takes the first or the last of several."""
+BESIDE = ("dynamics", "calibration", "safety_controller")
+"""What else a joint may have, without effect here."""
+
 Look = Literal["visual", "collision"]
 
 
@@ -71,7 +82,8 @@ class ArmDescription:
 def read_arm(path: Path, link: str | None = None) -> ArmDescription:
     """Read an arm.
 
-    Joints that are not between the root and the link stay where they are at 0, or at the limit next to it.
+    Joints that are not between the root and the link stay where they are at 0, or at the limit next to it; those that
+    mimic another one are warned of.
 
     Args:
         path: the file.
@@ -85,11 +97,13 @@ def read_arm(path: Path, link: str | None = None) -> ArmDescription:
     robot = _parse(path)
     parents = {joint.child: joint for joint in robot.joints}
     _check_tree(robot, parents, path)
+    _check_joints(robot, path)
     end = _end_link(robot, link, path)
     moving = [joint for joint in _way_to(end, parents) if joint.type != "fixed"]
     if not moving:
         raise SceneError(f"{path}: no joint moves the link '{end}'")
     numbers = {joint.name: number + 1 for number, joint in enumerate(moving)}
+    _warn_of_mimics(robot, numbers, path)
     placed = {one.name: _placed(one.name, parents, numbers) for one in robot.links}
     joints = tuple(_chain_joint(joint, placed[joint.parent][1], path) for joint in moving)
     colours = {material.name: material for material in robot.materials}
@@ -110,7 +124,9 @@ def _parse(path: Path) -> Any:
     from lxml import etree
 
     try:
-        _check_numbers(etree.parse(path), path)  # yourdfpy would guess what a broken file means
+        tree = etree.parse(path)  # yourdfpy would guess what a broken file means
+        _check_numbers(tree, path)
+        _check_elements(tree, path)
         robot = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
     except SceneError:
         raise
@@ -138,6 +154,50 @@ def _check_numbers(tree: Any, path: Path) -> None:
                     f'{path}, line {element.sourceline}: {element.tag} has {key} = "{text}"; must be {count} finite '
                     f"number{'s' * (count != '1')}"
                 )
+
+
+def _check_elements(tree: Any, path: Path) -> None:
+    for kind, once in ONCE.items():
+        for element in tree.xpath(f"/robot/{kind}|/robot/link/{kind}"):
+            where = f"{path}, line {element.sourceline}: {kind} '{element.get('name', '')}'"
+            for tag in once:
+                count = len(element.findall(tag))
+                if count > 1 or (count == 0 and tag in ("parent", "child")):
+                    raise SceneError(f"{where} has {count} of <{tag}>; must have one")
+            tags = [one.tag for one in element if isinstance(one.tag, str)]
+            strange = [tag for tag in tags if tag not in (*once, *BESIDE)] if kind == "joint" else []
+            if strange:
+                warn_caller(
+                    f"{where} has <{strange[0]}>, which has no effect; {nearest(strange[0], once, 'known are')}"
+                )
+    for element in tree.xpath("/robot/link|/robot/joint"):
+        if not element.get("name"):
+            raise SceneError(f"{path}, line {element.sourceline}: a {element.tag} has no name")
+    for element in tree.xpath("/robot//origin|/robot/joint/axis"):
+        strange = [key for key in element.attrib if key not in ("xyz", "rpy")]
+        if strange:
+            raise SceneError(f"{path}, line {element.sourceline}: {element.tag} has '{strange[0]}'; must be xyz or rpy")
+
+
+def _check_joints(robot: Any, path: Path) -> None:
+    """Refuse joints that have no motion, and warn of lengths and angles in other units."""
+    for joint in robot.joints:
+        where = f"{path}: joint '{joint.name}'"
+        if joint.type in ("revolute", "continuous", "prismatic") and not _axis(joint).any():
+            raise SceneError(f"{where}: its axis has no direction")
+        if joint.type not in ("revolute", "prismatic") or joint.limit is None:
+            continue
+        low, high = joint.limit.lower or 0.0, joint.limit.upper or 0.0
+        if low > high or low == np.inf or high == -np.inf:
+            raise SceneError(f"{where}: its limits, {low:g} and {high:g}, leave it no way")
+        far = max((abs(one) for one in (low, high) if np.isfinite(one)), default=0.0)
+        if far > FAR:
+            said = ("rad", "degrees") if joint.type == "revolute" else ("m", "mm")
+            warn_caller(f"{where}: has a limit of {far:g} {said[0]}; are its limits in {said[1]}?")
+    lengths = {joint.name: float(np.linalg.norm(_origin(joint)[:3, 3])) / MM for joint in robot.joints}
+    longest = max(lengths, key=lambda name: lengths[name], default="")
+    if longest and lengths[longest] > FAR:
+        warn_caller(f"{path}: joint '{longest}': its origin is {lengths[longest]:g} m away; are its lengths in mm?")
 
 
 def _check_tree(robot: Any, parents: dict[str, Any], path: Path) -> None:
@@ -198,6 +258,16 @@ def _placed(link: str, parents: dict[str, Any], numbers: dict[str, int]) -> tupl
     return number, pose
 
 
+def _warn_of_mimics(robot: Any, numbers: dict[str, int], path: Path) -> None:
+    """Warn of joints beside the chain that would move as another joint does."""
+    still = [f"'{one.name}' ('{one.mimic.joint}')" for one in robot.joints if one.mimic and one.name not in numbers]
+    if still:
+        warn_caller(
+            f"{path}: joints that are not between the root and the gripper's link do not move, nor do those that mimic "
+            f"another one: {', '.join(still)}; their links stay where they are at 0"
+        )
+
+
 def _origin(element: Any) -> np.ndarray:
     """The origin of a joint or a shape, its place in mm."""
     pose = np.eye(4) if element.origin is None else np.array(element.origin, dtype=np.float64)
@@ -231,8 +301,6 @@ def _chain_joint(joint: Any, before: np.ndarray, path: Path) -> ChainJoint:
     if joint.mimic is not None:
         raise SceneError(f"{where}: moves as '{joint.mimic.joint}' does; a joint of the arm must move by itself")
     axis, slides, limit = _axis(joint), joint.type == "prismatic", joint.limit
-    if not axis.any():
-        raise SceneError(f"{where}: its axis has no direction")
     unit = MM if slides else 1.0
     lowest, highest = -np.inf, np.inf
     if joint.type != "continuous":

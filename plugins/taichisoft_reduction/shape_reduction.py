@@ -146,7 +146,9 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
                 error=min(worst(comparisons), FAILED),
                 imbalance=max(largest_imbalance(one, shape.bodies) for one in reduced),
                 error_per_imbalance=error_per_imbalance([*pairs, *tried[shape.name]], shape.bodies),
-                pressed=None if recordings else _pressed(shape, [*own, *trained]),  # recordings do not say where
+                # Recordings do not say where bodies were pressed, nor how they were driven.
+                pressed=None if recordings else _pressed(shape, [*own, *trained]),
+                drives="{}" if recordings else json.dumps(_drives(shape, [*own, *trained])),
             )
     write_report(folder, comparisons, tables)
     draw_report(folder, full, reduced)
@@ -158,6 +160,19 @@ def _pressed(shape: BodyShape, results: Sequence[RunResult]) -> np.ndarray | Non
     good = [one.touched for one in results if not one.problem]
     touched = [one[name] for one in good for name in shape.bodies if name in one]
     return np.any(touched, axis=0) if touched else None
+
+
+def _drives(shape: BodyShape, results: Sequence[RunResult]) -> dict[str, tuple[str, float, float]]:
+    """By actuator, without the body's name, the key that drove it in some runs, and its smallest and largest value."""
+    found: dict[str, tuple[str, float, float]] = {}
+    for result in results:
+        for name, (key, low, high) in {} if result.problem else result.drives.items():
+            body, _, actuator = name.partition(".")
+            if body in shape.bodies and low < high:
+                before = found.get(actuator, (key, low, high))
+                if before[0] == key:
+                    found[actuator] = key, min(low, before[1]), max(high, before[2])
+    return found
 
 
 def _shapes(scene: Scene) -> list[BodyShape]:

@@ -154,11 +154,38 @@ def _noise(over: np.ndarray, curves: np.ndarray) -> np.ndarray:
 
 
 def _rows(file: Path) -> list[dict[str, object]]:
+    """Rows by the names of the columns, separated by commas, or by semicolons or tabs and with decimal commas too."""
     try:
         with file.open(encoding="utf-8-sig", newline="") as opened:
-            rows = [{name.strip(): float(cell) for name, cell in row.items()} for row in csv.DictReader(opened)]
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+            text = opened.read()
+    except (OSError, ValueError) as error:
         raise StudyError(f"{file}: not readable as CSV with a header and numbers: {error}") from error
+    header = text.lstrip().partition("\n")[0]
+    separator = next((one for one in ";\t" if one in header), ",")
+    reader = csv.reader(text.splitlines(), delimiter=separator)
+    try:
+        lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
+    except csv.Error as error:
+        raise StudyError(f"{file}: not readable as CSV with a header and numbers: {error}") from error
+    names = lines[0][1] if lines else []
+    if len(set(names)) < len(names):
+        raise StudyError(
+            f"{file}: two columns are called '{max(names, key=names.count)}'; each needs a name of its own"
+        )
+    rows = []
+    for number, cells in lines[1:]:
+        if separator != ",":
+            cells = [cell.replace(",", ".") for cell in cells]
+        try:
+            row = dict(zip(names, map(float, cells), strict=True))
+        except ValueError:
+            row = {}
+        if not row or not all(map(math.isfinite, row.values())):
+            raise StudyError(
+                f"{file}, line {number}: needs {len(names)} finite numbers, one for each column of the header, "
+                "separated by commas, or by semicolons where commas are in the numbers"
+            )
+        rows.append(row)
     if not rows:
         raise StudyError(f"{file}: has no rows of numbers below its header")
     return [{**row, "columns": row} for row in rows]

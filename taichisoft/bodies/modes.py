@@ -38,6 +38,8 @@ class Modes:
         error_per_imbalance: largest error of a position over the largest imbalance of a run [-], the largest of runs;
             None: not known.
         pressed: whether something pressed a node in the training, shape (node_count,); None: not known.
+        drives: by actuator, without the body's name, the key of `Control` that drove it in the training, and its
+            smallest and largest value, as JSON; without those that are not known.
         report: figures of the validation, as JSON.
     """
 
@@ -52,6 +54,7 @@ class Modes:
     imbalance: float | None = None
     error_per_imbalance: float | None = None
     pressed: np.ndarray | None = None
+    drives: str = "{}"
     report: str = "{}"
 
     @property
@@ -98,6 +101,7 @@ def read_modes(path: Path, key: str) -> Modes:
         imbalance=_number(found, "imbalance", where),
         error_per_imbalance=_number(found, "error_per_imbalance", where),
         pressed=_numbers(found, "pressed", (len(found["rest_position"]),), where) > 0.0 if "pressed" in found else None,
+        drives=str(found.get("drives", "{}")),
         report=str(found.get("report", "{}")),
     )
     if not 0 < modes.mode_count <= 3 * len(modes.rest_position):
@@ -108,6 +112,11 @@ def read_modes(path: Path, key: str) -> Modes:
         json.loads(modes.report)
     except ValueError as error:
         raise SceneError(f"{where}: its report is not JSON: {error}") from error
+    try:
+        for key, low, high in json.loads(modes.drives).values():
+            str(key), float(low), float(high)
+    except (ValueError, TypeError, AttributeError) as error:
+        raise SceneError(f"{where}: its drives are not key, low and high by actuator: {error}; {REMEDY}") from error
     return modes
 
 

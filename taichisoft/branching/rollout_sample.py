@@ -9,6 +9,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.observed_figures import ObservedFigure
 from taichisoft.errors import SimulationDiverged
 from taichisoft.state import State
+from taichisoft.step.strain_watch import EVERY
 from taichisoft.time_stepper import TimeStepper
 
 
@@ -37,11 +38,15 @@ class RolloutOutcome:
         state: the last state that was reached.
         values: values of each figure after the steps that were made, each of shape (steps_made, ...).
         diverged: the arguments of the `SimulationDiverged` that ended it early, or None.
+        stretch_over_law: largest stretch over that up to which the body's law holds [-], see `Rollouts`.
+        complaint: line on the first state beyond a law, or None.
     """
 
     state: State
     values: tuple[np.ndarray, ...]
     diverged: tuple[str, int, str, str] | None
+    stretch_over_law: float
+    complaint: str | None
 
 
 def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Callable[[], bool]) -> RolloutOutcome | None:
@@ -53,7 +58,19 @@ def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Calla
     """
     simulation.restore(sample.start)
     rows: list[list[np.ndarray]] = []
-    diverged = None
+    diverged = complaint = None
+    simulation.strain_watch.restart(is_new_run=True)
+    watched, largest = -1, 0.0
+
+    def watch_law() -> None:
+        nonlocal watched, largest, complaint
+        state = simulation.state
+        if state.step != watched:
+            found = max(simulation.strain_watch.over_law(state).values(), default=0.0)
+            watched, largest = state.step, max(largest, found)
+            if found > 1.0:
+                complaint = complaint or simulation.strain_watch.complaint(state)
+
     for control in sample.controls:
         for number in range(sample.steps_per_control):
             if is_cancelled():
@@ -63,10 +80,13 @@ def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Calla
             except SimulationDiverged as error:
                 diverged = (error.body, error.step, error.cause, error.advice)
                 break
+            if simulation.state.step % EVERY == 0:
+                watch_law()
             if sample.figures:
                 observation = simulation.observe()
                 rows.append([figure.of(observation) for figure in sample.figures])
         if diverged:
             break
+    watch_law()
     values = tuple(np.array(column) for column in zip(*rows, strict=True))
-    return RolloutOutcome(simulation.state, values, diverged)
+    return RolloutOutcome(simulation.state, values, diverged, largest, complaint)

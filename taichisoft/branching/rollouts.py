@@ -67,12 +67,24 @@ class Rollouts:
         return self._arrivals.complete.copy()
 
     @property
+    def stretch_over_law(self) -> np.ndarray:
+        """Largest stretch of each sample over that up to which the body's law holds [-], shape (sample_count,).
+
+        Above 1 it is beyond, and forces are not realistic. It is looked at after every 20th step of the simulation and
+        at the end of the sample; 0 where no law has a known range, NaN for a sample that was cancelled.
+        """
+        self.wait()
+        return self._arrivals.stretch_over_law.copy()
+
+    @property
     def done(self) -> np.ndarray:
         """Whether a sample has ended by now, shape (sample_count,)."""
         return self._arrivals.ended.copy()
 
     def wait(self, time_limit: float | None = None) -> bool:
         """Wait until all samples have ended; returns whether they have. Ctrl and c cancels them.
+
+        The first time that a simulation's samples leave the range of a law, it warns.
 
         Args:
             time_limit: longest time to wait [s]; None: as long as it takes.
@@ -82,10 +94,12 @@ class Rollouts:
             TaichisoftError: a process was lost, or the simulation was closed.
         """
         try:
-            return self._arrivals.wait(time_limit)
+            ended = self._arrivals.wait(time_limit)
         except KeyboardInterrupt:
             self.cancel()
             raise
+        self._arrivals.warn_beyond_law()
+        return ended
 
     def cancel(self) -> None:
         """End what is not done yet, after at most a step; the results so far stay."""
@@ -99,6 +113,7 @@ class Arrivals:
         values: values of each figure by its name, each of shape (sample_count, step_count, ...).
         states: the last state of each sample.
         errors: why each sample ended early, or None.
+        stretch_over_law: see `Rollouts`, shape (sample_count,).
         complete, ended: whether all steps of a sample were made; whether it has ended; shape (sample_count,).
         cancelled: whether nobody wants the rest.
     """
@@ -111,6 +126,8 @@ class Arrivals:
         self.states: list[State] = [first.start] * len(samples)
         self.errors: list[SimulationDiverged | None] = [None] * len(samples)
         self.complete, self.ended = np.zeros(len(samples), dtype=bool), np.zeros(len(samples), dtype=bool)
+        self.stretch_over_law = np.full(len(samples), np.nan)
+        self._complaints: dict[int, str] = {}
         self.cancelled = False
         self._simulation = simulation  # which ends the processes when it is deleted
         self._failure: TaichisoftError | None = None
@@ -149,6 +166,13 @@ class Arrivals:
         if self._processes is not None:
             self._processes.cancel(self)
 
+    def warn_beyond_law(self) -> None:
+        """Warn of the first sample beyond a law, unless that of an earlier call was told."""
+        with self._change:
+            first = min(self._complaints.items(), default=None)
+        if first is not None:
+            self._simulation.warn_of_rollouts(f"rollouts: sample {first[0]}: {first[1]}")
+
     def add(self, index: int, outcome: RolloutOutcome | None) -> None:
         """Take what became of a sample; None if it was cancelled."""
         with self._change:
@@ -158,6 +182,9 @@ class Arrivals:
                 self.states[index] = outcome.state.changed(**vars(outcome.state))  # read-only, also from a process
                 self.errors[index] = SimulationDiverged(*outcome.diverged) if outcome.diverged else None
                 self.complete[index] = outcome.diverged is None
+                self.stretch_over_law[index] = outcome.stretch_over_law
+                if outcome.complaint is not None:
+                    self._complaints[index] = outcome.complaint
             self.ended[index] = True
             self._change.notify_all()
 

@@ -57,7 +57,7 @@ class Simulation(TimeStepper):
         """
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
         self._kept: dict[Hashable, Closable] = {}
-        self._has_said_unit = False
+        self._has_said_unit = self._has_said_rollouts = False
         weakref.finalize(self, _close_all, self._kept)
         if self.model.scene.cameras:
             mine = weakref.ref(self)
@@ -95,6 +95,12 @@ class Simulation(TimeStepper):
         """Warn where a body is stretched beyond the range of its law in a state, unless that has been said."""
         line = self.strain_watch.complaint(state)
         if line is not None:
+            warn_caller(line)
+
+    def warn_of_rollouts(self, line: str) -> None:
+        """Warn of rollouts that left the range of a law, unless that has been said."""
+        if not self._has_said_rollouts:
+            self._has_said_rollouts = True
             warn_caller(line)
 
     def render(

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -89,6 +90,7 @@ class ContactPatches:
     def __init__(self, model: Model):
         """Join the surfaces of the soft bodies."""
         self._model, bodies = model, model.soft_bodies
+        self._last: tuple[State | None, Any] = (None, None)
         sizes = [len(body.surface.nodes) for body in bodies]
         self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         counts = [len(body.surface.triangles) for body in bodies]
@@ -162,7 +164,7 @@ class ContactPatches:
 
     def _sides(self, state: State, pair: tuple[int, int], rows: np.ndarray) -> dict[int, ContactPatch]:
         """The patch of a pair of bodies on each of its soft bodies, by its number; of self-contact, both sides."""
-        before, now = (self._placed(state.position - h * state.velocity) for h in (self._model.scene.time.step, 0.0))
+        before, now = self._surfaces_of(state)
         force = self._pressing(state)[rows, None] * state.contact_normal[rows]
         found: dict[int, ContactPatch] = {}
         points, normals, (first, second) = state.contact_point[rows], state.contact_normal[rows], pair
@@ -176,6 +178,15 @@ class ContactPatches:
                 triangle, weights = self._below((before, now), points, body)
                 found[body] = self._patch(now, body, self._facing(state, other, now), triangle, weights, sign * force)
         return found
+
+    def _surfaces_of(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """The joined surfaces at the start and at the end of the step [mm], once for all pairs of a state."""
+        known, surfaces = self._last
+        if known is not state:
+            step = self._model.scene.time.step
+            surfaces = self._placed(state.position - step * state.velocity), self._placed(state.position)
+            self._last = state, surfaces
+        return surfaces
 
     def _placed(self, position: np.ndarray) -> np.ndarray:
         """The joined surfaces with the nodes at `position` [mm], shape (vertex_count, 3)."""
@@ -477,6 +488,11 @@ def _cut(polygons: np.ndarray, values: np.ndarray) -> np.ndarray:
     height = (polygons * values[:, None]).sum(axis=2)
     inside = height <= 0.0
     crosses = inside != inside[:, following]
+    if not crosses.any():  # as is most often so: a third of the time
+        whole = np.concatenate([polygons, polygons[:, -1:]], axis=1)
+        outside = ~inside[:, 0]
+        whole[outside] = polygons[outside, :1]
+        return whole
     share = height / np.where(crosses, height - height[:, following], 1.0)
     both, kept = np.empty((count, k, 2, 3)), np.empty((count, k, 2), dtype=bool)
     both[:, :, 0], both[:, :, 1] = polygons, polygons + share[..., None] * (polygons[:, following] - polygons)

@@ -61,7 +61,7 @@ class Observation:
         normal_forces: sum of the normal forces in the last step [mN], by pair.
         friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.
         slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
-        contact_points: middles of the contacts, the open ones too [mm], shape (count, 3), by pair.
+        contact_points: middles of the contacts, the open ones too, as in `StepReport` [mm], shape (count, 3), by pair.
         contact_forces: force on the second body in each of these [mN], shape (count, 3), by pair.
         contact_areas: area in contact [mm^2], by pair of which one is soft and presses the other.
         contact_area_errors: how far the mesh may be wrong about that [mm^2], likewise.

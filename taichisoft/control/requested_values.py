@@ -15,7 +15,7 @@ def index_of(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
     """
     if name not in names:
         raise ControlError(
-            f"control.{key}: no {kind} is called '{name}'; {nearest(str(name), list(names), 'there are')}"
+            f"control.{key}: no {kind} is called {str(name)!r}; {nearest(str(name), list(names), 'there are')}"
         )
     return names.index(name)
 

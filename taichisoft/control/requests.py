@@ -123,7 +123,7 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
     for name, value in control.anchor_positions.items():
         if name not in rows:
             known = nearest(str(name), list(rows), "there are")
-            raise ControlError(f"control.anchor_positions: no soft body with anchors is called '{name}'; {known}")
+            raise ControlError(f"control.anchor_positions: no soft body with anchors is called {str(name)!r}; {known}")
         key = f"control.anchor_positions['{name}']"
         asked, needed = as_array(value, key), position[rows[name]].shape
         if asked.shape != needed:

@@ -162,6 +162,53 @@ def test_any_broken_part_is_refused_or_harmless(tmp_path):
             assert np.isfinite(numbers).all(), (element.tag, key, change)
 
 
+BESIDE = '<link name="jaw"/><joint name="grip" type="revolute"><parent link="mount"/><child link="jaw"/>{}</joint>'
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('<origin xyz="0.1 0 0"/>', '<origin xyz="0.1 0 0"/><origin xyz="9 0 0"/>'), "'slide' has 2 of <origin>"),
+        (('<parent link="lower"/>', '<parent link="foot"/><parent link="lower"/>'), "'slide' has 2 of <parent>"),
+        (('<parent link="lower"/>', ""), "'slide' has 0 of <parent>"),
+        (('name="slide" ', ""), "a joint has no name"),
+        (('<origin xyz="0.1 0 0"/>', '<origin XYZ="0.1 0 0"/>'), "origin has 'XYZ'; must be xyz or rpy"),
+        (("</robot>", BESIDE.format('<limit lower="inf" upper="inf"/>') + "</robot>"), "'grip': its limits, inf and"),
+        (("</robot>", BESIDE.format('<limit lower="1" upper="-1"/>') + "</robot>"), "'grip': its limits, 1 and -1"),
+        (("</robot>", BESIDE.format('<axis xyz="0 0 0"/>') + "</robot>"), "'grip': its axis has no direction"),
+    ],
+)
+def test_parts_that_are_doubled_missing_or_void_are_refused(tmp_path, change, said):
+    path = own_arm(tmp_path)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(SceneError, match=r"own\.urdf[:,]") as refused:
+        read_arm(path, "mount")
+    assert said in str(refused.value) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('<origin xyz="0.1 0 0"/>', '<orgin xyz="0.1 0 0"/>'), "has <orgin>, which has no effect"),
+        (('<origin xyz="0.1 0 0"/>', '<origin xyz="100 0 0"/>'), "are its lengths in mm"),
+        (('lower="-0.05" upper="0.2"', 'lower="-50" upper="200"'), "are its limits in mm"),
+        (("</robot>", BESIDE.format('<limit lower="-90" upper="90"/>') + "</robot>"), "are its limits in degrees"),
+    ],
+)
+def test_what_is_probably_misspelt_or_in_other_units_is_told(tmp_path, change, said):
+    path = own_arm(tmp_path)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.warns(UserWarning, match=said):
+        read_arm(path, "mount")
+
+
+def test_a_mimic_joint_beside_the_chain_is_told(tmp_path):
+    jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="mount"/><child link="jaw"/>'
+    jaw += '<limit lower="0" upper="0.03" velocity="1" effort="1"/><mimic joint="slide" multiplier="2"/></joint>'
+    with pytest.warns(UserWarning, match=r"do not move, nor do those that mimic another one: 'grip' \('slide'\)"):
+        read_arm(own_arm(tmp_path, more=jaw), "mount")
+
+
 def test_a_joint_without_a_speed_gets_the_usual_one(tmp_path):
     path = own_arm(tmp_path)
     path.write_text(path.read_text().replace('velocity="1.0" ', ""))

@@ -34,6 +34,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
     ("control", "message"),
     [
         (Control(pressure={"left": 1.0}), "control.pressure: no cavity is called 'left'; did you mean 'left.air'?"),
+        (Control(pressure={"left.air\n\x1b[2J": 1.0}), "control.pressure: no cavity is called 'left.air\\n\\x1b[2J'"),
         (Control(volume_growth={"air": 1.0}), "control.volume_growth: no cavity is called 'air'"),
         (Control(pressure={"left.air": 1.0}, volume_growth={"left.air": 1.0}), "'left.air' is given a pressure and a"),
         (Control(pressure={"left.air": float("nan")}), "control.pressure['left.air'] = nan: must be one finite number"),

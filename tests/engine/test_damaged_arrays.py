@@ -1,6 +1,8 @@
 """One flipped bit in a file of modes, of a kept run or of a state: it is refused in one line, or changes nothing."""
 
 import random
+import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -61,6 +63,15 @@ def test_flipped_bit_is_refused(tmp_path: Path, write: Callable[[Path], None], r
         refused += got is None
         assert got is None or values(got) == right, (place, bit)
     assert refused > len(flips) // 3
+
+
+def test_two_arrays_of_one_name_are_refused(tmp_path: Path) -> None:
+    MODES.write(tmp_path / "file.npz")
+    with zipfile.ZipFile(tmp_path / "file.npz", "a") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        archive.writestr("modes.npy", archive.read("modes.npy"))
+    with pytest.raises(TaichisoftError, match="two of its arrays have one name"):
+        read_modes(tmp_path / "file.npz", "soft_bodies.finger.reduced")
 
 
 def tiny_state() -> State:

@@ -1,5 +1,6 @@
 """Files of modes that are not those of the body, and bodies that modes cannot move: one line each."""
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from taichisoft.bodies.modes import Modes
 from taichisoft.bodies.training_range import TrainingRange
 from taichisoft.building.reduced_scene import with_reduced_bodies
 from taichisoft.building.simulation import Simulation, make_model
+from taichisoft.control.control import Control
 from taichisoft.errors import ControlError, SceneError
 from taichisoft.model import Model
 from taichisoft.running.training_watch import TrainingWatch
@@ -46,7 +48,7 @@ def test_what_is_written_is_read(body: dict[str, Any], tmp_path: Path) -> None:
     model = make_model(scene_of(body))
     domains = {"domain": np.array([0, 3]), "weight": np.array([2.0, 4.0]), "amplitude_range": np.ones((3, 2))}
     known = {"tolerance": 0.01, "error": 0.005, "imbalance": 0.1, "error_per_imbalance": 20.0}
-    known |= {"pressed": np.arange(12) % 2 > 0}
+    known |= {"pressed": np.arange(12) % 2 > 0, "drives": '{"air": ["pressure", 0.0, 9.0]}'}
     written = modes_of(model, **domains, **known, report='{"a": 1}')
     written.write(tmp_path / "block.npz")
     (read,) = make_model(scene_of({**body, "reduced": str(tmp_path / "block.npz")})).soft_bodies
@@ -66,6 +68,7 @@ CHANGES: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"domain": np.array([1]), "weight": np.ones(2)}, {}, "weight has shape"),
     ({"domain": np.zeros(0), "weight": np.zeros(0)}, {}, "no integration domains"),
     ({"report": "{"}, {}, "not JSON"),
+    ({"drives": '{"air": 3}'}, {}, "drives are not key, low and high"),
     ({}, {"poisson_ratio": 0.4}, "other materials"),
     ({}, {"element": "linear"}, "other materials"),
     ({}, {"density": 2e-6}, "another mass or density"),
@@ -105,7 +108,6 @@ def test_files_that_are_none(body: dict[str, Any], tmp_path: Path) -> None:
 
 def test_moved_anchors_are_refused(body: dict[str, Any], tmp_path: Path) -> None:
     from taichisoft.building.simulation import Simulation
-    from taichisoft.control.control import Control
 
     modes_of(make_model(scene_of(body))).write(tmp_path / "block.npz")
     reduced = {**body, "reduced": str(tmp_path / "block.npz")}
@@ -188,6 +190,26 @@ def test_a_dent_where_nothing_pressed_is_told(
         simulation.step()
         said += list(watch.complaints(simulation.state.changed(step=20), Seen({})))
     assert len(said) == told and all("'block' is pressed at (" in line for line in said)
+
+
+@pytest.mark.parametrize(("trained", "told"), [([0.0, 2.0], True), ([-2.0, 2.0], False)])
+def test_suction_that_nothing_was_trained_to_is_told(
+    block: Callable[..., str], tmp_path: Path, trained: list[float], told: bool
+) -> None:
+    """-1 kPa in a chamber; far within the amplitudes of the training, which are not known here."""
+    mesh = block((4, 4, 4), (20.0, 20.0, 20.0), hollow=True)
+    anchors = [{"box": [[-50, -50, -50], [-9.9, 50, 50]]}]
+    body = {"mesh": mesh, "density": 1e-6, "young_modulus": 500.0, "poisson_ratio": 0.3, "anchors": anchors}
+    body["cavities"] = {"air": {"group": "cavity"}}
+    drives = json.dumps({"air": ["pressure", *trained]})
+    modes_of(make_model(scene_of(body)), drives=drives).write(tmp_path / "block.npz")
+    simulation = Simulation(scene_of({**body, "reduced": str(tmp_path / "block.npz")}))
+    watch, said = TrainingWatch(simulation.model), []
+    for _ in range(40):
+        simulation.step(Control(pressure={"block.air": -1.0}))
+        said += list(watch.complaints(simulation.state, Seen({})))
+    assert len(said) == told
+    assert not told or "pressure of 'block.air' is -1 kPa, trained from 0 to 2" in said[0]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import time
+import warnings
 from dataclasses import fields
 
 import numpy as np
@@ -85,6 +86,24 @@ def test_a_future_that_diverges_says_so_and_the_others_go_on(grasp):
     assert np.isfinite(made["pressures"][0]).all() and np.isfinite(made["pressures"][1, :steps]).all()
     assert np.isnan(made["pressures"][1, steps:]).all() and steps < 6
     assert made.states[1].step == bad.step
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_samples_beyond_a_law_are_told_once(grasp, workers):
+    """The field has every sample's largest stretch; a run that goes there itself is told of apart."""
+    simulation = Simulation(grasp.model)
+    simulation.restore(grasp.state)
+    controls = [[squeeze(9.0)] * 20, [squeeze(min(9.0 + 5.0 * step, 60.0)) for step in range(20)]]
+    with pytest.warns(UserWarning, match=r"^rollouts: sample 1: '(left|right)' is stretched") as warned:
+        within, beyond = rollouts(simulation, controls, workers).stretch_over_law
+    assert 0.0 < within < 1.0 < beyond and len(warned) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert rollouts(simulation, controls, workers).stretch_over_law[1] == beyond
+    with pytest.warns(UserWarning, match="is stretched"):
+        for control in controls[1]:
+            simulation.step(control)
+    simulation.close()
 
 
 @pytest.mark.parametrize("workers", [0, 2])

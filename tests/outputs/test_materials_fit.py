@@ -197,6 +197,7 @@ def test_too_few_points_for_the_coefficients_are_warned_of(tmp_path: Path, count
         ("strain,stress (MPa)\n1,x\n", "line 2: '1,x' lacks a number"),
         ("strain,stress (MPa)\n1,nan\n", "line 2: a value is not finite"),
         ("strain,stress (MPa)\n", "no numbers follow"),
+        ("stretch,stress (kPa)\n" + "".join(f"{0.1 * k},{k}\n" for k in range(9)), "falls to 0: a stretch is length"),
     ],
 )
 def test_what_is_wrong_with_a_test_is_said_in_one_line(tmp_path: Path, text: str, expected: str) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft import Control, Simulation, make_model, scene_from_dict
+from taichisoft import Control, Simulation, load_scene, make_model, scene_from_dict
 from taichisoft.bodies import Modes
 from taichisoft.bodies.elasticity import internal_force
 from taichisoft.bodies.moving_frames import FramePlaces
@@ -24,7 +24,7 @@ from taichisoft_reduction.pressing import presses
 from taichisoft_reduction.reduce_command import reduce
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
 from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
-from taichisoft_reduction.shape_reduction import Progress, Wishes, find_mode_count, reduce_scene
+from taichisoft_reduction.shape_reduction import Progress, Wishes, _drives, find_mode_count, reduce_scene
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
 TURNED = {"rotation": [20.0, -35.0, 50.0], "translation": [3.0, 1.0, -2.0]}
@@ -283,6 +283,19 @@ def test_every_place_of_the_pad_is_pressed_by_something_that_is_free_at_rest(blo
     assert {"sphere", "box", "cylinder"} <= kinds
     assert len(found) == 10
     assert all(one.normal[2] < -0.5 for one in found)
+
+
+def test_the_drives_of_a_training_are_those_of_all_copies():
+    """From the lowest to the highest over runs that came to their end; what stood still is not known."""
+    (shape,) = body_shapes(load_scene("gripper"))
+
+    def result(problem="", **pressures):
+        drives = {f"{name}.cavity": ("pressure", *value) for name, value in pressures.items()}
+        return RunResult("run", problem, np.zeros(0), {}, {}, drives=drives)
+
+    results = [result(finger1=(0.0, 30.0)), result(finger2=(-5.0, 10.0)), result("ended early", finger1=(0.0, 90.0))]
+    assert _drives(shape, results) == {"cavity": ("pressure", -5.0, 30.0)}
+    assert _drives(shape, [result(finger1=(2.0, 2.0))]) == {}
 
 
 def test_a_request_of_other_content_has_another_file():

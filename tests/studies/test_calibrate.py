@@ -23,6 +23,7 @@ from taichisoft_studies.sweep_runs import job_for, make_missing
 MODULUS, DAMPING = "soft_bodies.left.young_modulus", "soft_bodies.left.rayleigh_stiffness"
 TIP = "tip_positions['left'][0]"
 TRUE = {MODULUS: 130.0, DAMPING: 0.05}
+BEND = Experiment(over_column="t", curves=({"column": "d", "quantity": TIP},))  # type: ignore[arg-type]
 
 
 def calibration_of(folder: Path, **tables: Any) -> Calibration:
@@ -98,6 +99,39 @@ def test_rows_are_chosen_shifted_and_computed_from_columns(tmp_path: Path, taich
     assert data.over.tolist() == [1.5, 2.5]
     assert data.curves.tolist() == [[0.0, 12.0]]
     assert data.scales.tolist() == [2.0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t;d\n0,5;1\n1,5;2,25\n",
+        "t\td\n0,5\t1\n1.5\t2.25\n",
+        "\ufefft ; d\r\n0.5;1.0\r\n\r\n1.5;2.25\r\n",
+        't,d\n0.5,"1"\n1.5,2.25\n',
+    ],
+)
+def test_semicolons_tabs_and_decimal_commas_are_read(tmp_path: Path, text: str) -> None:
+    (tmp_path / "d.csv").write_text(text, encoding="utf-8")
+    data = read_measurement(BEND, tmp_path / "d.csv", "experiments.0")
+    assert data.over.tolist() == [0.5, 1.5] and data.curves.tolist() == [[1.0, 2.25]]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t,d\n0,5,1\n1,5,2\n", r"d\.csv, line 2: needs 2 finite numbers"),
+        ("t;d\n0;1\n1;nan\n", r"line 3: needs 2 finite"),
+        ("t;d\n0;1\n1\n", r"line 3: needs 2 finite"),
+        ("t;d\n0;1.234,5\n1;2\n", r"line 2: needs 2 finite"),
+        ("t,d,d\n0,1,2\n1,2,3\n", "two columns are called 'd'"),
+        ("\n\n", "has no rows of numbers"),
+    ],
+)
+def test_data_that_are_no_table_of_numbers_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "d.csv").write_text(text)
+    with pytest.raises(StudyError, match=said) as refused:
+        read_measurement(BEND, tmp_path / "d.csv", "experiments.0")
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

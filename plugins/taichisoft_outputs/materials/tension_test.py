@@ -155,6 +155,11 @@ def read_tension_test(path: Path) -> TensionTest:
                     f"{where}: '{names[along]}' reaches {along_values.max():g}: is it in per cent? say 'strain (%)', "
                     "or 'strain (-)'"
                 )
+            if stretch is not None and along_values.min() <= 0.0:
+                raise MaterialError(
+                    f"{where}: '{names[along]}' falls to {along_values.min():g}: a stretch is length over length at "
+                    "rest, above 0; is it a strain?"
+                )
             return TensionTest(path.name, along_values + (0.0 if stretch is not None else 1.0), scale * rows[:, 1])
     raise MaterialError(
         f"{path}: no line names a column 'strain' or 'stretch' and one 'stress (MPa)' or 'stress (kPa)'"
