@@ -19,8 +19,10 @@ MOST_SETTLING = 100
 """Most moves from a start at which the bodies do not rest."""
 STILL, MOST_MOVES = 1e-6, 300
 """Way in a move below which rigid bodies count as at rest [mm], and most moves."""
-MOST_SEARCHES = 10
+MOST_SEARCHES = 40
 """Most searches for contacts at the end: each moves the bodies to where the last one would have them touch."""
+SWINGS, SHORTEST = 0.5, 0.1
+"""Way of a move over that of the last one above which bodies go only a part of it, and the smallest part [-]."""
 CONFIGURATION = (
     *("position", "rigid_position", "rigid_rotation", "frame_wrench"),
     *("actuator_effort", "actuator_value", "actuator_loss"),
@@ -54,6 +56,7 @@ class FoundEquilibrium:
         residual: largest move of a node by another linearisation, or by another move [mm].
         stiffness: least stiffness of a small move, see `Softest`; negative: unstable; None of rigid bodies alone.
         left: that of the unstable equilibrium from which the bodies have gone on, or None.
+        restless: by how much a last search for contacts has moved which body, if that is too much to be at rest.
     """
 
     state: State
@@ -62,11 +65,15 @@ class FoundEquilibrium:
     residual: float
     stiffness: float | None = None
     left: float | None = None
+    restless: str = ""
 
     @property
     def warning(self) -> str:
-        """What is to be said of its stability, or nothing."""
+        """What is to be said of its stability and its contacts, or nothing."""
         when = f"at {self.state.time:.6g} s the equilibrium"
+        if self.restless:
+            searched = f"another search for contacts {self.restless} after {MOST_SEARCHES} of them"
+            return f"{when} is not one: {searched}, which is too much to trust its forces"
         if self.stiffness is not None and self.stiffness <= -NEUTRAL:
             return f"{when} is unstable (stiffness {self.stiffness:.2g} of that without loads): no motion ends in it"
         if self.left is not None:
@@ -180,6 +187,7 @@ class EquilibriumSearch:
         state, report, residual = found.state, found.report, found.residual
         finest = self._time.newton_tolerance
         still = STILL if self._has_free else finest
+        relaxation, way, restless = _Relaxation(0.5 * self._contact.alarm_distance), 0.0, ""
         for _ in range(MOST_MOVES if self._has_free else MOST_SEARCHES if len(state.contact_point) else fewest):
             before = state
             state, report = self._move(loads.at(before, 1.0), tolerance, 0)
@@ -188,6 +196,8 @@ class EquilibriumSearch:
             residual = max(report.newton_residual or 0.0, way)
             if way <= still and tolerance <= finest:
                 break
+            if not self._has_free and self._may_touch:
+                state = relaxation.next(before, state, way)
             tolerance = finest if way <= still else max(finest, min(tolerance, FINER * way))
         else:
             if self._has_free:
@@ -199,8 +209,9 @@ class EquilibriumSearch:
                     "at a time; nothing holds it, or not enough",
                     "a support, a firmer grip, or less weight",
                 )
-        report = replace(report, linearisations=linearisations)
-        return replace(found, state=state, report=report, residual=residual)
+            restless = f"moves '{body}' by {way:.2g} mm" if way > ROUGH else ""
+        report = replace(report, linearisations=linearisations, converged=report.converged and not restless)
+        return replace(found, state=state, report=report, residual=residual, restless=restless)
 
     def _settled(
         self, loads: "_Loads", state: State, share: float, unmixed: int
@@ -229,10 +240,7 @@ class EquilibriumSearch:
                     break
                 state, last = end, residual
                 continue
-            moved = {name: getattr(state, name) for name in ("position", "rigid_position", "rigid_rotation")}
-            moved = {name: before + longest / way * (getattr(end, name) - before) for name, before in moved.items()}
-            moved["rigid_rotation"] /= np.linalg.norm(moved["rigid_rotation"], axis=1, keepdims=True)
-            state = end.changed(**moved)
+            state = _part_of_way(state, end, longest / way)
         return state, linearisations, problem
 
     def _way(self, before: State, after: State) -> tuple[float, str]:
@@ -254,6 +262,37 @@ class EquilibriumSearch:
         if self._may_touch and way > 0.5 * self._contact.alarm_distance:
             return body, f"it would move by {way:.3g} mm at once, more than half of contact.alarm_distance"
         return body, ""
+
+
+def _part_of_way(before: State, end: State, share: float) -> State:
+    """The end of a move, with the bodies only a share of the way there."""
+    moved = {name: getattr(before, name) for name in ("position", "rigid_position", "rigid_rotation")}
+    moved = {name: first + share * (getattr(end, name) - first) for name, first in moved.items()}
+    moved["rigid_rotation"] /= np.linalg.norm(moved["rigid_rotation"], axis=1, keepdims=True)
+    return end.changed(**moved)
+
+
+class _Relaxation:
+    """Part of each move on which bodies go, where moves to and fro would grow: on thin tools surfaces turn so much with
+    a small way to the side that contacts sought again lead beyond where they lead to rest (Aitken's relaxation: Irons
+    and Tuck 1969)."""
+
+    def __init__(self, longest: float):
+        """Go no farther at once than the longest way [mm], within which contacts are found again."""
+        self._longest, self._share = longest, 1.0
+        self._last: np.ndarray | None = None
+        self._last_way = np.inf
+
+    def next(self, before: State, end: State, way: float) -> State:
+        """Where to search next, after a move from a state to its end, with the longest way of a point [mm]."""
+        move = (end.position - before.position).ravel()
+        if self._last is not None and (self._share < 1.0 or way > SWINGS * self._last_way):
+            change = move - self._last
+            share = -self._share * float(self._last @ change) / max(float(change @ change), 1e-300)
+            self._share = min(max(share, SHORTEST), 1.0)
+        self._last, self._last_way = move, way
+        share = min(self._share, self._longest / max(way, 1e-300))
+        return end if share == 1.0 else _part_of_way(before, end, share)
 
 
 class _Loads:
