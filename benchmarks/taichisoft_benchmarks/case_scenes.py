@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.building import load_scene, with_reduced_bodies
 from taichisoft.meshes import VolumeMesh, write_volume_mesh
-from taichisoft.scenes import Scene, find_file, scene_from_dict, scene_to_toml
+from taichisoft.scenes import find_file, scene_from_dict, scene_to_toml
 from taichisoft_benchmarks.cases import Case, ContactsCase, Fingers, FingersCase, SceneCase, StepsCase
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.regular_meshes import bar

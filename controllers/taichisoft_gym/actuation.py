@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.actuators import ACTUATOR_KINDS, CAVITIES, ActuatorKind, Drive
 from taichisoft.bodies import right_of
 from taichisoft.control import Control, Observation
 from taichisoft.errors import SceneError, nearest
-from taichisoft.scenes import Scene
 from taichisoft_gym.arguments import numbers
 from taichisoft_gym.arm_motion import ArmMotion, ArmTravel
 from taichisoft_gym.channels import Channel

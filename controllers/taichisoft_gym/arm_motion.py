@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from taichisoft import Scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.channels import Channel
 

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from taichisoft import Scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes import RigidBodySettings, Scene, scene_from_dict
+from taichisoft.scenes import RigidBodySettings, scene_from_dict
 
 
 def changed_scene(

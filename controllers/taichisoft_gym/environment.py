@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import gymnasium
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.building import load_scene, with_reduced_bodies
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError, SimulationDiverged, nearest
-from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes

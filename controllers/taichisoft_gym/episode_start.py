@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 
+from taichisoft import Scene
 from taichisoft.building import Simulation
 from taichisoft.errors import SceneError, nearest
 from taichisoft.model import Model
-from taichisoft.scenes import Scene, scene_to_toml
+from taichisoft.scenes import scene_to_toml
 from taichisoft.state import State
 from taichisoft_gym.actuation import scene_axes
 from taichisoft_gym.places import FreePlaces

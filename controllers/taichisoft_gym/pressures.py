@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from taichisoft import Scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Scene
 
 USUAL_RATE = 300.0
 """Default fastest change of a pressure [kPa/s]."""

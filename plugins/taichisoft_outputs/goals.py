@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.scenes import Goal, Scene
+from taichisoft import Scene
+from taichisoft.scenes import Goal
 from taichisoft_outputs.run_figures import LiftFigures
 
 DOUBTFUL_SHARE = 0.05

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from taichisoft.scenes import Scene
+from taichisoft import Scene
 
 if TYPE_CHECKING:
     from taichisoft.bodies import FramePlaces, SoftBody

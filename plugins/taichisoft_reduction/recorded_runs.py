@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.scenes import Scene
+from taichisoft import Scene
 from taichisoft_reduction.body_shapes import BodyShape, RelativeMotion, shape_key
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.run_request import RunResult

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.errors import TaichisoftError
-from taichisoft.scenes import Scene, scene_from_dict, scene_to_toml
+from taichisoft.scenes import scene_from_dict, scene_to_toml
 from taichisoft_reduction.actuator_ranges import Ranges
 from taichisoft_reduction.body_shapes import BodyShape, mesh_digest
 from taichisoft_reduction.excitations import beyond, excitations, ramp, unseen

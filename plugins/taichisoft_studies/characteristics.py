@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import taichisoft
+from taichisoft import Scene
 from taichisoft.control import Control, Fingertips
-from taichisoft.scenes import Scene
 from taichisoft_studies.errors import StudyError
 
 BLOCK = "characteristics-block"

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.atomic_file import atomic_file
-from taichisoft.scenes import Scene, scene_to_toml
+from taichisoft.scenes import scene_to_toml
 from taichisoft_outputs.html_template import render, svg_element
 from taichisoft_outputs.plots.figure import Panel, PlotCurve, draw_figure, figure_bytes
 from taichisoft_studies.characteristics import Characteristics

@@ -13,7 +13,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from taichisoft.scenes import Scene, scene_from_toml, scene_to_toml
+from taichisoft import Scene
+from taichisoft.scenes import scene_from_toml, scene_to_toml
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import make_run
 from taichisoft_studies.results_table import flat

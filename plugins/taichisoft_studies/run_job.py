@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import taichisoft
-from taichisoft.scenes import Scene, Table, scene_to_toml
+from taichisoft import Scene
+from taichisoft.scenes import Table, scene_to_toml
 from taichisoft_studies.errors import StudyError
 
 DIGITS = 16

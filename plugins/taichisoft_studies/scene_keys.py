@@ -4,9 +4,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from taichisoft import Scene
 from taichisoft.building import load_scene
 from taichisoft.errors import nearest
-from taichisoft.scenes import Scene
 from taichisoft_studies.errors import StudyError
 
 

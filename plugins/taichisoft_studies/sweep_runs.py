@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from taichisoft import Scene
 from taichisoft.errors import MeshError
-from taichisoft.scenes import Scene
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.run_folder import finished, read_record, record_loss
 from taichisoft_studies.run_job import RunJob, make_job

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from arms import STANDING
 
+from taichisoft import Scene
 from taichisoft.building.scene_files import load_scene
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes import Scene
 
 pytest.importorskip("gymnasium", reason="needs the extra 'gym'")
 pytest.importorskip("yourdfpy", reason="needs the extra 'arm'")

@@ -8,9 +8,8 @@ import pytest
 from blocks import make_block
 from conftest import Figures
 
-from taichisoft import load_scene, scene_from_dict
+from taichisoft import Scene, load_scene, scene_from_dict
 from taichisoft.meshes import write_volume_mesh
-from taichisoft.scenes import Scene
 from taichisoft_studies.commands.converge import TABLE
 from taichisoft_studies.commands.converge import converge as command
 from taichisoft_studies.errors import StudyError

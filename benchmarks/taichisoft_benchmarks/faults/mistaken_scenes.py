@@ -75,7 +75,7 @@ def mistaken_scene(number: int) -> str:
 
 def _spoil(document: dict[str, Any], dice: random.Random, text_values: dict[str, str]) -> None:
     """Change, remove or add one entry somewhere in the tables."""
-    from taichisoft.scenes import Scene
+    from taichisoft import Scene
 
     places = list(_places(document, Scene))
     table, key, model = dice.choice(places)

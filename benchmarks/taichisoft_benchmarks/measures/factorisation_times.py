@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.scenes import Scene
+from taichisoft import Scene
 from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.cases import FactorisationCase
 from taichisoft_benchmarks.errors import PeerMissing

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.scenes import Scene
+from taichisoft import Scene
 
 if TYPE_CHECKING:
     from taichisoft.building import Simulation

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.scenes import Scene
+from taichisoft import Scene
 from taichisoft_benchmarks.cases import RecordingCase, RenderingCase, WebCase
 from taichisoft_benchmarks.measures.measured import Measured, controlled_step, peak_memory
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from taichisoft.scenes import Scene
+from taichisoft import Scene
 from taichisoft_benchmarks.cases import PeerCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 from taichisoft_benchmarks.measures.steps import window_medians

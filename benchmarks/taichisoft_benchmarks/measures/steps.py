@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.plugin_system import hookimpl
-from taichisoft.scenes import Scene
 from taichisoft_benchmarks.cases import PluginsCase, Simulated
 from taichisoft_benchmarks.measures.measured import Measured, controlled_step, peak_memory
 

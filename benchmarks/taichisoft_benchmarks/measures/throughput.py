@@ -7,8 +7,8 @@ from queue import Queue
 from threading import Barrier
 from typing import Any
 
+from taichisoft import Scene
 from taichisoft.runtime import available_cores
-from taichisoft.scenes import Scene
 from taichisoft_benchmarks.cases import ThroughputCase
 from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing
 from taichisoft_benchmarks.measures.measured import Measured, controlled_step

@@ -10,10 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind
 from taichisoft.bodies import Stretches
 from taichisoft.meshes import MappedSurface
-from taichisoft.scenes import Scene, red_green_blue
+from taichisoft.scenes import red_green_blue
 from taichisoft_outputs.drawing.cable_tubes import LineTube
 from taichisoft_outputs.drawing.scales import AIR, LINE, SOFT, ColourScale, round_up, sample_frames, scale_of
 from taichisoft_outputs.drawing.style import Style

@@ -5,7 +5,7 @@ There is a high key light, and light from all around, more of it from above.
 
 import numpy as np
 
-from taichisoft.scenes import Scene
+from taichisoft import Scene
 from taichisoft_outputs.drawing.camera import scene_axes
 
 KEY_LIGHT = (0.55, 0.75, 1.25)

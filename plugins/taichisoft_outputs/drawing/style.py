@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from taichisoft.errors import TaichisoftError
 
 if TYPE_CHECKING:
-    from taichisoft.scenes import Scene
+    from taichisoft import Scene
 
 VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
 COLOURINGS = ("none", "displacement", "stress", "strain")

@@ -9,11 +9,12 @@ from typing import Any, Self
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.actuators import ACTUATOR_KINDS, CABLES, CAVITIES, ActuatorKind, ActuatorNames, Line, segment_efforts
 from taichisoft.bodies import BodyAxes, BodySurface, axes_of_bodies
 from taichisoft.control import Pair
 from taichisoft.meshes import MappedSurface
-from taichisoft.scenes import Scene, scene_from_toml
+from taichisoft.scenes import scene_from_toml
 from taichisoft.state import State
 from taichisoft_outputs.recording.bodies import (
     RecordedSoftBody,

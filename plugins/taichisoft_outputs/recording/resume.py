@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.bodies import body_surfaces
 from taichisoft.building import Simulation
 from taichisoft.errors import StateError, TaichisoftError
 from taichisoft.model import Model
-from taichisoft.scenes import Scene, scene_from_toml
+from taichisoft.scenes import scene_from_toml
 from taichisoft.state import State
 from taichisoft_outputs.base_motion import last_at_rest
 from taichisoft_outputs.recording.reader import Recording

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind
 from taichisoft.control import Pair
-from taichisoft.scenes import Scene
 from taichisoft_outputs.web.frame import PageFrame, PageScene
 
 WINDOW = 20.0

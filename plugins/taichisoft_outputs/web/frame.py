@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.actuators import ActuatorNames
 from taichisoft.bodies import BodyAxes, Plane, Surface
-from taichisoft.scenes import Scene
 
 
 class LinesShown(NamedTuple):

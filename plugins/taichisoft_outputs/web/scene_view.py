@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft import Scene
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.bodies import quaternion_from_matrix
 from taichisoft.meshes import split_triangles
-from taichisoft.scenes import Scene, red_green_blue
+from taichisoft.scenes import red_green_blue
 from taichisoft_outputs.drawing.arrows import BODY_AXIS, arrow_colour
 from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera, fit_camera, radius_around_mean
 from taichisoft_outputs.drawing.colouring import body_colours

@@ -37,7 +37,7 @@ def characterise(
 
     from taichisoft import load_scene
     from taichisoft.running import warnings_printed_to
-    from taichisoft_studies.characteristics import characterise as find
+    from taichisoft_studies.characteristics import characterise as find_characteristics
     from taichisoft_studies.characteristics import equilibrium_count
     from taichisoft_studies.commands.study_options import progress_bar
     from taichisoft_studies.datasheet import trust_line, write_datasheet
@@ -56,7 +56,7 @@ def characterise(
         for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
             of_mesh = load_scene(scene, (*(set or ()), *overrides))
             with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
-                found.append(find(of_mesh, body, pressures, bends, advance))
+                found.append(find_characteristics(of_mesh, body, pressures, bends, advance))
     other, change = (found[1], ", ".join(changes)) if changes else (None, "")
     folder = output or Path("out") / f"{Path(scene).stem}-characteristics"
     say(trust_line(found[0], other, change))
