@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichisoft.bodies.kernels.rigid_integration import RigidState
-from taichisoft.contact import shapes
+from taichisoft.contact.shapes import moved_shapes, update_lean
 from taichisoft.contact.kernels.approach import NodeMotion, move_bodies
 from taichisoft.contact.kernels.box_trees import refit
 from taichisoft.contact.kernels.round_shapes import move_shapes
@@ -32,7 +32,7 @@ class MovingSurfaces:
             lower=np.zeros((tree_nodes, 3)),
             upper=np.zeros((tree_nodes, 3)),
         )
-        self.shapes = shapes.moved_shapes(surfaces.shapes)
+        self.shapes = moved_shapes(surfaces.shapes)
         self.smooth = surfaces.smooth._replace(normal=surfaces.smooth.local_normal.copy())
         refit(np.arange(surfaces.count, dtype=np.int32), surfaces.trees, self.moved)
         # Reused arrays: a kernel launch with new arrays takes longer than the arithmetic.
@@ -67,7 +67,7 @@ class MovingSurfaces:
     def follow_load(self, state: State) -> None:
         """Align the contact points of level cylinder ends with the load in the step that led to `state`."""
         if self._has_level_ends:
-            shapes.update_lean(self._surfaces.shapes, self.shapes, state)
+            update_lean(self._surfaces.shapes, self.shapes, state)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corners [mm] of the bounding boxes of surfaces, without shapes, each (surface_count, 3)."""

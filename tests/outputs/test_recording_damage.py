@@ -73,13 +73,13 @@ def test_a_repaired_recording_has_every_whole_frame(
     content[place + 5] ^= 4
     broken, new = tmp_path / "broken.h5", tmp_path / "new.h5"
     broken.write_bytes(content)
-    rescue = repair(broken, new)
-    lost = sorted(set(range(STEPS + 1)) - set(rescue.whole))
+    repaired = repair(broken, new)
+    lost = sorted(set(range(STEPS + 1)) - set(repaired.whole))
     assert 70 in lost and len(lost) <= (100 if finished else 1)
-    assert f"frame {lost[0]}: " in rescue.damage and "what was written" in rescue.damage
+    assert f"frame {lost[0]}: " in repaired.damage and "what was written" in repaired.damage
     with read_recording(new) as recording:
         assert recording.outcome == f"repaired: {STEPS + 1 - len(lost)} of {STEPS + 1} frames were whole"
-        for frame, step in enumerate(rescue.whole):
+        for frame, step in enumerate(repaired.whole):
             fake_run.check_frame(recording, frame, step)
 
 
@@ -110,8 +110,8 @@ def test_what_is_read_of_a_killed_and_damaged_recording_is_what_was_written(kill
 def test_of_a_recording_that_is_cut_off_the_frames_before_are_rescued(recorded: Path, tmp_path: Path) -> None:
     content = recorded.read_bytes()
     (tmp_path / "cut.h5").write_bytes(content[: -len(content) // 10])
-    rescue = repair(tmp_path / "cut.h5", tmp_path / "new.h5")
-    assert rescue.whole[:100] == list(range(100)) and len(rescue.whole) < STEPS
+    repaired = repair(tmp_path / "cut.h5", tmp_path / "new.h5")
+    assert repaired.whole[:100] == list(range(100)) and len(repaired.whole) < STEPS
     with read_recording(tmp_path / "new.h5") as recording:
         fake_run.check_frame(recording, 99, 99)
 
