@@ -179,7 +179,7 @@ class _Search:
         room = INSIDE * (high - low)
         now = np.array([asked_for(self._statics.model, self._state, name) for name in self.names])
         inside = np.clip(now, low + room, high - room)
-        places = [inside, np.clip(now, low, high), *(low + share * (high - low) for share in STARTS)]
+        places: list[np.ndarray] = [inside, np.clip(now, low, high), *(low + share * (high - low) for share in STARTS)]
         first: np.ndarray | None = None
         problem: EquilibriumNotFound | None = None
         for place in places:
