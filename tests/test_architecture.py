@@ -64,6 +64,7 @@ LAYERS = {
         "stress",
         "run_figures",
         "recording",
+        "motion_figures",
         "html_template",
         "system_libraries",
     ],

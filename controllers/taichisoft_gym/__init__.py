@@ -56,7 +56,7 @@ def _register() -> None:
         if f"taichisoft/{name}-v0" not in gymnasium.registry:
             gymnasium.register(
                 f"taichisoft/{name}-v0",
-                entry_point=f"taichisoft_gym.{name.lower()}:{name}",
+                entry_point=f"taichisoft_gym.tasks:{name}",
                 vector_entry_point=f"taichisoft_gym.vector:{name.lower()}",
                 max_episode_steps=steps,
             )
