@@ -7,9 +7,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from taichisoft_meshing.finger.boxes import chamber_boxes, channel_box, slot_boxes, stiff_layer_box
-from taichisoft_meshing.finger.finger_dimensions import end, starts
-from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger_dimensions import FingerParameters, end, starts
+from taichisoft_meshing.pneunet_finger import chamber_boxes, channel_box, slot_boxes, stiff_layer_box
 
 SILICONE, STIFF, AIR, WALL = "#cfe3ee", "#9fc3d6", "#ffffff", "#a03010"
 SCALE = 0.047

@@ -10,12 +10,11 @@ from tempfile import TemporaryDirectory
 from PIL import Image
 
 from taichisoft import load_scene, make_controller, run
-from taichisoft.building import Simulation
+from taichisoft.running import Simulation
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.materials.materials_command import plot
+from taichisoft_outputs.materials_command import plot
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.render import render_pictures
-from taichisoft_outputs.rendering.video import render_video
+from taichisoft_outputs.rendering.video import render_pictures, render_video
 
 DOCS = Path(__file__).parent
 RUNS = {

@@ -17,24 +17,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import taichisoft
-from taichisoft.plugin_system import hook_names, hookspecs
-from taichisoft.scenes import (
-    actuators,
-    contact_settings,
-    frame_settings,
-    key_descriptions,
-    pattern,
-    reinforcement_settings,
-    rigid_body,
-    scene,
-    sensor_settings,
-    shape_settings,
-    soft_body,
-    table,
-    time_stepping,
-)
+from taichisoft.running import hook_names, hookspecs
+from taichisoft.scene import actuators, file, key_descriptions, rigid_body, scene, sensor_settings, soft_body, table
 from taichisoft_sofa.components.component_table import UNDERSTOOD
-from taichisoft_sofa.components.older_names import ALIASES
+from taichisoft_sofa.components.declarations import ALIASES
 from taichisoft_sofa.components.without_effect import IGNORED
 
 FOLDER = Path(__file__).parent / "reference"
@@ -89,9 +75,9 @@ versions are understood as well.
 """
 TABLES: dict[str, type[BaseModel]] = {
     "(top level)": scene.Scene,
-    "[time]": time_stepping.Time,
-    "[contact]": contact_settings.Contact,
-    "[[contact.pairs]]": contact_settings.ContactPair,
+    "[time]": scene.Time,
+    "[contact]": scene.Contact,
+    "[[contact.pairs]]": scene.ContactPair,
     "[controller]": scene.SceneControllerSettings,
     "[limits]": scene.Limits,
     "[[external_forces]]": scene.ExternalForce,
@@ -106,23 +92,23 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
     "[[soft_bodies.NAME.forces]]": soft_body.NodalForce,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
-    "[soft_bodies.NAME.pattern], [rigid_bodies.NAME.pattern]": pattern.CircularPattern,
+    "[soft_bodies.NAME.pattern], [rigid_bodies.NAME.pattern]": file.CircularPattern,
     "[soft_bodies.NAME.tactile.NAME]": sensor_settings.TactileArray,
-    "[soft_bodies.NAME.membranes.NAME]": reinforcement_settings.MembraneSettings,
-    "[soft_bodies.NAME.fibres.NAME]": reinforcement_settings.FibreSettings,
-    "helix = { ... } of fibres": reinforcement_settings.Helix,
+    "[soft_bodies.NAME.membranes.NAME]": soft_body.MembraneSettings,
+    "[soft_bodies.NAME.fibres.NAME]": soft_body.FibreSettings,
+    "helix = { ... } of fibres": soft_body.Helix,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
-    "[frames.NAME]": frame_settings.FrameSettings,
-    "path = { ... } of a frame": frame_settings.FramePath,
-    "hinge = { ... } of a frame": frame_settings.HingeSettings,
+    "[frames.NAME]": rigid_body.FrameSettings,
+    "path = { ... } of a frame": rigid_body.FramePath,
+    "hinge = { ... } of a frame": rigid_body.HingeSettings,
     "[rigid_bodies.NAME]": rigid_body.RigidBodySettings,
     "[rigid_bodies.NAME.springs]": rigid_body.RigidSpringsSettings,
     "[obstacles.NAME]": rigid_body.ObstacleSettings,
     "plane = { ... } of an obstacle": rigid_body.PlaneSettings,
-    "sphere = { ... }": shape_settings.Sphere,
-    "cylinder = { ... }": shape_settings.Cylinder,
-    "capsule = { ... }": shape_settings.Capsule,
+    "sphere = { ... }": rigid_body.Sphere,
+    "cylinder = { ... }": rigid_body.Cylinder,
+    "capsule = { ... }": rigid_body.Capsule,
 }
 
 

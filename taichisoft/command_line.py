@@ -13,20 +13,22 @@ import typer
 from typer.core import TyperGroup
 
 from taichisoft import __version__
+from taichisoft.base.processes import interrupted_by_signals
+from taichisoft.base.text import printable
 from taichisoft.errors import GoalMissed, PluginFailed, TaichisoftError
-from taichisoft.interruption import interrupted_by_signals
-from taichisoft.plugin_system import plugins, plugins_command
-from taichisoft.plugin_system.commands import command_names, load_requested, with_plugin_commands
-from taichisoft.plugin_system.failure import plugin_traceback
-from taichisoft.plugin_system.run_options import (
+from taichisoft.running import plugin_commands, plugins
+from taichisoft.running.plugin_commands import (
     GoalOption,
     OutputsOption,
     SpeedOption,
+    command_names,
+    load_requested,
     requested,
     takes_reader_options,
     takes_run_options,
+    with_plugin_commands,
 )
-from taichisoft.terminal_text import printable
+from taichisoft.running.plugins import plugin_traceback
 
 ORDER = (
     *("run", "render", "view", "resume"),  # used every day
@@ -70,7 +72,7 @@ application = typer.Typer(
     add_completion=False,
 )
 
-application.add_typer(plugins_command.application, name="plugins")
+application.add_typer(plugin_commands.application, name="plugins")
 
 LONGEST_LINE = 1000
 """Largest number of characters of an error message."""
@@ -201,8 +203,8 @@ def run_command(
     import rich
 
     with rich.get_console().status("starting Taichi"):  # for which --help need not wait
-        from taichisoft.running.command import RunRequest, run_scene
-    from taichisoft.session.key_log import KeyReplay
+        from taichisoft.running.run_command import RunRequest, run_scene
+    from taichisoft.running.session import KeyReplay
 
     asked = requested(context, outputs)
     folder = output or Path("out") / Path(scene).stem

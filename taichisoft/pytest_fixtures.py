@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from taichisoft.plugin_system.registry import Registry
-    from taichisoft.scenes.scene import Scene
+    from taichisoft.running.plugins import Registry
+    from taichisoft.scene.scene import Scene
 
 TINY_GRIPPER = Path(__file__).parent / "tiny_gripper" / "scene.toml"
 
@@ -23,7 +23,7 @@ def taichisoft_scene() -> "Scene":
     Bodies: "left" and "right", with the cavities "left.cavity" and "right.cavity"; "cube", on the obstacle "floor". At
     7 kPa the pads touch the cube, and with 9 kPa they can lift it (along z).
     """
-    from taichisoft.building.scene_files import load_scene
+    from taichisoft.running.scene_files import load_scene
 
     return load_scene(TINY_GRIPPER)
 
@@ -31,7 +31,7 @@ def taichisoft_scene() -> "Scene":
 @pytest.fixture
 def taichisoft_plugins() -> "Iterator[Registry]":
     """A registry with the installed plug-ins; plug-ins that the test adds are removed after it."""
-    from taichisoft.plugin_system.plugins import separate_registry
+    from taichisoft.running.plugins import separate_registry
 
     with separate_registry() as registry:
         yield registry

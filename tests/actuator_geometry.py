@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from taichisoft.actuators.model_actuators import ActuatorGeometry
-from taichisoft.model import Model
+from taichisoft import Model
+from taichisoft.mechanics import ActuatorGeometry
 
 
 def measured(model: Model, position: np.ndarray) -> ActuatorGeometry:

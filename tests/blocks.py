@@ -4,7 +4,8 @@ from itertools import permutations
 
 import numpy as np
 
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
+from taichisoft import VolumeMesh
+from taichisoft.mesh import boundary_triangles
 
 
 def make_block(cells: tuple[int, int, int], size: tuple[float, float, float], hollow: bool = False) -> VolumeMesh:

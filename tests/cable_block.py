@@ -10,11 +10,8 @@ from typing import Any
 import numpy as np
 from blocks import make_block
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.scene import Scene
+from taichisoft import Control, Scene, Simulation, write_volume_mesh
+from taichisoft.scene import scene_from_dict
 
 STEPS = 12
 TENDON, LINK = "block.tendon", "block.link"

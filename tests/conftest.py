@@ -17,9 +17,9 @@ import pytest
 from blocks import make_block
 from hypothesis import settings
 
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
+from taichisoft import hookimpl, write_volume_mesh
+from taichisoft.running import plugins
+from taichisoft.running.hookspecs import PROJECT
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 

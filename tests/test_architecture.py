@@ -223,7 +223,7 @@ def test_a_file_has_a_name_of_its_own():
 
 
 BESIDE = [ROOT / folder for folder in ("benchmarks", "controllers", "meshing", "plugins", "examples")]
-"""Packages that import the engine's public modules: `taichisoft.meshes`, not `taichisoft.meshes.files`."""
+"""Packages that import the engine's public modules: `taichisoft.mesh`, not `taichisoft.mesh.mesh_files`."""
 
 
 def inner_imports(path: Path) -> list[str]:

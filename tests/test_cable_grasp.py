@@ -5,11 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft import run
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, load_scene, make_controller, run
 from taichisoft_outputs.metrics import MetricsOutput
 
 GRAVITY = 9810.0

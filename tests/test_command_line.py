@@ -15,9 +15,9 @@ import trimesh
 from conftest import PATIENCE
 
 import taichisoft
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
 from taichisoft.command_line import main
-from taichisoft.scenes.shipped import data_folder
+from taichisoft.scene import data_folder
 
 SCENE = """
 [time]
@@ -276,7 +276,7 @@ def test_any_command_ends_as_by_ctrl_c(command: Command, monkeypatch: pytest.Mon
         finally:
             cleared.append(True)
 
-    monkeypatch.setattr("taichisoft.running.command.load_scene", build)
+    monkeypatch.setattr("taichisoft.running.run_command.load_scene", build)
     assert command("run", "scene.toml") == (130, "", "")
     assert cleared == [True]
 

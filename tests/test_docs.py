@@ -11,7 +11,7 @@ from documents import PAGES, ROOT, commands, mentioned, name_of
 from test_architecture import LAYERS
 
 from taichisoft.command_line import application
-from taichisoft.plugin_system.commands import command_names, with_plugin_commands
+from taichisoft.running.plugin_commands import command_names, with_plugin_commands
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 

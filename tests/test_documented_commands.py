@@ -25,10 +25,10 @@ from blocks import make_block
 from documents import ROOT, Command
 from PIL import Image
 
+from taichisoft import read_volume_mesh, write_volume_mesh
 from taichisoft.command_line import EXIT_FAILED, main
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.plugin_system import plugins
 from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.running import plugins
 from taichisoft_meshing.gmsh_session import gmsh_session
 
 RUN_ELSEWHERE = {
@@ -181,31 +181,30 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shipped scenes of some elements in `data`, and stand-ins for what takes long."""
     from matplotlib.figure import Figure
 
-    from taichisoft.scenes import shipped
-    from taichisoft_meshing import mesh_job, mesh_process
-    from taichisoft_meshing.mould import part_pictures
-    from taichisoft_outputs.rendering import render, video
-    from taichisoft_outputs.web import recording_page, web_output
-    from taichisoft_reduction import pressing, shape_reduction
+    from taichisoft.scene import file
+    from taichisoft_meshing import mesh_job, mesh_process, mould_command
+    from taichisoft_outputs.rendering import video
+    from taichisoft_outputs.web import view_command, web_output
+    from taichisoft_reduction import reduce_command, training_plan
     from taichisoft_studies import workers
 
     shutil.copytree(ROOT / "data", data)
     gripper = tiny_gripper()
     for scene in (data / "scenes").glob("*.toml"):
         scene.write_text(gripper if "gripper" in scene.stem else tiny_finger(gripper), encoding="utf-8")
-    monkeypatch.setattr(shipped, "data_folder", lambda: data)
+    monkeypatch.setattr(file, "data_folder", lambda: data)
     monkeypatch.setattr(Figure, "savefig", save_nothing)
-    for module in (render, video):
+    for module in (video, video):
         monkeypatch.setattr(module, "draw_frames", draw_nothing)
-    monkeypatch.setattr(part_pictures, "draw_parts", lambda parts: [])
+    monkeypatch.setattr(mould_command, "draw_parts", lambda parts: [])
     monkeypatch.setattr(mesh_process, "_known_elsewhere", lambda job: False)
     monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
-    monkeypatch.setattr(pressing, "PRESSES", 2)
-    monkeypatch.setattr(shape_reduction, "ATTEMPTS", 1)
+    monkeypatch.setattr(training_plan, "PRESSES", 2)
+    monkeypatch.setattr(reduce_command, "ATTEMPTS", 1)
     monkeypatch.setattr(workers, "dask_workers", workers_here)
     monkeypatch.setattr(web_output.WebOutput, "follow", lambda self, session: None)
-    monkeypatch.setattr(recording_page.RecordingPage, "serve", lambda self: None)
+    monkeypatch.setattr(view_command.RecordingPage, "serve", lambda self: None)
 
 
 def tiny_gripper() -> str:
@@ -230,7 +229,7 @@ def tiny_finger(gripper: str) -> str:
 
 
 def draw_nothing(recording: Path, style: Any, frames: Sequence[int], take: Callable[..., None], stop: Any) -> None:
-    from taichisoft_outputs.recording.reader import read_recording
+    from taichisoft_outputs import read_recording
 
     with read_recording(recording) as opened:
         style.check(opened.scene)
@@ -256,10 +255,9 @@ def mesh_of_a_pad(geometry: Any, file: Path, size: Any = None, preset: str | Non
 @contextmanager
 def workers_here(cluster: Any, tasks: int, folder: Path) -> Iterator[Any]:
     """Workers that are this process."""
-    from taichisoft_studies.make_mesh import MeshRun, make_variant
     from taichisoft_studies.make_run import make_run
-    from taichisoft_studies.run_job import RunJob
-    from taichisoft_studies.worker_task import do_mesh
+    from taichisoft_studies.run_folder import RunJob
+    from taichisoft_studies.worker_task import MeshRun, do_mesh, make_variant
 
     class Here:
         count, about = 1, "here"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichisoft import Control, Simulation, load_scene
-from taichisoft.bodies.strain import Stretches
+from taichisoft.mechanics import Stretches
 
 WEIGHT = 0.02 * 9810.0
 FRICTION = 0.6

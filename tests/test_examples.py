@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.plugin_system import hooks, plugins
+from taichisoft.running import hooks, plugins
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PROGRAMS = sorted(EXAMPLES.glob("*.py"))

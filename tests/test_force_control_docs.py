@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from test_plugin_docs import run
 
-from taichisoft.plugin_system import plugins
+from taichisoft.running import plugins
 
 DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "force-control.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)

@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft import run
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation, load_scene, make_controller, run
 from taichisoft.command_line import main
 from taichisoft.errors import GoalMissed
 from taichisoft_outputs.metrics import MetricsOutput

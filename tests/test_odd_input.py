@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
+from taichisoft.base import parse_toml
+from taichisoft.base.files import DEEPEST
 from taichisoft.command_line import LONGEST_LINE, main
 from taichisoft.errors import SceneError
-from taichisoft.input_file import DEEPEST, parse_toml
 from taichisoft_benchmarks.faults.tries import run_batch
 
 DEEP = 2000

@@ -13,11 +13,10 @@ import pytest
 from conftest import PATIENCE
 
 import taichisoft
+from taichisoft import KeyEvent, Observation
 from taichisoft.command_line import main
-from taichisoft.control.keys import KeyEvent
-from taichisoft.control.observation import Observation
-from taichisoft.plugin_system import hooks, plugins
-from taichisoft.running.controller_memory import saved_as_json
+from taichisoft.running import hooks, plugins
+from taichisoft.running.loop import saved_as_json
 
 DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)

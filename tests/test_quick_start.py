@@ -12,9 +12,9 @@ import pytest
 from conftest import PATIENCE
 from rich.console import Console
 
-from taichisoft.plugin_system import provided
-from taichisoft.plugin_system.hooks import KINDS
-from taichisoft.running.display import progress_bar
+from taichisoft.running import provided
+from taichisoft.running.hooks import KINDS
+from taichisoft.running.run_command import progress_bar
 from taichisoft.runtime import launch
 
 SLOW = {"h5py", "matplotlib", "numpy", "scipy", "taichi", "trimesh"}

@@ -9,12 +9,8 @@ from typing import Any, cast
 import pytest
 
 import taichisoft
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
-from taichisoft.plugin_system import hookspecs
-from taichisoft.plugin_system.registry import hook_names
-from taichisoft.session.session import Session
+from taichisoft import Control, Controller, Observation, Session
+from taichisoft.running import hook_names, hookspecs
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATOR = runpy.run_path(str(ROOT / "docs" / "write_reference.py"))

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from conftest import PATIENCE
 
-from taichisoft.cache_folder import temporary_cache
+from taichisoft.base.files import temporary_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 NOBODY = 65534

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from taichisoft.terminal_text import plain, printable, say
+from taichisoft.base import plain, printable, say
 from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.case_results import CaseResult, Results, read_results, require_writable, write_results
 from taichisoft_benchmarks.case_scenes import Meshes

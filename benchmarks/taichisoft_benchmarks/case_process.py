@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from taichisoft.base import WorkerLost, call_apart
 from taichisoft.errors import TaichisoftError
-from taichisoft.worker import WorkerLost, call_apart
 from taichisoft_benchmarks import cases
 from taichisoft_benchmarks.case_scenes import Meshes, scene_of
 from taichisoft_benchmarks.cases import Case, MeshingCase, StartCase

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from taichisoft.scenes import Number, Table, first_problem
+from taichisoft.scene import Number, Table, first_problem
 from taichisoft_benchmarks.errors import BenchmarkError
 
 FILE = "results.json"

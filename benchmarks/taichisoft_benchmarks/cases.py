@@ -8,9 +8,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from taichisoft.base import read_toml
 from taichisoft.errors import nearest
-from taichisoft.input_file import read_toml
-from taichisoft.scenes import Positive, Table, first_problem
+from taichisoft.scene import Positive, Table, first_problem
 from taichisoft_benchmarks.errors import BenchmarkError
 
 SHIPPED = Path(__file__).with_name("cases.toml")

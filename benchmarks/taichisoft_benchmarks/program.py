@@ -6,9 +6,9 @@ from typing import Any
 
 import typer
 
+from taichisoft.base import printable
 from taichisoft.command_line import EXIT_BAD_INPUT, EXIT_INTERRUPTED, USAGE_ERROR
 from taichisoft.errors import TaichisoftError
-from taichisoft.terminal_text import printable
 
 
 def run_program(function: Callable[..., None], module: str) -> None:

@@ -5,7 +5,7 @@ from itertools import permutations
 
 import numpy as np
 
-from taichisoft.meshes import SIDES, VolumeMesh, divided_hexahedra, tetrahedron_volumes, with_middle_nodes
+from taichisoft.mesh import SIDES, VolumeMesh, divided_hexahedra, tetrahedron_volumes, with_middle_nodes
 
 PRISM = np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]])
 """Three tetrahedra in a prism with the ends 0, 1, 2 and 3, 4, 5, whose nodes must ascend."""

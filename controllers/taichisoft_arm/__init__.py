@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from taichisoft.plugin_system import Imported, hookimpl
+from taichisoft.running import Imported, hookimpl
 
 
 @hookimpl

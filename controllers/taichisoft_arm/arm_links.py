@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from taichisoft.cache_folder import cache_folder
+from taichisoft.base import cache_folder
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes import write_stl
-from taichisoft.scenes import BASE, find_file
+from taichisoft.mesh import write_stl
+from taichisoft.scene import BASE, find_file
 from taichisoft_arm.arm_controller import ArmSettings
 from taichisoft_arm.mounted_arm import MountedArm
 from taichisoft_arm.urdf_file import SUFFIX, LinkPart

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_arm.inverse_kinematics import solve, solve_near
-from taichisoft_arm.kinematic_chain import pose_of
+from taichisoft_arm.kinematics import pose_of, solve, solve_near
 from taichisoft_arm.mounted_arm import MountedArm
 
 STRAIGHT_STEP = (2.0, math.radians(1.0))

@@ -9,9 +9,8 @@ from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Number, Positive, Table, Vector
-from taichisoft_arm.inverse_kinematics import solve
-from taichisoft_arm.kinematic_chain import KinematicChain, inverse_pose, pose_of
+from taichisoft.scene import Number, Positive, Table, Vector
+from taichisoft_arm.kinematics import KinematicChain, inverse_pose, pose_of, solve
 from taichisoft_arm.urdf_file import ArmDescription, LinkPart, Look, read_arm
 
 

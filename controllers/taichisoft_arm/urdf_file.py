@@ -8,11 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from taichisoft.caller_warnings import warn_caller
+from taichisoft.base import extra, is_file, require, warn_caller
 from taichisoft.errors import SceneError, nearest
-from taichisoft.input_file import is_file
-from taichisoft.optional_packages import extra, require
-from taichisoft_arm.kinematic_chain import ChainJoint, KinematicChain
+from taichisoft_arm.kinematics import ChainJoint, KinematicChain
 
 SUFFIX = ".urdf"
 MM = 1000.0

@@ -3,20 +3,20 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.plugin_system import Imported, hookimpl
+from taichisoft.running import Imported, hookimpl
 
 if TYPE_CHECKING:
-    from taichisoft.session import Session
+    from taichisoft.running import Session
 
 
 @hookimpl
 def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The built-in controllers."""
     places = {
-        "closed-loop": "closed_loop.closed_loop_controller:ClosedLoopController",
+        "closed-loop": "closed_loop:ClosedLoopController",
         "inverse": "inverse_controller:InverseController",
-        "keyboard": "keyboard.keyboard_controller:KeyboardController",
-        "scripted": "scripted.scripted_controller:scripted_controller",
+        "keyboard": "keyboard_controller:KeyboardController",
+        "scripted": "scripted_controller:scripted_controller",
     }
     return Imported(__name__, places)
 
@@ -24,7 +24,7 @@ def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
 @hookimpl
 def taichisoft_run_begins(session: "Session") -> None:
     """Read keys from the terminal, for an interactive controller."""
-    from taichisoft_controllers.keyboard.key_source import begin_keys
+    from taichisoft_controllers.terminal_keys import begin_keys
 
     begin_keys(session)
 
@@ -32,6 +32,6 @@ def taichisoft_run_begins(session: "Session") -> None:
 @hookimpl
 def taichisoft_run_ends(session: "Session") -> None:
     """Give the terminal back."""
-    from taichisoft_controllers.keyboard.key_source import end_keys
+    from taichisoft_controllers.terminal_keys import end_keys
 
     end_keys(session)

@@ -10,13 +10,13 @@ from pydantic import Field, model_validator
 import taichisoft
 from taichisoft.control import Control, Controller, Observation, find_figure
 from taichisoft.errors import ControllerFailed, SceneError, TaichisoftError
-from taichisoft.linearisation import asking
-from taichisoft.scenes import Positive
+from taichisoft.scene import Positive
+from taichisoft.step import asking
 from taichisoft_controllers.model_names import fingers_called
 from taichisoft_controllers.settings import ControllerSettings
 
 if TYPE_CHECKING:
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
 
 SETTINGS = "controller.settings"
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError, nearest
 
 if TYPE_CHECKING:
+    from taichisoft.contact import Model
     from taichisoft.control import Pair
-    from taichisoft.model import Model
 
 
 def actuators_called(name: str | None, names: Sequence[str], kind: str) -> list[str]:

@@ -1,13 +1,51 @@
-"""The base class of the controllers' settings."""
+"""Settings of controllers, and the drives that they ask for."""
 
 import re
-from typing import Any, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError, create_model
 
-from taichisoft.control import Slider
+from taichisoft.control import Observation, Slider
 from taichisoft.errors import SceneError
-from taichisoft.scenes import Table, first_problem, key_descriptions
+from taichisoft.mechanics import ACTUATOR_KINDS, CABLES, CAVITIES, ActuatorKind, Drive, kind_of
+from taichisoft.scene import Table, first_problem, key_descriptions
+
+if TYPE_CHECKING:
+    from taichisoft.contact import Model
+
+# The ways to drive actuators that scripts and keys know: by pressure, by tension, by how far cables are pulled in.
+
+PRESSURE, PULL, TENSION = CAVITIES.effort, CABLES.coordinate, CABLES.effort
+DRIVES = tuple(drive for kind in ACTUATOR_KINDS for drive in kind.drives)
+"""The drives of all kinds of actuators; drives of one kind exclude each other for an actuator."""
+
+
+def driven_by(drive: Drive, model: "Model") -> tuple[str, ...]:
+    """Names of all actuators of a model that can be driven so."""
+    return model.actuators.driven_by(kind_of(drive), drive)
+
+
+def table_of_drives(name: str, base: type[Table], field: Callable[[Drive, ActuatorKind], tuple[str, Any, str]]) -> Any:
+    """A table with a key for each drive, None where it is not given.
+
+    Args:
+        name: name of the table.
+        base: table whose keys it has as well.
+        field: gives key, type and meaning for a drive and the kind of actuators that it drives.
+    """
+    fields = [field(drive, kind_of(drive)) for drive in DRIVES]
+    made: dict[str, Any] = {key: (kind | None, Field(None, description=meaning)) for key, kind, meaning in fields}
+    return create_model(name, __base__=base, **made)
+
+
+def read_drive(drive: Drive, observation: Observation, actuator: str) -> float:
+    """What an actuator was driven with in the last step, or what came of it."""
+    value: Any = getattr(observation, drive.observed)[actuator]
+    return float(value)
+
+
+# The base class of the controllers' settings.
 
 
 class ControllerSettings(Table):

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from taichisoft.optional_packages import extra, require
+from taichisoft.base import extra, require
 
 if TYPE_CHECKING:
-    from taichisoft_gym.actuation import Travel
-    from taichisoft_gym.arm_motion import ArmTravel
+    from taichisoft_gym.actuation import ArmTravel, Travel
     from taichisoft_gym.channels import Channel, ChannelGroup
     from taichisoft_gym.disturbances import Bias, Delayed, Dropout, Noise, Quantised, Sampled
     from taichisoft_gym.environment import SoftRobotEnvironment
@@ -37,8 +36,7 @@ __all__ = [
 __getattr__, *_ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "actuation": ["Travel"],
-        "arm_motion": ["ArmTravel"],
+        "actuation": ["ArmTravel", "Travel"],
         "channels": ["Channel", "ChannelGroup"],
         "disturbances": ["Bias", "Delayed", "Dropout", "Noise", "Quantised", "Sampled"],
         "environment": ["SoftRobotEnvironment"],

@@ -9,9 +9,7 @@ import gymnasium
 import numpy as np
 
 import taichisoft_gym
-from taichisoft_gym.carry import Carry
-from taichisoft_gym.grasp import Grasp
-from taichisoft_gym.reach import LARGEST, Reach
+from taichisoft_gym.tasks import LARGEST, Carry, Grasp, Reach
 
 GRASPING, OPEN = 60.0, 0.0
 """Pressures that hold the cube of the scene "gripper", and that let go [kPa]."""

@@ -13,7 +13,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from taichisoft.control import SensorChain
 from taichisoft.errors import SceneError
-from taichisoft.scenes import SensorSettings
+from taichisoft.scene import SensorSettings
 from taichisoft_gym.channels import Channel, saturated
 
 Readings = np.ndarray

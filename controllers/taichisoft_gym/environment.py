@@ -1,31 +1,194 @@
-"""Environments of one's own: a task is a class with a scene, actions, observations, a reward."""
+"""The base class of environments: a scene, actions, observations, a reward, and the page of a run."""
 
+import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import inf
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.building import load_scene, with_reduced_bodies
-from taichisoft.control import Observation
+from taichisoft.control import Control, Controller, Observation
 from taichisoft.errors import SceneError, SimulationDiverged, nearest
-from taichisoft.state import State
-from taichisoft_gym import pressures
-from taichisoft_gym.actuation import Actuation, Travel, scene_axes
-from taichisoft_gym.arguments import action_values, finite, share, whole_steps
-from taichisoft_gym.arm_motion import ArmTravel
-from taichisoft_gym.changed_scene import changed_scene
-from taichisoft_gym.channels import Channel, ChannelGroup, box_of, read_groups, saturated
+from taichisoft.mechanics import State
+from taichisoft.running import Session, load_scene, make_output, notify, with_reduced_bodies
+from taichisoft.scene import RigidBodySettings, scene_from_dict
+from taichisoft_gym import environment
+from taichisoft_gym.actuation import Actuation, ArmTravel, Travel, scene_axes
+from taichisoft_gym.channels import (
+    Channel,
+    ChannelGroup,
+    action_values,
+    box_of,
+    finite,
+    read_groups,
+    saturated,
+    share,
+    whole_steps,
+)
+from taichisoft_gym.episode_start import Drawn, Randomisation
 from taichisoft_gym.observed_quantities import named_quantities
-from taichisoft_gym.randomisation import Drawn, Randomisation
 
-if TYPE_CHECKING:  # these import Taichi, which must not start if only the spaces of an environment are used
-    from taichisoft.building import Simulation
-    from taichisoft_gym.environment_page import EnvironmentPage
+if TYPE_CHECKING:
+    from taichisoft.running import Simulation
     from taichisoft_gym.episode_start import EpisodeStart
+
+# The live page of an environment in a browser, which the output "web" serves.
+
+
+class FromOutside(Controller):
+    """Controller without requests, because the user steps the environment."""
+
+    def control(self, observation: Observation) -> Control:
+        """Return an empty request."""
+        return Control()
+
+
+class EnvironmentPage:
+    """A page in the browser, whose address is printed."""
+
+    def __init__(self, simulation: "Simulation"):
+        """Serve the page.
+
+        Raises:
+            TaichisoftError: viser is not installed, or the page cannot be served.
+        """
+        self._folder = TemporaryDirectory(prefix="taichisoft-page-")
+        self._output = make_output("web", self._folder.name)
+        self._session = Session(simulation, FromOutside(), [self._output], duration=inf)
+        notify("taichisoft_run_begins", session=self._session)
+
+    def show(self, simulation: "Simulation") -> None:
+        """Show the state of a simulation of the same bodies."""
+        self._session.simulation = simulation
+        self._output.restart(simulation.state)
+
+    def close(self) -> None:
+        """Close the page."""
+        self._output.end("closed")
+        notify("taichisoft_run_ends", session=self._session, outcome="closed")
+        self._folder.cleanup()
+
+
+# The scene of an environment, with the changes by its arguments.
+
+
+def changed_scene(
+    scene: Scene,
+    object: Mapping[str, Any] | None,
+    friction: float | None,
+    pressure: tuple[float, float],
+    pressure_rate: float,
+) -> Scene:
+    """A scene with another object, friction or limits.
+
+    Args:
+        scene: the scene.
+        object: keys of `[rigid_bodies.NAME]` that replace keys of the scene's object; a shape or surface replaces the
+            present one.
+        friction: Coulomb's coefficient [-]; None: the scene's.
+        pressure: lowest and highest pressure [kPa].
+        pressure_rate: fastest change of a pressure [kPa/s].
+
+    Raises:
+        SceneError: an argument is not valid.
+    """
+    tables = scene.model_dump(mode="json", exclude_none=True)
+    tables["limits"] |= {
+        "lowest_pressure": pressure[0],
+        "highest_pressure": pressure[1],
+        "pressure_rate": pressure_rate,
+    }
+    if friction is not None:
+        tables["contact"]["friction"] = friction
+    if object is not None:
+        if not isinstance(object, Mapping):
+            raise SceneError(f"object = {object!r}: must be a dictionary of keys of a rigid body")
+        if scene.main_object is None:
+            raise SceneError("object: the scene has no rigid body to change")
+        bodies = tables["rigid_bodies"]
+        bodies[scene.main_object] = _changed_body(bodies[scene.main_object], object)
+    return scene_from_dict(tables, "scene of the environment")
+
+
+def _changed_body(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Table of a body with changed keys; a key removes all keys that exclude it."""
+    replaced = {key for keys in RigidBodySettings.alternatives if set(keys) & changes.keys() for key in keys}
+    return {**{key: value for key, value in table.items() if key not in replaced}, **changes}
+
+
+# Pressures of an environment's actions, within the scene's limits, beyond which an action would have no effect.
+
+USUAL_RATE = 300.0
+"""Default fastest change of a pressure [kPa/s]."""
+
+
+def pressure_range(scene: Scene, asked: Any, usual: tuple[float, float]) -> tuple[float, float]:
+    """Pressures of the actions -1 and 1 [kPa].
+
+    Args:
+        scene: scene, with limits for all and for each cavity.
+        asked: lowest and highest pressure [kPa]; None: `usual` within the limits.
+        usual: default lowest and highest pressure [kPa].
+
+    Raises:
+        SceneError: `asked` is not two rising numbers, or exceeds a limit.
+    """
+    low, high = usual if asked is None else _two_numbers(asked)
+    for key, end, limit in _limits(scene):
+        if asked is None:
+            low, high = (max(low, limit), high) if end == "lowest" else (low, min(high, limit))
+        elif low < limit if end == "lowest" else high > limit:
+            raise SceneError(
+                f"pressure = ({low:g}, {high:g}): goes beyond {key} = {limit:g} kPa of the scene; a part of every "
+                "action's range would do nothing"
+            )
+    if not low < high:
+        raise SceneError(f"pressure = ({low:g}, {high:g}): the first must be below the second [kPa]")
+    return low, high
+
+
+def pressure_rate(scene: Scene, asked: float | None) -> float:
+    """Fastest change of a pressure [kPa/s]: `asked`, or the default within the scene's limit if None.
+
+    Raises:
+        SceneError: `asked` exceeds the scene's limit.
+    """
+    limit = math.inf if scene.limits.pressure_rate is None else scene.limits.pressure_rate
+    if asked is None:
+        return min(USUAL_RATE, limit)
+    if asked > limit:
+        raise SceneError(f"pressure_rate = {asked:g}: goes beyond limits.pressure_rate = {limit:g} kPa/s of the scene")
+    return asked
+
+
+def _two_numbers(asked: Any) -> tuple[float, float]:
+    try:
+        low, high = (float(value) for value in asked)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise SceneError(f"pressure = {asked!r}: must be a lowest and a highest pressure [kPa]")
+    return low, high
+
+
+def _limits(scene: Scene) -> Iterator[tuple[str, str, float]]:
+    """Key, end ("lowest" or "highest") and value [kPa] of all limits of pressures."""
+    tables: dict[str, Any] = {"limits": scene.limits}
+    for name, body in scene.soft_bodies.items():
+        tables |= {f"soft_bodies.{name}.cavities.{cavity}": table for cavity, table in body.cavities.items()}
+    for key, table in tables.items():
+        for end in ("lowest", "highest"):
+            limit = getattr(table, f"{end}_pressure")
+            if limit is not None:
+                yield f"{key}.{end}_pressure", end, limit
+
+
+# Environments of one's own: a task is a class with a scene, actions, observations, a reward.
 
 Readings = np.ndarray | dict[str, np.ndarray]
 """An observation: numbers, or with `goals=True` a dictionary of observation, achieved_goal and desired_goal."""
@@ -128,8 +291,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         read = scene if isinstance(scene, Scene) else load_scene(scene)
         if reduced is not None:
             read = with_reduced_bodies(read, Path(reduced), "reduced")
-        between = pressures.pressure_range(read, pressure, self.usual_pressure)
-        rate = pressures.pressure_rate(read, pressure_rate)
+        between = environment.pressure_range(read, pressure, self.usual_pressure)
+        rate = environment.pressure_rate(read, pressure_rate)
         if objects is not None and (object is not None or not isinstance(objects, Mapping) or not objects):
             raise SceneError("objects: must be changed keys of the object by at least one name, without object")
         changes = {"": object} if objects is None else objects
@@ -390,8 +553,6 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         if self.render_mode != "human":
             return
         if self._page is None:
-            from taichisoft_gym.environment_page import EnvironmentPage
-
             self._page = EnvironmentPage(self.simulation)
         self._page.show(self.simulation)
         time.sleep(max(0.0, self._shown + self.control_period - time.monotonic()))

@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic import model_validator
 
-from taichisoft.meshes import VolumeMesh
-from taichisoft.plugin_system import Geometry, hookimpl
-from taichisoft.scenes import Positive, Table
+from taichisoft.mesh import VolumeMesh
+from taichisoft.running import Geometry, hookimpl
+from taichisoft.scene import Positive, Table
 from taichisoft_meshing import (
     BasePlane,
     FittedSizes,

@@ -5,26 +5,26 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from taichisoft.plugin_system import Imported, hookimpl
+from taichisoft.running import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.meshes import VolumeMesh
-    from taichisoft.plugin_system import Geometry
-    from taichisoft_meshing.bodies.meshed_body import meshed_body, shells_of_solid, with_base
-    from taichisoft_meshing.bodies.size_growth import set_sizes
-    from taichisoft_meshing.bodies.tables import BasePlane, FittedSizes
+    from taichisoft.mesh import VolumeMesh
+    from taichisoft.running import Geometry
+    from taichisoft_meshing.body_tables import BasePlane, FittedSizes
     from taichisoft_meshing.geometry_file import checked
+    from taichisoft_meshing.meshed_body import meshed_body, shells_of_solid, with_base
+    from taichisoft_meshing.size_growth import set_sizes
 
 __all__ = ["BasePlane", "FittedSizes", "checked", "meshed_body", "set_sizes", "shells_of_solid", "with_base"]
 # Names for geometries of one's own, such as data/plugins/tube.py.
 __getattr__, *_ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "bodies.meshed_body": ["meshed_body", "shells_of_solid", "with_base"],
-        "bodies.size_growth": ["set_sizes"],
-        "bodies.tables": ["BasePlane", "FittedSizes"],
+        "meshed_body": ["meshed_body", "shells_of_solid", "with_base"],
+        "size_growth": ["set_sizes"],
+        "body_tables": ["BasePlane", "FittedSizes"],
         "geometry_file": ["checked"],
     },
 )
@@ -34,9 +34,9 @@ __getattr__, *_ = lazy_loader.attach(
 def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
     """The built-in kinds of bodies."""
     places = {
-        "pneunet_finger": "finger.pneunet_finger:PneunetFinger",
-        "step": "bodies.file_bodies:StepBody",
-        "surfaces": "bodies.file_bodies:SurfacesBody",
+        "pneunet_finger": "pneunet_finger:PneunetFinger",
+        "step": "file_bodies:StepBody",
+        "surfaces": "file_bodies:SurfacesBody",
         "tendon_finger": "tendon_finger:TendonFinger",
     }
     return Imported(__name__, places)
@@ -45,7 +45,7 @@ def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
 @hookimpl
 def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
     """The function that meshes geometry files of every kind that a plug-in knows, and STEP files as they are."""
-    return Imported(__name__, dict.fromkeys((".toml", ".step", ".stp"), "scene_meshes:mesh_for_scene"))
+    return Imported(__name__, dict.fromkeys((".toml", ".step", ".stp"), "mesh_command:mesh_for_scene"))
 
 
 @hookimpl
@@ -53,12 +53,12 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     """Add `taichisoft mesh`, `mesh info`, `mesh cache`, `mould`, `mould check` and `new gripper`."""
     import typer
 
-    from taichisoft.plugin_system import group_with_default
-    from taichisoft_meshing.commands.mesh import mesh
-    from taichisoft_meshing.commands.mesh_info import mesh_info
-    from taichisoft_meshing.commands.mould_command import mould, mould_check
-    from taichisoft_meshing.commands.new_gripper import gripper
-    from taichisoft_meshing.mesh_cache import mesh_cache
+    from taichisoft.running import group_with_default
+    from taichisoft_meshing.mesh_command import mesh
+    from taichisoft_meshing.mesh_info import mesh_info
+    from taichisoft_meshing.mesh_record import mesh_cache
+    from taichisoft_meshing.mould_command import mould, mould_check
+    from taichisoft_meshing.new_gripper import gripper
 
     group = group_with_default(mesh)
     group.command("info")(mesh_info)

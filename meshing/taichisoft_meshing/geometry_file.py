@@ -8,12 +8,12 @@ from typing import Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from taichisoft.base import read_toml
 from taichisoft.errors import MeshError, PluginError, nearest
-from taichisoft.input_file import read_toml
-from taichisoft.meshes import VolumeMesh
-from taichisoft.plugin_system import Geometry, failures_of, provided
-from taichisoft.scenes import first_problem
-from taichisoft_meshing.quality.quality_limits import QUALITY, QualityLimits
+from taichisoft.mesh import VolumeMesh
+from taichisoft.running import Geometry, failures_of, provided
+from taichisoft.scene import first_problem
+from taichisoft_meshing.mesh_quality import QUALITY, QualityLimits
 
 DEFAULT_KIND = "pneunet_finger"
 STEP_SUFFIXES = (".step", ".stp")

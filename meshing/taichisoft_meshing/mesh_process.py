@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from taichisoft.base import WorkerLost, WorkerSlow, call_apart
 from taichisoft.errors import MeshError
-from taichisoft.plugin_system import FILE_OPTION, load_requested, plugin_registry, provided_by_plugin
-from taichisoft.worker import WorkerLost, WorkerSlow, call_apart
-from taichisoft_meshing.bodies.cad_body import CadBody
+from taichisoft.running import FILE_OPTION, load_requested, plugin_registry, provided_by_plugin
+from taichisoft_meshing.cad_body import CadBody
 from taichisoft_meshing.mesh_job import MadeMesh, MeshJob, make_mesh
-from taichisoft_meshing.mould.mould_set import write_mould
+from taichisoft_meshing.mould_parts import write_mould
 
 LOGGER = logging.getLogger("taichisoft.meshing")
 
@@ -86,7 +86,7 @@ def read_step_apart(path: Path) -> CadBody:
         MeshError: it cannot be read, or the process ended before it was.
     """
     try:
-        body: CadBody = call_apart("taichisoft_meshing.bodies.cad_body:read_step", path, time_limit=TIME_LIMIT)
+        body: CadBody = call_apart("taichisoft_meshing.cad_body:read_step", path, time_limit=TIME_LIMIT)
     except WorkerLost as lost:
         raise MeshError(f"{path}: the process that reads it ended: {lost}") from lost
     return body

@@ -9,13 +9,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from taichisoft.atomic_file import partial_path
+from taichisoft.base import deferred_signals, partial_path
 from taichisoft.errors import MeshError
-from taichisoft.interruption import deferred_signals
-from taichisoft.meshes import VOLUME_SUFFIXES, SectionPlane, require_suffix, write_stl, write_volume_mesh
+from taichisoft.mesh import VOLUME_SUFFIXES, SectionPlane, require_suffix, write_stl, write_volume_mesh
 from taichisoft_meshing.mesh_job import MadeMesh
 from taichisoft_meshing.mesh_record import mesh_record, write_record
-from taichisoft_meshing.quality.report_picture import draw_report
+from taichisoft_meshing.report_picture import draw_report
 
 RECORD = "mesh.json"
 PICTURE = "mesh-report.png"

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes import VolumeMesh
-from taichisoft.plugin_system import Geometry
-from taichisoft_meshing.quality.tetrahedra import edge_lengths
+from taichisoft.mesh import VolumeMesh
+from taichisoft.running import Geometry
+from taichisoft_meshing.wall_quality import edge_lengths
 
 WITHIN = 0.15
 """Largest allowed error of the number of nodes, as a share of the number asked for [-]."""

@@ -9,14 +9,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.meshes import VolumeMesh, with_middle_nodes
-from taichisoft.scenes import NotNegative, Positive, Table
-from taichisoft_meshing.bodies.meshed_body import compare_volumes
-from taichisoft_meshing.finger.boxes import TOUCH
-from taichisoft_meshing.finger.groups import surface_groups
-from taichisoft_meshing.finger.solid import drawn_out
+from taichisoft.mesh import VolumeMesh, with_middle_nodes
+from taichisoft.scene import NotNegative, Positive, Table
 from taichisoft_meshing.geometry_file import ROUNDING, CheckedGeometry, at_least, at_most
 from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
+from taichisoft_meshing.meshed_body import compare_volumes
+from taichisoft_meshing.pneunet_finger import TOUCH, drawn_out, surface_groups
 from taichisoft_meshing.size_search import GROWTH, element_count, refuse_too_many
 
 THINNEST = 0.1

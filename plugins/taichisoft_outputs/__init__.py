@@ -6,18 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import lazy_loader
 
-from taichisoft.plugin_system import Imported, hookimpl
+from taichisoft.running import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.plugin_system import RunOption
-    from taichisoft.session import Session
+    from taichisoft.running import RunOption, Session
     from taichisoft_outputs.drawing.style import Style
     from taichisoft_outputs.recording.layout import RecordingError
     from taichisoft_outputs.recording.reader import Recording, read_recording
-    from taichisoft_outputs.rendering.render import render_pictures
-    from taichisoft_outputs.rendering.video import render_video
+    from taichisoft_outputs.rendering.video import render_pictures, render_video
 
 __all__ = ["Recording", "RecordingError", "Style", "read_recording", "render_pictures", "render_video"]
 __getattr__, *_ = lazy_loader.attach(
@@ -26,8 +24,7 @@ __getattr__, *_ = lazy_loader.attach(
         "drawing.style": ["Style"],
         "recording.layout": ["RecordingError"],
         "recording.reader": ["Recording", "read_recording"],
-        "rendering.render": ["render_pictures"],
-        "rendering.video": ["render_video"],
+        "rendering.video": ["render_pictures", "render_video"],
     },
 )
 
@@ -40,7 +37,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
         "metrics": "metrics:MetricsOutput",
         "pictures": "rendering.drawn_outputs:PicturesOutput",
         "video": "rendering.drawn_outputs:VideoOutput",
-        "report": "report.report_output:ReportOutput",
+        "report": "report:ReportOutput",
         "csv": "csv_output:CsvOutput",
         "web": "web.web_output:WebOutput",
     }
@@ -56,7 +53,7 @@ def taichisoft_renderers() -> Mapping[str, Callable[..., Any]]:
 @hookimpl
 def taichisoft_run_options() -> "Mapping[str, RunOption]":
     """Options of `taichisoft run` that bring these outputs."""
-    from taichisoft.plugin_system import RunOption
+    from taichisoft.running import RunOption
 
     return {
         "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),
@@ -91,13 +88,13 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     """Add `taichisoft recording`, three of its commands at the top as well, `materials` and `doctor`."""
     import typer
 
-    from taichisoft_outputs.doctor.doctor_command import doctor
-    from taichisoft_outputs.materials.materials_command import materials
-    from taichisoft_outputs.paraview.export_command import export
-    from taichisoft_outputs.plots.plot_command import plot
+    from taichisoft_outputs.doctor_command import doctor
+    from taichisoft_outputs.materials_command import materials
+    from taichisoft_outputs.paraview import export
+    from taichisoft_outputs.plot_command import plot
     from taichisoft_outputs.recording.recording_commands import repair, resume
     from taichisoft_outputs.rendering.render_command import render
-    from taichisoft_outputs.report.report_command import report
+    from taichisoft_outputs.report import report
     from taichisoft_outputs.web.view_command import view
 
     recording = typer.Typer(help="Work with recordings: render, plot, report, export, repair.", no_args_is_help=True)
@@ -114,7 +111,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
 @hookimpl
 def taichisoft_picture_wanted(session: "Session") -> None:
     """Draw the present state beside the run."""
-    from taichisoft_outputs.rendering.picture_key import take_picture
+    from taichisoft_outputs.rendering.drawn_outputs import take_picture
 
     take_picture(session)
 
@@ -122,6 +119,6 @@ def taichisoft_picture_wanted(session: "Session") -> None:
 @hookimpl
 def taichisoft_run_ends(session: "Session") -> None:
     """Wait for the pictures that were asked for."""
-    from taichisoft_outputs.rendering.picture_key import finish_pictures
+    from taichisoft_outputs.rendering.drawn_outputs import finish_pictures
 
     finish_pictures(session)

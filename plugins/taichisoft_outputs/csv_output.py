@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS
-from taichisoft.atomic_file import named_os_errors
-from taichisoft.caller_warnings import warn_caller
-from taichisoft.session import Output
+from taichisoft.base import named_os_errors, warn_caller
+from taichisoft.mechanics import ACTUATOR_KINDS
+from taichisoft.running import Output
 
 if TYPE_CHECKING:
+    from taichisoft.contact import Model
     from taichisoft.control import Pair
-    from taichisoft.model import Model
-    from taichisoft.state import State
+    from taichisoft.mechanics import State
     from taichisoft.step import StepReport
 
 FILE_NAME = "run.csv"

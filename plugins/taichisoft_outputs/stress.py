@@ -7,24 +7,161 @@ f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of i
 rubber have Cauchy's (`law_stress.py`), smoothed and quadratic ones that of their domains (`domain_stress.py`).
 """
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from taichisoft.bodies import edge_frames, linear_tetrahedra
-from taichisoft_outputs.domain_stress import DomainStress
-from taichisoft_outputs.law_stress import (
-    DomainLaw,
-    add_pressure,
-    hooke_stress_parts,
-    polar_rotations,
-    rubber_stress_parts,
-)
+from taichisoft.base import edge_frames
+from taichisoft.mechanics import ELEMENT_KINDS, linear_tetrahedra
+from taichisoft.runtime import RUBBER_LAWS
+from taichisoft.scene import Law, lame_parameters
 
 if TYPE_CHECKING:
     from taichisoft_outputs.recording.bodies import RecordedSoftBody
     from taichisoft_outputs.recording.reader import Recording
+
+# Stress by the laws of elasticity in numpy, since a recording is drawn without kernels.
+
+
+class DomainLaw(NamedTuple):
+    """The law of some elements.
+
+    Attributes:
+        elements: indices of the elements, shape (count,).
+        law: name of the law.
+        coefficients: coefficients of a law of rubber; None for a law given by Young's modulus alone.
+    """
+
+    elements: np.ndarray
+    law: Law
+    coefficients: Mapping[str, float] | None
+
+
+def polar_rotations(deformation: np.ndarray) -> np.ndarray:
+    """The rotation nearest to each deformation gradient, never a reflection: an inverted element keeps a rotation."""
+    left, _, right = np.linalg.svd(deformation)
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return left @ right
+
+
+def hooke_stress_parts(
+    deformation: np.ndarray, rotation: np.ndarray, young_modulus: np.ndarray, poisson_ratio: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corotational stress of Hooke's law.
+
+    Args:
+        deformation: deformation gradients, shape (count, 3, 3).
+        rotation: rotations in whose axes the strain is small, shape (count, 3, 3).
+        young_modulus: Young's modulus [kPa], shape (count,).
+        poisson_ratio: Poisson's ratio, shape (count,).
+
+    Returns:
+        As `rubber_stress_parts`: 2 mu e in the axes of the world, and lambda tr(e).
+    """
+    back = np.swapaxes(rotation, 1, 2)
+    stretch = back @ deformation
+    strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
+    first, second = lame_parameters(young_modulus, poisson_ratio).T
+    return 2.0 * second[:, None, None] * (rotation @ strain @ back), first * np.trace(strain, axis1=1, axis2=2)
+
+
+def rubber_stress_parts(
+    deformation: np.ndarray,
+    law: Law,
+    coefficients: Mapping[str, float] | None,
+    young_modulus: np.ndarray,
+    poisson_ratio: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cauchy's stress, force over present area, of the energies of shape and of volume.
+
+    Args:
+        deformation: deformation gradients, shape (count, 3, 3).
+        law: a law of rubber.
+        coefficients: coefficients of the law, which are scaled to `young_modulus` at rest.
+        young_modulus: present Young's modulus at rest [kPa], shape (count,).
+        poisson_ratio: Poisson's ratio at rest, shape (count,).
+
+    Returns:
+        Stress [kPa] of the energy of shape, positive in tension, in the axes of the world, shape (count, 3, 3), and
+        of the energy of volume, lambda (J - 1) in all directions, shape (count,).
+    """
+    rubber = RUBBER_LAWS[law]
+    given = coefficients or rubber.of_shear_modulus(1.0)
+    left, stretches, _ = np.linalg.svd(deformation)
+    volume = np.linalg.det(deformation)
+    stretches[:, 2] *= np.sign(volume)
+    first, second = lame_parameters(young_modulus, poisson_ratio).T
+    stress = (second / rubber.shear_modulus(given))[:, None] * rubber.principal_stress(given, stretches)
+    return np.einsum("eik,ek,ejk->eij", left, stress, left), first * (volume - 1.0)
+
+
+def add_pressure(shape: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    """Stress [kPa], shape (count, 3, 3), of its parts by shape and by volume, (count, 3, 3) and (count,)."""
+    return shape + volume[:, None, None] * np.eye(3)
+
+
+# Stress of smoothed and of quadratic elements, from the domains in which the engine integrates their energies.
+#
+# A tetrahedron's own corners tell the volume of nearly incompressible rubber so badly that its pressure would be off by
+# a thousand times: the engine holds the volume around the nodes (smoothed) or in the mean of an element (quadratic),
+# while single tetrahedra may change theirs. So the stress of shape comes from the domains of an element around its
+# edges or at its quadrature points, and the pressure from the domains around its nodes, or the mean of its points.
+
+
+class DomainStress:
+    """The stress of a body of smoothed or quadratic elements, in many frames."""
+
+    def __init__(
+        self,
+        kind: str,
+        rest_position: np.ndarray,
+        elements: np.ndarray,
+        material: np.ndarray,
+        poisson_ratio: np.ndarray,
+        laws: Sequence[DomainLaw],
+    ):
+        """Compute what does not change with positions and stiffness.
+
+        Args:
+            kind: kind of the elements, a name in ELEMENT_KINDS.
+            rest_position: nodes at rest [mm], shape (node_count, 3).
+            elements: node indices, shape (element_count, nodes_per_element).
+            material: number of the material of each element, shape (element_count,).
+            poisson_ratio: Poisson's ratio of each element, shape (element_count,).
+            laws: every element is in one.
+        """
+        self._count = len(elements)
+        self._domains = ELEMENT_KINDS[kind].domains(rest_position, elements, material)
+        self._shape, self._volume = ELEMENT_KINDS[kind].stress_domains(elements, len(rest_position), material)
+        self._poisson_ratio = poisson_ratio[self._domains.element]
+        law_of_element = np.empty(self._count, dtype=int)
+        for number, one in enumerate(laws):
+            law_of_element[one.elements] = number
+        law_of_domain = law_of_element[self._domains.element]
+        self._laws = [(np.flatnonzero(law_of_domain == number), one) for number, one in enumerate(laws)]
+
+    def stress(self, position: np.ndarray, young_modulus: np.ndarray) -> np.ndarray:
+        """Cauchy's stress of rubber, or the corotational one of Hooke's law, in the axes of the world.
+
+        Args:
+            position: nodes [mm], shape (node_count, 3).
+            young_modulus: Young's modulus of each element [kPa], shape (element_count,).
+
+        Returns:
+            Stress [kPa], positive in tension, of each element, and of each of the eight parts of a quadratic one, in
+            order, shape (count, 3, 3).
+        """
+        deformation, modulus = self._domains.deformation(position), young_modulus[self._domains.element]
+        shape, volume = np.empty_like(deformation), np.empty(len(deformation))
+        for some, (_, law, coefficients) in self._laws:
+            f, young, ratio = deformation[some], modulus[some], self._poisson_ratio[some]
+            if law == "hooke":
+                shape[some], volume[some] = hooke_stress_parts(f, polar_rotations(f), young, ratio)
+            else:
+                shape[some], volume[some] = rubber_stress_parts(f, law, coefficients, young, ratio)
+        stress = shape[self._shape].mean(axis=-3).reshape(-1, 3, 3)
+        return add_pressure(stress, np.repeat(volume[self._volume].mean(axis=1), len(stress) // self._count))
 
 
 class StressLaw:

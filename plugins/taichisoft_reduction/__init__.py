@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.plugin_system import Imported, hookimpl
+from taichisoft.running import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.plugin_system import RunOption
+    from taichisoft.running import RunOption
 
 
 @hookimpl
@@ -28,13 +28,13 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
 @hookimpl
 def taichisoft_run_options() -> "Mapping[str, RunOption]":
     """Options of `taichisoft run` that bring it."""
-    from taichisoft.plugin_system import RunOption
+    from taichisoft.running import RunOption
 
     return {
         "--reduced-check": RunOption(
             "reduced-check", "Run the full model beside reduced bodies, and say where they part."
         ),
         "--check-tolerance": RunOption(
-            "reduced-check", "The same, to within PERCENT of the largest change.", "tolerance", str, "PERCENT"
+            "reduced-check", "The same, to within PERCENT of the largest change.", "run_request", str, "PERCENT"
         ),
     }

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from taichisoft import Scene
 
 if TYPE_CHECKING:
-    from taichisoft.bodies import FramePlaces, SoftBody
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import FramePlaces, SoftBody
 
 NOT_OF_THE_SHAPE = {"follows", "rotation", "translation", "velocity", "colour", "axes", "tip", "reduced"}
 """Keys of a soft body in which copies may differ: they change neither its mesh nor its forces."""

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from taichisoft import Model, Output, Simulation, State, StepReport
-from taichisoft.atomic_file import atomic_file
+from taichisoft.base import atomic_file
 from taichisoft.errors import SimulationDiverged
 from taichisoft_reduction.body_shapes import relative_motions
-from taichisoft_reduction.comparison import POSITION, UNITS, changes
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.run_frames import RunFigures
-from taichisoft_reduction.tolerance import tolerance_share
+from taichisoft_reduction.run_request import tolerance_share
+from taichisoft_reduction.validation import POSITION, UNITS, changes
 
 FILE_NAME = "reduced_check.json"
 EVERY = 2

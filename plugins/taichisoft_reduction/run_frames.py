@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from taichisoft import Model, Output, State, StepReport
-from taichisoft.actuators import ACTUATOR_KINDS
-from taichisoft_outputs.slipping import Slipping
+from taichisoft.mechanics import ACTUATOR_KINDS
+from taichisoft_outputs.motion_figures import Slipping
 from taichisoft_reduction.body_shapes import relative_motions
 from taichisoft_reduction.run_request import RunResult
 

@@ -1,22 +1,337 @@
 """The runs of the training and of the validation of a scene."""
 
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from taichisoft import Scene
 from taichisoft.errors import TaichisoftError
-from taichisoft.scenes import scene_from_dict, scene_to_toml
-from taichisoft_reduction.actuator_ranges import Ranges
+from taichisoft.mechanics import SoftBody
+from taichisoft.mesh import MappedSurface
+from taichisoft.scene import scene_from_dict, scene_to_toml
 from taichisoft_reduction.body_shapes import BodyShape, mesh_digest
-from taichisoft_reduction.excitations import beyond, excitations, ramp, unseen
-from taichisoft_reduction.pressing import press_timetable, presses
-from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
+from taichisoft_reduction.run_request import Ranges, RunResult, Timetable, TrainingRun
 
 if TYPE_CHECKING:
     from taichisoft import Model
+
+# Timetables that excite a body: ramps, steps and waves of its actuators, gravity and the motion of its base.
+
+RISE = 0.8
+"""Time of a ramp [s]."""
+PAUSE = 0.4
+"""Time in which a body settles [s]."""
+FREQUENCY = 1.5
+"""Of waves [Hz]."""
+TURN = math.radians(40.0)
+"""How far the base turns."""
+AXES = ("x", "y", "z")
+FURTHER, HEAVIER = 1.6, 6.0
+"""How far actuators, and gravity across, go beyond the training, over what they do in it."""
+
+Channels = dict[str, tuple[float, ...]]
+
+
+def excitations(ranges: Ranges, gravity: Sequence[float], shift: float) -> dict[str, Timetable]:
+    """Timetables of the training by name.
+
+    Args:
+        ranges: ranges of the body's actuators.
+        gravity: of the scene [mm/s^2], shape (3,).
+        shift: how far the base moves [mm].
+    """
+    found = {}
+    if ranges:
+        found["ramp"] = ramp(ranges)
+        found["step"] = _step(ranges, 0.6)
+        found["wave"] = wave(ranges, FREQUENCY)
+        if any(low < 0.0 for _, low, _ in ranges.values()):
+            found["suction"] = _lowest(ranges)
+    if len(ranges) > 1:
+        found |= {f"alone-{_plain(name)}": ramp({name: one}) for name, one in ranges.items()}
+        found["out-of-step"] = wave(ranges, FREQUENCY, apart=True)
+    found |= {f"gravity-{number}": table for number, table in enumerate(_gravities(ranges, gravity))}
+    for level in (0.0, 0.6) if ranges else (0.0,):
+        found[f"shaken-{level:g}"] = _moved(ranges, level, "base_translation", shift)
+        found[f"turned-{level:g}"] = _moved(ranges, level, "base_rotation", TURN)
+    return found
+
+
+def unseen(ranges: Ranges, shift: float) -> dict[str, Timetable]:
+    """Timetables of the validation by name: other frequencies, levels and directions than any of the training."""
+    found = {}
+    if ranges:
+        found["unseen-wave"] = wave(ranges, 0.9, level=0.85, apart=len(ranges) > 1)
+    times = np.linspace(0.0, 2.0, 81)
+    channels = _constant_after_rise(ranges, 0.4, times)
+    way = np.sin(2.0 * math.pi * 1.1 * times) * np.minimum(1.0, times / 0.5)
+    for axis, share in zip(AXES, (0.5, -0.35, 0.4), strict=True):
+        channels[f"base_translation/{axis}"] = tuple((shift * share * way).tolist())
+        channels[f"base_rotation/{axis}"] = tuple((TURN * 0.5 * share * way[::-1] * np.minimum(1.0, times)).tolist())
+    found["unseen-sway"] = Timetable(tuple(times.tolist()), channels)
+    return found
+
+
+def ramp(ranges: Ranges, level: float = 1.0) -> Timetable:
+    """Up to the largest values, and let go."""
+    times = (0.0, RISE, RISE + PAUSE / 2, RISE + PAUSE / 2 + 1e-6, RISE + 2 * PAUSE)
+    return Timetable(times, _channels(ranges, level, (0.0, 1.0, 1.0, 0.0, 0.0)))
+
+
+def wave(ranges: Ranges, frequency: float, level: float = 1.0, apart: bool = False) -> Timetable:
+    """Waves from 0 to `level` times the largest values; `apart`: each actuator at a frequency of its own."""
+    times = np.linspace(0.0, 1.6, 65)
+    channels: Channels = {}
+    for number, (name, (key, _, high)) in enumerate(ranges.items()):
+        own = frequency * (1.0 + 0.37 * number * apart)
+        shape = 0.5 * (1.0 - np.cos(2.0 * math.pi * own * times))
+        channels[f"{key}/{name}"] = tuple((level * high * shape).tolist())
+    return Timetable(tuple(times.tolist()), channels)
+
+
+def _step(ranges: Ranges, level: float) -> Timetable:
+    return Timetable((0.0, 2.0 * PAUSE), _channels(ranges, level, (1.0, 1.0)))
+
+
+def _lowest(ranges: Ranges) -> Timetable:
+    lows = {name: (key, 0.0, low) for name, (key, low, _) in ranges.items() if low < 0.0}
+    return Timetable((0.0, RISE, RISE + PAUSE), _channels(lows, 1.0, (0.0, 1.0, 1.0)))
+
+
+def beyond(ranges: Ranges, gravity: Sequence[float]) -> dict[str, Timetable]:
+    """Timetables far beyond those of the training, by which its errors there are estimated."""
+    found = {"beyond-ramp": ramp(ranges, FURTHER)} if ranges else {}
+    heavy = _gravities(ranges, [HEAVIER * one for one in gravity])
+    return found | {f"beyond-gravity-{number}": table for number, table in enumerate(heavy) if number in (1, 3)}
+
+
+def _gravities(ranges: Ranges, gravity: Sequence[float]) -> list[Timetable]:
+    """Ramps under gravity in the other directions."""
+    own = np.array(gravity)
+    strength = float(np.linalg.norm(own))
+    if strength == 0.0:
+        return []
+    first = np.cross(own, np.roll(np.eye(3)[np.argmax(np.abs(own))], 1))
+    first *= strength / np.linalg.norm(first)
+    second = np.cross(own, first) / strength
+    times = (0.0, RISE, RISE + PAUSE)
+    found = []
+    for direction in (-own, first, -first, second, -second):
+        fixed: Channels = {f"gravity/{axis}": (one,) * 3 for axis, one in zip(AXES, direction.tolist(), strict=True)}
+        found.append(Timetable(times, {**_channels(ranges, 0.8, (0.0, 1.0, 1.0)), **fixed}))
+    return found
+
+
+def _moved(ranges: Ranges, level: float, key: str, size: float) -> Timetable:
+    """The base goes along, or turns about, each axis and comes back, one after the other."""
+    times = np.linspace(0.0, PAUSE + 3 * 0.6, 89)
+    channels = _constant_after_rise(ranges, level, times)
+    for number, axis in enumerate(AXES):
+        phase = np.clip((times - PAUSE - 0.6 * number) / 0.6, 0.0, 1.0)
+        channels[f"{key}/{axis}"] = tuple((size * np.sin(2.0 * math.pi * phase)).tolist())
+    return Timetable(tuple(times.tolist()), channels)
+
+
+def _constant_after_rise(ranges: Ranges, level: float, times: np.ndarray) -> Channels:
+    return _channels(ranges, level, tuple(np.minimum(1.0, times / PAUSE).tolist()))
+
+
+def _channels(ranges: Ranges, level: float, shape: Sequence[float]) -> Channels:
+    """The actuators' channels: the shape times their largest values."""
+    return {f"{key}/{name}": tuple(level * high * one for one in shape) for name, (key, _, high) in ranges.items()}
+
+
+def _plain(name: str) -> str:
+    return name.partition(".")[2]
+
+
+# Where a body is pressed in the training: obstacles in the way of its surface, at places spread over its pads.
+
+KINDS = ("ball", "box", "cylinder", "plane")
+PRESSES, UNSEEN_PRESSES = 10, 6
+"""Places in the training; and in the validation, of which the first is taken."""
+SHARES, UNSEEN_SHARE = (0.15, 0.45), 0.3
+"""How far the actuators are when the body meets the obstacle; further where it would be in the way at rest."""
+RADIUS = 0.1
+"""Radius of what presses, as a share of the body's largest extent; boxes and cylinders are as thick as the ball."""
+UNSEEN_RADIUS = 0.075
+DRAG = 0.03
+"""How far the base drags the pressed body along its surface, as a share of the body's largest extent."""
+DEPTH = 0.04
+"""How far the base presses a body that has no actuators, likewise."""
+LEADING = 0.3
+"""Share of the fastest advance that a place of the surface must have to be a pad."""
+
+
+@dataclass(frozen=True)
+class Press:
+    """An obstacle, and the direction from the body into it.
+
+    Attributes:
+        obstacle: its table in a scene.
+        normal: unit vector, shape (3,).
+    """
+
+    obstacle: Mapping[str, Any]
+    normal: np.ndarray
+
+
+def presses(body: SoftBody, ramp: RunResult | None, touched: np.ndarray, gap: float, unseen: bool) -> list[Press]:
+    """Obstacles that touch the body when its actuators are at some share of their largest values.
+
+    Args:
+        body: the body at rest.
+        ramp: result of the ramp of its actuators; None where it has none.
+        touched: whether something pressed a node in the scene's own run, shape (node_count,).
+        gap: distance between the obstacle and the body at that moment [mm].
+        unseen: whether they are for the validation: one obstacle, of another size at another place than any other.
+    """
+    surface, path = body.surface, _path(body, ramp)
+    end, start = surface.positions(path[-1]), surface.positions(path[0])
+    held = _any_node(surface, body.anchored)
+    pads = ~held
+    if ramp is not None:
+        normals = _normals(surface.positions(path[len(path) // 2]), surface.triangles)
+        advance = np.einsum("vd,vd->v", end - start, normals)
+        pads &= advance > LEADING * advance.max()
+    size = float(np.ptp(body.rest_position, axis=0).max())
+    radius = size * (RADIUS if not unseen else UNSEEN_RADIUS)
+    samples = _samples(start, surface.triangles)
+
+    def press(vertex: int, share: float, kind: str) -> Press | None:
+        """What meets a vertex then; None where it would overlap the body at rest, or the base."""
+        moved = surface.positions(path[int(share * (len(path) - 1))])
+        way = end[vertex] - moved[vertex]
+        normal = way / np.linalg.norm(way) if ramp is not None else _normals(moved, surface.triangles)[vertex]
+        contact = moved[vertex], normal, radius, gap
+        of_base = clearance(kind, start[held], *contact) if held.any() else np.inf
+        is_free = clearance(kind, samples, *contact) > 0.0 and of_base > 2.0 * DRAG * size
+        return _press(kind, *contact) if is_free else None
+
+    # A groove, which not even a ball fits into, is no pad.
+    for vertex in np.flatnonzero(pads).tolist():
+        pads[vertex] = press(vertex, max(SHARES), "ball") is not None
+    sets = [one for one in (pads & _any_node(surface, touched), pads) if one.any()]
+    patches = (PRESSES if not unseen else UNSEEN_PRESSES) // max(1, len(sets))
+    found = []
+    for number, vertex in enumerate(vertex for one in sets for vertex in _spread(start, np.flatnonzero(one), patches)):
+        first = SHARES[number % 2] if not unseen else UNSEEN_SHARE
+        tries = (
+            press(vertex, share, KINDS[(number + unseen + other) % len(KINDS)])
+            for other in range(len(KINDS))
+            for share in sorted({first, max(SHARES)})
+        )
+        found += [one for one in tries if one is not None][:1]
+    return found[:1] if unseen else found
+
+
+def press_timetable(ranges: Ranges, press: Press, size: float, level: float = 1.0) -> Timetable:
+    """Press the body with its actuators, or with the base where it has none, and drag it along the obstacle."""
+    normal = press.normal
+    along = np.cross(normal, np.roll(np.eye(3)[np.argmax(np.abs(normal))], 1))
+    along /= np.linalg.norm(along)
+    across = np.cross(normal, along)
+    drag = DRAG * size
+    deep = np.zeros(3) if ranges else DEPTH * size * normal
+    ways = [np.zeros(3), deep, deep + drag * along, deep - drag * along, deep + drag * across, deep - drag * across]
+    times = (0.0, RISE, *(RISE + 0.5 * PAUSE * (1 + number) for number in range(len(ways) - 2)))
+    channels = {f"{key}/{name}": (0.0, *(level * high,) * (len(ways) - 1)) for name, (key, _, high) in ranges.items()}
+    for number, axis in enumerate(AXES):
+        channels[f"base_translation/{axis}"] = tuple(float(way[number]) for way in ways)
+    return Timetable(times, channels)
+
+
+def clearance(kind: str, points: np.ndarray, place: np.ndarray, normal: np.ndarray, radius: float, gap: float) -> float:
+    """Least distance [mm] of points, shape (count, 3), from what presses at `place`; the arguments as for `_press`."""
+    turn = _turn(normal)
+    if kind == "plane":
+        return float((-(points - place) @ normal).min() + gap)
+    local = (points - place - (radius + gap) * normal) @ turn
+    if kind == "ball":
+        return float(np.linalg.norm(local, axis=1).min() - radius)
+    if kind == "cylinder":  # its axis is the x axis of the turned frame, see `_press`
+        outside = np.column_stack([np.hypot(local[:, 1], local[:, 2]) - radius, np.abs(local[:, 0]) - 2.0 * radius])
+    else:
+        outside = np.abs(local) - radius
+    return float(np.linalg.norm(np.maximum(outside, 0.0), axis=1).min() + min(0.0, outside.max(axis=1).min()))
+
+
+def _press(kind: str, place: np.ndarray, normal: np.ndarray, radius: float, gap: float) -> Press:
+    """An obstacle that touches a place of the surface [mm], shape (3,), on its outer side, up to `gap`."""
+    turn = _turn(normal)
+    centre = (place + (radius + gap) * normal).tolist()
+    if kind == "plane":
+        point = (place + gap * normal).tolist()
+        return Press({"plane": {"point": point, "normal": (-normal).tolist()}}, normal)
+    if kind == "ball":
+        return Press({"sphere": {"radius": radius}, "translation": centre}, normal)
+    shape: dict[str, Any] = {"box": [2.0 * radius] * 3}
+    if kind == "cylinder":
+        shape = {"cylinder": {"radius": radius, "length": 4.0 * radius}}
+        turn = turn[:, [1, 2, 0]]  # its axis z along the surface
+    angles = Rotation.from_matrix(turn).as_euler("xyz", degrees=True).tolist()
+    return Press({**shape, "rotation": angles, "translation": centre}, normal)
+
+
+def _turn(normal: np.ndarray) -> np.ndarray:
+    """A rotation whose z axis is the normal."""
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(normal, first), normal])
+
+
+def _path(body: SoftBody, ramp: RunResult | None) -> np.ndarray:
+    """Placed positions [mm] from rest to the largest values of the actuators, shape (count, node_count, 3)."""
+    if ramp is None or not len(ramp.time):
+        return np.repeat(body.rest_position[None], 3, axis=0)
+    turn = Rotation.from_euler("xyz", body.settings.rotation, degrees=True).as_matrix()
+    rising = ramp.displacement[body.name][ramp.time <= RISE].astype(np.float64)
+    return np.concatenate([body.rest_position[None], body.rest_position + rising @ turn.T])
+
+
+def _any_node(surface: MappedSurface, some: np.ndarray) -> np.ndarray:
+    """Whether one of the nodes that carry a vertex is among some, shape (node_count,)."""
+    carried: np.ndarray = (some[surface.nodes] & (surface.weights != 0.0)).any(axis=1)
+    return carried
+
+
+def _normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Outward unit normals of a closed surface at its vertices, shape (vertex_count, 3)."""
+    corners = vertices[triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sums = np.zeros_like(vertices)
+    for column in range(3):
+        np.add.at(sums, triangles[:, column], areas)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
+
+
+def _samples(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Points of a surface: vertices, and on every triangle points a quarter of its sides apart, shape (count, 3)."""
+    shares = np.array([(i, j, 4 - i - j) for i in range(5) for j in range(5 - i)]) / 4.0
+    return np.concatenate([vertices, np.einsum("sk,tkd->std", shares, vertices[triangles]).reshape(-1, 3)])
+
+
+def _spread(points: np.ndarray, some: np.ndarray, count: int) -> list[int]:
+    """Numbers of points near the middles of equal patches, of `some` of the points, shape (some_count,).
+
+    Lloyd's algorithm from points that are far from each other.
+    """
+    own = points[some]
+    middles = own[[int(np.linalg.norm(own - own.mean(axis=0), axis=1).argmax())]]
+    while len(middles) < min(count, len(own)):
+        farthest = np.linalg.norm(own[:, None] - middles, axis=2).min(axis=1).argmax()
+        middles = np.vstack([middles, own[farthest]])
+    for _ in range(10):
+        patch = np.linalg.norm(own[:, None] - middles, axis=2).argmin(axis=1)
+        middles = np.array([own[patch == number].mean(axis=0) for number in np.unique(patch)])
+    return list(dict.fromkeys(int(some[np.linalg.norm(own - one, axis=1).argmin()]) for one in middles))
+
 
 OWN_RUN = "own-run"
 OWN_FRAMES = 120

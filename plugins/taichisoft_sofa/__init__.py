@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.plugin_system import Imported, hookimpl
+from taichisoft.running import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.plugin_system import RunOption
+    from taichisoft.running import RunOption
 
 
 @hookimpl
@@ -27,7 +27,7 @@ def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
 @hookimpl
 def taichisoft_run_options() -> "Mapping[str, RunOption]":
     """Options of `taichisoft run` about SOFA's scenes."""
-    from taichisoft.plugin_system import RunOption
+    from taichisoft.running import RunOption
 
     return {
         "--python-path": RunOption(

@@ -7,10 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from taichisoft.atomic_file import named_os_errors
-from taichisoft.cache_folder import cache_folder
-from taichisoft.caller_warnings import warn_caller
-from taichisoft.checksum import checksum_file, is_as_kept, keep_checksum
+from taichisoft.base import cache_folder, checksum_file, is_as_kept, keep_checksum, named_os_errors, warn_caller
 from taichisoft.errors import SceneError
 from taichisoft_sofa.translation.parts import NOTHING, Translation
 from taichisoft_sofa.translation.translate import translate

@@ -3,13 +3,16 @@
 import errno
 import json
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.base import atomic_file, read_arrays
+from taichisoft.control import Observation
 from taichisoft.errors import (
     BeyondLaw,
     ControlError,
@@ -22,7 +25,8 @@ from taichisoft.errors import (
     SimulationDiverged,
     TaichisoftError,
 )
-from taichisoft_studies.pruning import Pruned, PruningOutput
+from taichisoft.running import Output
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.run_folder import (
     BEYOND_LAW,
     COMPLETED,
@@ -30,12 +34,131 @@ from taichisoft_studies.run_folder import (
     LOG,
     METRICS,
     PRUNED,
+    RunJob,
     finished,
     new_folder,
     remove_partial,
     write_record,
 )
-from taichisoft_studies.run_job import RunJob
+from taichisoft_studies.study_file import Expression
+
+if TYPE_CHECKING:
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import State
+    from taichisoft.step import StepReport
+    from taichisoft_outputs.metrics import MetricsOutput
+
+# Pruning: a run that an optimiser watches ends early when it cannot become one of the better ones.
+
+
+class Pruned(ControllerFailed):
+    """A run was ended because others were better at the same simulated time."""
+
+
+class PruningOutput(Output):
+    """Reports the objective to the optimiser periodically, and ends the run when it is pruned."""
+
+    def __init__(self, metrics: "MetricsOutput", parameters: Mapping[str, Any], settings: Mapping[str, Any]):
+        """Prepare.
+
+        Args:
+            metrics: figures of the same run; it is asked after every step.
+            parameters: values of the run by key.
+            settings: "journal", file of the optimiser's storage, and "trial", its identity there;
+                "objective", text of the expression; "every" [s], "warm_up" [s] and "trials", before which nothing is
+                pruned.
+        """
+        self._metrics, self._parameters, self._settings = metrics, parameters, settings
+        self._objective = Expression(settings["objective"], "objectives")
+        self._period = 1
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Find the trial."""
+        from taichisoft_studies.optimiser import open_trial
+
+        self._trial = open_trial(self._settings)
+        self._period = max(1, round(self._settings["every"] / model.scene.time.step))
+        self._count = 0
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """Report the objective at every period.
+
+        Raises:
+            Pruned: the run cannot become one of the better ones.
+        """
+        self._count += 1
+        if self._count % self._period or report.time < self._settings["warm_up"]:
+            return
+        value = self._objective({**self._metrics.figures("running"), "parameters": self._parameters})
+        self._trial.report(value, step=self._count)
+        if self._trial.should_prune():
+            raise Pruned(f"{self._objective.text} = {value:.6g} at {report.time:g} s: others were better by then")
+
+
+# The curves of a run: expressions of what a controller sees, evaluated after every step.
+
+
+def observed_values(observation: Observation) -> dict[str, Any]:
+    """The observation's attributes by name; `normal_forces["finger|cube"]` is that of a pair."""
+    values = {one.name: getattr(observation, one.name) for one in fields(observation) if one.name != "state"}
+    return {name: _named_pairs(value) for name, value in values.items()}
+
+
+def _named_pairs(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {"|".join(key) if isinstance(key, tuple) else key: one for key, one in value.items()}
+    return value
+
+
+CURVES = "curves.npz"
+
+
+class CurvesOutput(Output):
+    """Evaluates expressions after every step, and writes their values at the end."""
+
+    def __init__(self, folder: Path, expressions: Mapping[str, str]):
+        """Prepare; `expressions` are texts by the name of the curve.
+
+        Raises:
+            StudyError: one is not valid.
+        """
+        self._folder = folder
+        self._expressions = {name: Expression(text, name) for name, text in expressions.items()}
+        self._rows: list[list[float]] = []
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Forget an earlier run."""
+        self._rows = []
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """Note the values after a step.
+
+        Raises:
+            StudyError: an expression names what a run does not have.
+        """
+        names = observed_values(report.observation.truth)
+        self._rows.append([expression(names) for expression in self._expressions.values()])
+
+    def end(self, outcome: str) -> None:
+        """Write curves.npz: a column for each expression, shape (step_count,)."""
+        columns = dict(zip(self._expressions, np.array(self._rows, dtype=float).T, strict=False))
+        path = self._folder / CURVES
+        with atomic_file(path, StudyError) as partial, partial.open("wb") as file:
+            np.savez(file, **columns)
+
+
+def read_curves(folder: Path) -> dict[str, np.ndarray]:
+    """The columns that a run noted.
+
+    Raises:
+        StudyError: the run has none.
+    """
+    path = folder / CURVES
+    try:
+        return read_arrays(path)
+    except (OSError, ValueError) as error:
+        raise StudyError(f"{path}: not readable: {error}") from error
+
 
 REASONS: tuple[tuple[type[TaichisoftError], str], ...] = (
     (MeshError, "mesh refused"),
@@ -115,10 +238,8 @@ def _run(job: RunJob, folder: Path) -> tuple[str, str]:
 
 
 def _simulate(job: RunJob, folder: Path) -> None:
-    from taichisoft.building import Simulation, make_controller, make_output
-    from taichisoft.running import run
-    from taichisoft.scenes import scene_from_toml
-    from taichisoft_studies.curves_output import CurvesOutput
+    from taichisoft.running import Simulation, make_controller, make_output, run
+    from taichisoft.scene import scene_from_toml
 
     (folder / "scene.toml").write_text(job.scene, encoding="utf-8")
     scene = scene_from_toml(job.scene, job.source)

@@ -4,9 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from taichisoft.atomic_file import atomic_file
-from taichisoft.input_file import is_file
-from taichisoft.optional_packages import extra, require
+from taichisoft.base import atomic_file, extra, is_file, require
 from taichisoft_studies.errors import StudyError
 
 CSV, PARQUET = "results.csv", "results.parquet"

@@ -1,14 +1,161 @@
 """The tables of a study's file, checked as a scene is: unknown keys and wrong values are errors that name the key."""
 
+import ast
+import itertools
+import json
+import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
-from taichisoft.scenes import Number, Positive, Table, find_file, first_problem
+from taichisoft import Scene
+from taichisoft.base import CANNOT_BE_COMPUTED, ExpressionError, evaluate, read_expression
+from taichisoft.errors import nearest
+from taichisoft.running import load_scene
+from taichisoft.scene import Number, Positive, Table, apply_override, find_file, first_problem
 from taichisoft_studies.errors import StudyError
+
+# Expressions in a study's file: numbers computed from the names of a run, a row or a step.
+
+
+class Expression:
+    """An expression that has been read, and can be evaluated many times.
+
+    Attributes:
+        text: as it was written.
+    """
+
+    def __init__(self, text: str, key: str):
+        """Read it; `key` is its place in the study, which begins every error.
+
+        Raises:
+            StudyError: it is none, or has a part that expressions do not have.
+        """
+        self.text, self._where = text, f"{key} = {text!r}"
+        try:
+            self._tree = read_expression(text)
+        except ExpressionError as error:
+            raise StudyError(f"{self._where}: {error}") from error
+
+    @property
+    def names(self) -> set[str]:
+        """The names in it."""
+        return {part.id for part in ast.walk(self._tree) if isinstance(part, ast.Name)}
+
+    def __call__(self, names: Mapping[str, Any]) -> float:
+        """Its value, with these values of names.
+
+        Raises:
+            StudyError: a name or entry is missing, or the value is not a finite number.
+        """
+        number = self._number(self._tree, names)
+        if not math.isfinite(number):
+            raise StudyError(f"{self._where}: is {number:g}, not a finite number")
+        return number
+
+    def violation(self, names: Mapping[str, Any]) -> float:
+        """By how much a comparison of two values is missed: not positive where it holds.
+
+        Raises:
+            StudyError: the expression is not a comparison of two values by <=, <, >= or >; or as of a call.
+        """
+        match self._tree:
+            case ast.Compare(left, [ast.Lt() | ast.LtE()], [right]):
+                low, high = left, right
+            case ast.Compare(left, [ast.Gt() | ast.GtE()], [right]):
+                low, high = right, left
+            case _:
+                raise StudyError(f"{self._where}: must compare two values by <= or >=")
+        below, above = self._number(low, names), self._number(high, names)
+        if not (math.isfinite(below) and math.isfinite(above)):
+            raise StudyError(f"{self._where}: compares {below:g} with {above:g}; both must be finite numbers")
+        return below - above
+
+    def _number(self, part: ast.expr, names: Mapping[str, Any]) -> float:
+        try:
+            return float(evaluate(part, names))
+        except (ExpressionError, *CANNOT_BE_COMPUTED) as error:
+            raise StudyError(f"{self._where}: {error}") from error
+
+
+# The keys that a study varies: keys of a scene, or of the geometry that its bodies are meshed from.
+
+
+def scene_with(name: str, overrides: Mapping[str, Any], controller: str | None) -> Scene:
+    """Read a scene with values in place of its own.
+
+    Args:
+        name: path of the scene, or name of a shipped one.
+        overrides: values by dotted key. A key whose first part a scene does not have ("body.width") belongs to the
+            geometry of all soft bodies that are meshed from a geometry file; "NAME:body.width" to that of one body.
+        controller: name of a controller instead of the scene's own.
+
+    Raises:
+        StudyError: a key belongs to no geometry.
+        SceneError: see `load_scene`; names the key and its value.
+    """
+    of_scene = {key: value for key, value in overrides.items() if is_of_scene(key)}
+    texts = [f"{key}={toml_value(value)}" for key, value in of_scene.items()]
+    if len(of_scene) < len(overrides):
+        resolved = load_scene(name, texts, controller)
+        of_geometry = {key: value for key, value in overrides.items() if key not in of_scene}
+        texts += _geometry_overrides(name, resolved, of_geometry)
+    return load_scene(name, texts, controller)
+
+
+def is_of_scene(key: str) -> bool:
+    """Whether a key begins with one of the scene's tables or values."""
+    return key.partition(".")[0] in Scene.model_fields
+
+
+def toml_value(value: Any) -> str:
+    """A value as TOML in one line, tables included."""
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{json.dumps(key)} = {toml_value(one)}" for key, one in value.items())
+        return f"{{ {inner} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value)
+
+
+def _geometry_overrides(name: str, scene: Scene, values: Mapping[str, Any]) -> list[str]:
+    """Overrides "soft_bodies.NAME.mesh=..." that lay values over the geometry of each body that they are for."""
+    from taichisoft_meshing.geometry_file import is_geometry
+
+    meshes = {
+        body: table.mesh.model_dump(mode="json", exclude_none=True)
+        for body, table in scene.soft_bodies.items()
+        if is_geometry(table.mesh.file)
+    }
+    for key, value in values.items():
+        body, separator, path = key.rpartition(":")
+        if separator and body not in meshes:
+            raise StudyError(f"{key}: '{body}' has no geometry file; {nearest(body, list(meshes), 'bodies with one')}")
+        if not meshes:
+            tables = ", ".join(Scene.model_fields)
+            raise StudyError(
+                f"{key}: is not a key of a scene ({tables}), and no soft body of {name} is meshed from a geometry file "
+                "(.toml, .step)"
+            )
+        for mesh in [meshes[body]] if separator else meshes.values():
+            place = mesh.setdefault("set", {})
+            if path == "mesh.largest":  # which a size that the scene asks for would take the place of
+                mesh.update(dict.fromkeys(("size", "preset", "nodes")))
+            *tables_above, last = path.split(".")
+            for table in tables_above:
+                place = place.setdefault(table, {})
+            place[last] = value
+    given = {body: {key: one for key, one in mesh.items() if one is not None} for body, mesh in meshes.items()}
+    return [f"soft_bodies.{body}.mesh={toml_value(mesh)}" for body, mesh in given.items()]
+
 
 Count = Annotated[int, Field(strict=True, ge=1)]
 Whole = Annotated[int, Field(strict=True, ge=0)]
@@ -211,3 +358,118 @@ def _beside(name: Any, path: Path) -> Any:
         return name
     candidate = path.parent / Path(name).expanduser()
     return str(candidate.resolve()) if candidate.exists() else name
+
+
+# Values of the keys that vary: read from a command line, and combined for the runs of a sweep.
+
+
+def varied(texts: Sequence[str]) -> dict[str, Any]:
+    """Tables of values from "key=a,b,c" (a list) and "key=low:high:count" (evenly spaced), as a study's file has them.
+
+    Raises:
+        StudyError: a text has another form, or a key is given twice.
+    """
+    found: dict[str, Any] = {}
+    for text in texts:
+        key, separator, values = text.partition("=")
+        key, parts = key.strip(), _split_values(values)
+        if not separator or not key or not all(parts):
+            raise StudyError(f"--vary {text}: must look like body.width=20,22,25 or contact.friction=0.2:1.0:5")
+        if key in found:
+            raise StudyError(f"--vary {key}: is given twice; put its values into one list")
+        if len(parts) > MOST:
+            raise StudyError(f"--vary {key}: {len(parts)} values are more than the {MOST} runs that a sweep may have")
+        is_range = len(parts) == 1 and ":" in values and not values.startswith('"')
+        found[key] = _range(text, values) if is_range else [value_from(part) for part in parts]
+    return found
+
+
+def value_from(text: str) -> Any:
+    """The value that a text stands for: TOML, or the text itself."""
+    holder: dict[str, Any] = {}
+    apply_override(holder, f"value={text}")
+    return holder["value"]
+
+
+def combinations(varied: Mapping[str, Values], sample: Sample | None, seed: int) -> list[dict[str, Any]]:
+    """The values of each run by key; on a grid the last key's values change fastest.
+
+    Raises:
+        StudyError: there would be more than MOST.
+    """
+    if sample is not None:
+        if sample.count > MOST:
+            raise StudyError(f"sample.count = {sample.count}: more than the {MOST} runs that a sweep may have")
+        rows = unit_samples(sample, len(varied), seed).tolist()
+        return [{key: _value_at(varied[key], share) for key, share in zip(varied, row, strict=True)} for row in rows]
+    count = math.prod(map(_grid_size, varied.values()))
+    if count > MOST:
+        raise StudyError(f"vary: {count} combinations are more than the {MOST} that a sweep may have")
+    return [dict(zip(varied, chosen, strict=True)) for chosen in itertools.product(*map(grid, varied.values()))]
+
+
+def unit_samples(sample: Sample, dimensions: int, seed: int) -> np.ndarray:
+    """Points of the unit cube, shape (sample.count, dimensions); the same seed gives the same ones."""
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    if sample.method == "random":
+        return generator.random((sample.count, dimensions))
+    engine: Any = qmc.LatinHypercube if sample.method == "lhs" else qmc.Sobol
+    points: np.ndarray = engine(dimensions, rng=generator).random(sample.count)
+    return points
+
+
+def grid(values: Values) -> list[Any]:
+    """The values of one key; `count` of them for a range, whole numbers once each."""
+    if not isinstance(values, Range):
+        return list(values)
+    assert values.count is not None  # the study's table sees to it
+    if values.integer and values.count > values.high - values.low:
+        return list(range(int(values.low), int(values.high) + 1))
+    shares = [0.5] if values.count == 1 else np.linspace(0.0, 1.0, values.count).tolist()
+    if not values.integer:
+        return [_value_at(values, share) for share in shares]
+    return list(dict.fromkeys(round(values.low + share * (values.high - values.low)) for share in shares))
+
+
+def _grid_size(values: Values) -> int:
+    """Number of values that `grid` gives, without making them."""
+    if not isinstance(values, Range):
+        return len(values)
+    assert values.count is not None
+    return min(values.count, int(values.high - values.low) + 1) if values.integer else values.count
+
+
+def _value_at(values: Values, share: float) -> Any:
+    """The value at a share, from 0 to 1, of a range or list, rounded to ten digits."""
+    if not isinstance(values, Range):
+        return values[min(int(share * len(values)), len(values) - 1)]
+    low, high = values.low, values.high
+    if values.integer:
+        return min(int(low + share * (high - low + 1)), int(high))
+    value = low * (high / low) ** share if values.log else low + share * (high - low)
+    return float(f"{value:.10g}")
+
+
+def _split_values(values: str) -> list[str]:
+    """Split values at commas, but not at commas inside the brackets or quotes of a TOML value."""
+    parts, depth, quoted = [""], 0, False
+    for letter in values:
+        quoted ^= letter == '"'
+        depth += (letter in "[{") - (letter in "]}") if not quoted else 0
+        if letter == "," and not depth and not quoted:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [part.strip() for part in parts]
+
+
+def _range(text: str, values: str) -> Mapping[str, Any]:
+    """The table of a range "low:high:count"; `text` is the whole option, for the error."""
+    try:
+        low, high, *count = values.split(":")
+        table = {"low": float(low), "high": float(high)}
+        return {**table, "count": int(*count)} if count else table
+    except (ValueError, TypeError) as error:
+        raise StudyError(f"--vary {text}: a range must look like 0.2:1.0:5, lowest, highest and count") from error

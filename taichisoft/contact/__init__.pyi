@@ -1,4 +1,11 @@
+from .contact_solver import ContactSolver as ContactSolver
 from .detection import ContactDetection as ContactDetection
-from .moving_surfaces import MovingSurfaces as MovingSurfaces
+from .kernels.constraint_problem import BOUND_COLUMNS as BOUND_COLUMNS
+from .kernels.constraint_problem import Iterate as Iterate
+from .kernels.constraint_problem import Problem as Problem
+from .kernels.sweep import SWEEPS as SWEEPS
+from .kernels.sweep import sweep_repeatedly as sweep_repeatedly
+from .model import Model as Model
 from .overlap import Overlap as Overlap
 from .overlap import overlaps as overlaps
+from .surfaces import MovingSurfaces as MovingSurfaces

@@ -6,12 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from taichisoft.contact.detection import ContactDetection
-from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.contact.shapes import boxes
-from taichisoft.contact.surfaces import ContactSurfaces
+from taichisoft.contact.kernels.shape_contacts import SHAPE, SURFACE
+from taichisoft.contact.surfaces import ContactSurfaces, MovingSurfaces, boxes
 from taichisoft.errors import SceneError
-from taichisoft.meshes.edge_crossings import boxes_meet, common_points, pairs_of_meeting_boxes
+from taichisoft.mesh.surface import boxes_meet, common_points, pairs_of_meeting_boxes
 
 # Surfaces are shrunk by this fraction of the scene's extent before they are intersected, so that bodies that merely
 # touch do not overlap by round-off.

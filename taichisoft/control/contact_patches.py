@@ -9,12 +9,12 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import spsolve
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.base.rotations import matrices_from_quaternions
+from taichisoft.contact.model import Model
 from taichisoft.control.observation import Pair
 from taichisoft.errors import SceneError
-from taichisoft.meshes.smooth_normals import vertex_normals
-from taichisoft.model import Model
-from taichisoft.state import State
+from taichisoft.mechanics.state import State
+from taichisoft.mesh.surface import vertex_normals
 
 FACING = np.sqrt(0.5)
 """Least cosine between the normal of a triangle and the opposite one of what it touches; side walls face nothing."""

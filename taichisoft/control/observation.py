@@ -1,12 +1,44 @@
 """What a controller sees."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from taichisoft.state import State
+from taichisoft.errors import TaichisoftError, nearest
+from taichisoft.mechanics.state import State
+
+# Values by name that are made when somebody looks.
+
+
+class LazyValues(Mapping[str, Any]):
+    """A mapping whose names are known, and whose values are made one by one, each once."""
+
+    def __init__(self, names: Iterable[str], make: Callable[[str], Any]):
+        self._names, self._make = tuple(names), make
+        self._made: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        """The value of a name."""
+        if name not in self._names:
+            raise KeyError(name)
+        if name not in self._made:
+            self._made[name] = self._make(name)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """The names."""
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        """Number of names."""
+        return len(self._names)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Other processes get what was made: they have no renderer."""
+        return dict, (dict(self._made),)
+
 
 Pair = tuple[str, str]
 """Names of two bodies, in the scene's order."""
@@ -148,3 +180,83 @@ class Observation:
     def __getstate__(self) -> dict[str, Any]:
         """All fields, for copies and other processes."""
         return {one.name: getattr(self, one.name) for one in fields(self)}
+
+
+# Figures by name for rollouts, derivatives and targets: parts of an observation, such as "object_positions.cube".
+
+BY_PAIR = (
+    *("contact_counts", "normal_forces", "friction_forces", "slip_speeds"),
+    *("contact_areas", "contact_area_errors", "peak_pressures", "peak_pressure_errors"),
+)
+"""Bodies that are far apart are not in an observation: nothing presses, nothing slides."""
+OF_ANY_LENGTH = ("contact_points", "contact_forces", "clipped", "exact")
+KNOWN = tuple(one.name for one in fields(Observation) if one.name not in OF_ANY_LENGTH)
+OF_STATE = tuple(one.name for one in fields(State) if not one.name.startswith("contact_"))
+
+
+@dataclass(frozen=True)
+class ObservedFigure:
+    """A part of an observation.
+
+    Attributes:
+        name: as the user wrote it.
+        field: field of `Observation`.
+        key: entry of that field, a pair of bodies, or a field of `State`; "" for all of it.
+    """
+
+    name: str
+    field: str
+    key: str | tuple[str, str] = ""
+
+    def of(self, observation: Observation) -> np.ndarray:
+        """Its present value without sensors; all entries of a field in the order of the scene, shape (count, ...)."""
+        observation = observation.truth
+        value = getattr(observation, self.field)
+        if self.field == "state":
+            value = getattr(value, str(self.key))
+        elif isinstance(self.key, tuple):
+            value = value.get(self.key, 0.0)
+        elif self.key:
+            value = value[self.key]
+        elif isinstance(value, Mapping):
+            value = list(value.values())
+        return np.asarray(value, dtype=np.float64)
+
+
+def find_figure(name: str, observation: Observation, bodies: tuple[str, ...]) -> ObservedFigure:
+    """The figure that a name means.
+
+    Args:
+        name: "base_translation", "tip_positions", "tip_positions.finger1", "normal_forces.finger1|cube",
+            "state.position".
+        observation: one of the simulation, which shows the names of cavities and so on.
+        bodies: names of all bodies in the order of the scene.
+
+    Raises:
+        TaichisoftError: there is no such figure, or it has no fixed shape.
+    """
+    field, _, key = name.partition(".")
+    if field in OF_ANY_LENGTH or field not in KNOWN:
+        hint = nearest(field, KNOWN, "there are")
+        raise TaichisoftError(f"figures: '{name}': not a field of an observation with a fixed shape; {hint}")
+    if field in BY_PAIR:
+        return ObservedFigure(name, field, _pair(name, key, bodies))
+    value = getattr(observation, field)
+    valid = OF_STATE if field == "state" else tuple(value) if isinstance(value, Mapping) else ()
+    if key not in valid and (key or field == "state"):
+        hint = nearest(key, valid, "there are") if valid else f"leave out what follows {field}"
+        raise TaichisoftError(f"figures: '{name}': {field} has no '{key}'; {hint}")
+    return ObservedFigure(name, field, key)
+
+
+def _pair(name: str, key: str, bodies: tuple[str, ...]) -> tuple[str, str]:
+    """Two bodies in the order of the scene."""
+    first, separator, second = key.partition("|")
+    for body in (first, second) if separator else ():
+        if body not in bodies:
+            raise TaichisoftError(
+                f"figures: '{name}': no body is called '{body}'; {nearest(body, bodies, 'there are')}"
+            )
+    if not separator:
+        raise TaichisoftError(f"figures: '{name}': name two bodies, as in normal_forces.finger1|cube")
+    return (first, second) if bodies.index(first) <= bodies.index(second) else (second, first)

@@ -1,6 +1,8 @@
 """What a controller sees, worked out from a state."""
 
-from collections.abc import Callable, Mapping
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from threading import Lock
 from types import MappingProxyType
@@ -8,20 +10,287 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.cavities import CAVITIES
-from taichisoft.actuators.kind import ActuatorFigure
-from taichisoft.actuators.kinds import ACTUATOR_KINDS
-from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.base.rotations import rotation_from_vector
+from taichisoft.contact.model import Model
 from taichisoft.control.contact_patches import ContactPatches
-from taichisoft.control.contact_summary import summarise_contacts
-from taichisoft.control.fingertips import Fingertips
-from taichisoft.control.frame_motion import observed_frames
-from taichisoft.control.lazy_values import LazyValues
-from taichisoft.control.limits import clipped
-from taichisoft.control.observation import Observation
-from taichisoft.control.sensor_chain import Sensors
-from taichisoft.model import Model
-from taichisoft.state import State
+from taichisoft.control.kernels.tip_motion import observe_tips
+from taichisoft.control.observation import LazyValues, Observation, Pair
+from taichisoft.control.requests import clipped, observed_frames
+from taichisoft.errors import SceneError
+from taichisoft.mechanics.actuator_kind import ActuatorFigure
+from taichisoft.mechanics.cavities import CAVITIES
+from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS, ActuatorGeometry
+from taichisoft.mechanics.rigid_body_arrays import MovingFrames
+from taichisoft.mechanics.soft_body_arrays import SoftBody
+from taichisoft.mechanics.state import State
+from taichisoft.scene.scene import Scene
+from taichisoft.scene.sensor_settings import SensorSettings, memory_size, samples_kept, sensed_names, sensed_sizes
+
+# The tips of the fingers: where they are, how fast they move, and by how much the fingers bend.
+
+# Of a finger without a `tip` in the scene: free nodes this far from the farthest one, as a share of its distance
+# from the anchors, but at least so many that they can show a rotation.
+TIP_SHARE = 0.05
+FEWEST_NODES = 8
+
+
+class Fingertips:
+    """The tips of all soft bodies that have anchors or a `tip` of their own.
+
+    Attributes:
+        names: of the fingers.
+        nodes: numbers of the nodes of each tip, a tuple of arrays.
+    """
+
+    def __init__(self, soft_bodies: tuple[SoftBody, ...], frames: MovingFrames):
+        """Choose the nodes of each tip.
+
+        Raises:
+            SceneError: the nodes of a tip lie on a line, or are fewer than three.
+        """
+        fingers = [body for body in soft_bodies if body.tip_nodes is not None or body.anchored.any()]
+        self.names = tuple(body.name for body in fingers)
+        chosen = [body.tip_nodes if body.tip_nodes is not None else _farthest_nodes(body) for body in fingers]
+        self._start = np.cumsum([0, *(len(nodes) for nodes in chosen)]).astype(np.int32)
+        self.nodes = tuple(nodes + body.nodes.start for nodes, body in zip(chosen, fingers, strict=True))
+        self._nodes = np.concatenate([*self.nodes, np.zeros(0)]).astype(np.intp)
+        self._rest = np.vstack(
+            [_centred(body.rest_position[nodes], body.name) for nodes, body in zip(chosen, fingers, strict=True)]
+            or [np.zeros((0, 3))]
+        )
+        self._position, self._velocity = np.empty_like(self._rest), np.empty_like(self._rest)
+        self._frames, self._frame = frames, frames.numbers(body.settings.follows for body in fingers)
+        self._frame_turn = np.empty((len(fingers), 3, 3))
+        self._mean_position, self._mean_velocity = np.empty((len(fingers), 3)), np.empty((len(fingers), 3))
+        self._bending_angle = np.empty(len(fingers))
+
+    def observe(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions [mm] and velocities [mm/s] of the tips, each (finger_count, 3), and bending angles [rad].
+
+        A position or velocity is the mean of the tip's nodes. The bending angle, from 0 to pi, is by how much the tip
+        has turned against the frame that the finger follows since the start; the tip's rotation is the best fit to its
+        nodes in the sense of least squares (Kabsch 1976, A solution for the best rotation to relate two sets of
+        vectors).
+        """
+        if self.names:
+            np.take(state.position, self._nodes, axis=0, out=self._position, mode="clip")
+            np.take(state.velocity, self._nodes, axis=0, out=self._velocity, mode="clip")
+            self._frame_turn[:] = self._frames.places(state.frame_pose).turn[self._frame]
+            observe_tips(
+                self._start,
+                self._rest,
+                self._position,
+                self._velocity,
+                self._frame_turn,
+                self._mean_position,
+                self._mean_velocity,
+                self._bending_angle,
+            )
+        return self._mean_position.copy(), self._mean_velocity.copy(), self._bending_angle.copy()
+
+
+def _farthest_nodes(body: SoftBody) -> np.ndarray:
+    held = body.anchored
+    distance = np.linalg.norm(body.rest_position - body.rest_position[held].mean(axis=0), axis=1)
+    distance[held] = 0.0
+    farthest_first = np.argsort(-distance, kind="stable")
+    count = np.count_nonzero(distance >= (1.0 - TIP_SHARE) * distance.max())
+    return np.sort(farthest_first[: max(count, FEWEST_NODES)])
+
+
+def _centred(position: np.ndarray, name: str) -> np.ndarray:
+    """The positions less their mean; what lies on a line cannot show a rotation."""
+    centred = position - position.mean(axis=0)
+    extents = np.linalg.svd(centred, compute_uv=False)
+    if len(position) < 3 or extents[1] <= 1e-6 * extents[0]:
+        raise SceneError(
+            f"soft_bodies.{name}.tip: selects {len(position)} nodes on a line; three or more that span a plane are "
+            "needed to see it turn"
+        )
+    return centred
+
+
+# The contacts of a state, summed up by pair of bodies.
+
+
+@dataclass(frozen=True)
+class ContactSummary:
+    """Figures by pair of bodies, in the scene's order ("finger1", "cube"), between which contacts were found.
+
+    Attributes:
+        counts: contacts that press.
+        normal_forces: sum of the normal forces [mN].
+        friction_forces: sum of the magnitudes of the friction forces [mN].
+        slip_speeds: fastest sliding of a contact that presses [mm/s].
+        points: middles of the contacts, the open ones too [mm], shape (count, 3).
+        forces: force on the second body in each of these [mN], shape (count, 3).
+    """
+
+    counts: dict[Pair, int] = field(default_factory=dict)
+    normal_forces: dict[Pair, float] = field(default_factory=dict)
+    friction_forces: dict[Pair, float] = field(default_factory=dict)
+    slip_speeds: dict[Pair, float] = field(default_factory=dict)
+    points: dict[Pair, np.ndarray] = field(default_factory=dict)
+    forces: dict[Pair, np.ndarray] = field(default_factory=dict)
+
+
+def summarise_contacts(model: Model, state: State) -> ContactSummary:
+    """Counts, forces and sliding in the step that led to `state`."""
+    if not len(state.contact_body_pair):
+        return ContactSummary()
+    forces = state.contact_impulse / model.scene.time.step
+    along = np.einsum("cd,cd->c", forces, state.contact_normal)
+    across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
+    slip_speeds = np.linalg.norm(state.contact_slip, axis=1)
+    order = np.lexsort(state.contact_body_pair.T[::-1])
+    body_pair = state.contact_body_pair[order]
+    start = np.flatnonzero(np.diff(body_pair, axis=0, prepend=-1).any(axis=1))
+    names = [(model.body_names[first], model.body_names[second]) for first, second in body_pair[start]]
+    return ContactSummary(
+        counts=dict(zip(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64).tolist(), strict=True)),
+        normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),
+        friction_forces=dict(zip(names, np.add.reduceat(across[order], start).tolist(), strict=True)),
+        slip_speeds=dict(zip(names, np.maximum.reduceat(slip_speeds[order], start).tolist(), strict=True)),
+        points=_by_pair(names, state.contact_point[order], start),
+        forces=_by_pair(names, forces[order], start),
+    )
+
+
+def _by_pair(names: list[Pair], rows: np.ndarray, start: np.ndarray) -> dict[Pair, np.ndarray]:
+    """The rows of each pair, which stand together from `start` on."""
+    ends = [*start[1:].tolist(), len(rows)]  # np.split takes three times as long
+    return {name: rows[first:end] for name, first, end in zip(names, start.tolist(), ends, strict=True)}
+
+
+# Sensors between a simulation and who sees it: sampling, bias, noise, rounding, losses and delay.
+#
+# Bias, noise and losses are drawn by a counter-based generator (Philox: Salmon, Moraes, Dror, Shaw 2011, Parallel
+# random numbers: as easy as 1, 2, 3), whose counter is the number of the sample: what a sensor remembers are its
+# samples, and a state that holds these goes on with the same bits.
+
+PLURALS = {"air_mass": "air_masses", "tactile": "tactile", "contact_area": "contact_areas"}
+IN_BASE = {"base_force": "base_force_in_base", "base_torque": "base_torque_in_base"}
+"""Fields that follow from the measured one: a wrist sensor turns with the base."""
+
+
+class SensorChain:
+    """The sensor of some numbers, which are sampled at the same times."""
+
+    def __init__(self, settings: SensorSettings, time_step: float, size: int, name: str):
+        """Prepare a sensor.
+
+        Args:
+            settings: what it does.
+            time_step: time between two values that it is given, in the unit of `settings.period` and `delay`.
+            size: number of numbers.
+            name: name, which makes its random numbers differ from those of others.
+        """
+        self._settings, self._size, self._name = settings, size, zlib.crc32(name.encode())
+        self._period = max(1, round(settings.period / time_step))
+        self._delay = round(settings.delay / time_step)
+        self.shape = (samples_kept(settings, time_step), size)
+
+    def begin(self, values: np.ndarray, step: int, seed: int) -> np.ndarray:
+        """Samples of a sensor that has seen values [unit of the quantity], shape (size,), for ever, shape `shape`."""
+        return np.tile(self._sample(values, values, step, seed, may_drop=False), (self.shape[0], 1))
+
+    def after(self, samples: np.ndarray, values: np.ndarray, step: int, seed: int) -> np.ndarray:
+        """Samples when the values have come to be `values` at a step."""
+        if step % self._period:
+            return samples
+        return np.vstack([samples[1:], self._sample(values, samples[-1], step, seed, may_drop=True)])
+
+    def reading(self, samples: np.ndarray, step: int) -> np.ndarray:
+        """What the sensor shows at a step, shape (size,)."""
+        age = step // self._period - (step - self._delay) // self._period
+        shown: np.ndarray = samples[-1 - age]
+        return shown
+
+    def _sample(self, values: np.ndarray, before: np.ndarray, step: int, seed: int, may_drop: bool) -> np.ndarray:
+        settings, sample = self._settings, values
+        if settings.bias:
+            sample = sample + self._random(seed, 0, 1).uniform(-settings.bias, settings.bias, self._size)
+        if settings.noise:
+            sample = sample + settings.noise * self._random(seed, step, 2).standard_normal(self._size)
+        if settings.resolution:
+            sample = settings.resolution * np.rint(sample / settings.resolution)
+        if settings.dropout and may_drop:
+            is_lost = self._random(seed, step, 3).random(self._size) < settings.dropout
+            sample = np.where(is_lost, before, sample)
+        return sample
+
+    def _random(self, seed: int, step: int, purpose: int) -> np.random.Generator:
+        key = np.array([(self._settings.seed << 32) | seed, self._name], np.uint64)
+        return np.random.Generator(np.random.Philox(key=key, counter=np.array([0, 0, step, purpose], np.uint64)))
+
+
+class Sensors:
+    """All sensors of a scene; what they remember is `State.sensor_memory`."""
+
+    def __init__(self, scene: Scene):
+        """Lay out the memory."""
+        self._size = memory_size(scene)
+        self._chains: list[tuple[str, list[Any], np.ndarray, SensorChain]] = []
+        for name, settings in scene.sensors.items():
+            sizes = sensed_sizes(scene, name)
+            chain = SensorChain(settings, scene.time.step, sum(sizes), name)
+            quantity = name if name.startswith("base_") else PLURALS.get(name, f"{name}s")
+            self._chains.append((quantity, sensed_names(scene, name), np.cumsum(sizes)[:-1], chain))
+
+    def begin(self, memory: np.ndarray, truth: Observation) -> np.ndarray:
+        """The memory with samples of a first observation; unchanged where it has those of these sensors already."""
+        if not self._chains or (len(memory) == self._size and memory[1]):
+            return memory
+        memory = memory if len(memory) == self._size else np.zeros(self._size)
+        seed = int(memory[0])
+        parts = [
+            chain.begin(_values(truth, quantity, names, chain.shape[1]), truth.step, seed)
+            for quantity, names, _, chain in self._chains
+        ]
+        return np.concatenate([[memory[0], 1.0], *(part.ravel() for part in parts)])
+
+    def after(self, memory: np.ndarray, truth: Observation) -> np.ndarray:
+        """The memory after a step that led to an exact observation."""
+        seed = int(memory[0])
+        parts = [
+            chain.after(samples, _values(truth, quantity, names, chain.shape[1]), truth.step, seed)
+            for (quantity, names, _, chain), samples in zip(self._chains, self._split(memory), strict=True)
+        ]
+        return np.concatenate([memory[:2], *(part.ravel() for part in parts)])
+
+    def readings(self, memory: np.ndarray, truth: Observation) -> dict[str, Any]:
+        """Fields of an observation as the sensors show them."""
+        fields: dict[str, Any] = {}
+        for (quantity, names, ends, chain), samples in zip(self._chains, self._split(memory), strict=True):
+            shown = chain.reading(samples, truth.step)
+            if quantity.startswith("base_"):
+                fields[IN_BASE.get(quantity, quantity)] = shown.copy()
+                if quantity in IN_BASE:
+                    fields[quantity] = rotation_from_vector(truth.base_rotation) @ shown
+                continue
+            exact = getattr(truth, quantity)
+            values = {
+                name: part.reshape(np.shape(exact[name])) if isinstance(exact.get(name), np.ndarray) else float(part[0])
+                for name, part in zip(names, np.split(shown, ends), strict=True)
+            }
+            fields[quantity] = MappingProxyType(values)
+        return fields
+
+    def _split(self, memory: np.ndarray) -> list[np.ndarray]:
+        sizes = [int(np.prod(chain.shape)) for *_, chain in self._chains]
+        parts = np.split(memory[2:], np.cumsum(sizes)[:-1])
+        return [part.reshape(chain.shape) for part, (*_, chain) in zip(parts, self._chains, strict=True)]
+
+
+def _values(truth: Observation, quantity: str, names: Sequence[Any], size: int) -> np.ndarray:
+    """The numbers of a field in the order of the names; 0 of a pair that is far apart."""
+    if quantity.startswith("base_"):
+        return np.asarray(getattr(truth, IN_BASE.get(quantity, quantity)), np.float64)
+    exact = getattr(truth, quantity)
+    values = np.concatenate([np.ravel(exact.get(name, 0.0)) for name in names])
+    assert len(values) == size
+    return values
+
 
 PARTS = {
     "tips": ("tip_positions", "tip_velocities", "bending_angles"),
@@ -36,7 +305,7 @@ PARTS = {
     "rates": tuple(kind.rate.observed for kind in ACTUATOR_KINDS if kind.rate is not None),
 }
 """Fields that are worked out together, by the part of an observation; all others are those of actuators and frames."""
-PART_OF = {field: part for part, names in PARTS.items() for field in names}
+PART_OF = {name: part for part, names in PARTS.items() for name in names}
 
 
 class Observer:
@@ -86,9 +355,9 @@ class Observer:
             return state.changed(sensor_memory=self._sensors.begin(state.sensor_memory, truth))
         return state.changed(sensor_memory=self._sensors.after(start.sensor_memory, truth))
 
-    def _work_out(self, state: State, field: str) -> dict[str, Any]:
+    def _work_out(self, state: State, name: str) -> dict[str, Any]:
         """A field of an observation, with those of its part; arrays are the caller's own, who may write to them."""
-        part = PART_OF.get(field, "frames" if field.startswith(("base_", "frame_")) else "actuators")
+        part = PART_OF.get(name, "frames" if name.startswith(("base_", "frame_")) else "actuators")
         with self._working:
             if self._last is None or self._last[0] is not state:
                 self._last = state, {}
@@ -132,8 +401,8 @@ class Observer:
         patches = self._contact_patches.patches(state)
         figures = zip(PARTS["patches"], ("area", "area_error", "peak", "peak_error"), strict=True)
         return {
-            field: MappingProxyType({pair: getattr(patch, figure) for pair, patch in patches.items()})
-            for field, figure in figures
+            name: MappingProxyType({pair: getattr(patch, figure) for pair, patch in patches.items()})
+            for name, figure in figures
         }
 
     def _tactile(self, state: State) -> dict[str, Any]:

@@ -1,21 +1,263 @@
-"""A controller's wishes, checked and taken over into the state as far as the scene's limits allow."""
+"""Validate a Control and apply it to the state within the scene's limits."""
 
+import math
 from collections.abc import Mapping
 from numbers import Real
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.cavities import CAVITIES, VALVE
-from taichisoft.actuators.kind import ActuatorKind, ActuatorSet
-from taichisoft.actuators.kinds import ACTUATOR_KINDS
+from taichisoft.base.rotations import compose_rotation_vectors, turn_towards
+from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
-from taichisoft.control.frame_motion import FRAME_MAPPINGS, frame_requests, frames_move
-from taichisoft.control.limits import limit_actuators
-from taichisoft.control.requested_values import as_array, finite, index_of
 from taichisoft.errors import ControlError, nearest
-from taichisoft.model import Model
-from taichisoft.state import State
+from taichisoft.mechanics.actuator_kind import ActuatorKind, ActuatorSet, Drive
+from taichisoft.mechanics.cavities import CAVITIES, VALVE
+from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
+from taichisoft.mechanics.state import State
+from taichisoft.scene.rigid_body import BASE, FramePath, FrameSettings, HingeSettings
+
+# What a scene's limits leave of a controller's requests, and which of them they clipped.
+
+
+def limit_actuators(model: Model, state: State, imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
+    """Targets of all actuators within their own ranges and the scene's, and not too far from the last ones.
+
+    Args:
+        model, state: the model, and its state before what is asked for now.
+        imposed: whether each actuator is asked for its coordinate, else for its effort, shape (actuator_count,).
+        request: efforts [kPa] or [mN] and coordinates [mm^3] or [mm] that are asked for, shape (actuator_count,).
+    """
+    actuators, targets = model.actuators, []
+    ranges = actuators.effort_range, actuators.coordinate_range
+    for kind in ACTUATOR_KINDS:
+        place = actuators.place(kind)
+        if place.start == place.stop:
+            continue
+        reaches = [_reach(model, drive) for drive in (kind.effort, kind.coordinate)]
+        # Python's own numbers: numpy takes longer to look at arrays of so few.
+        for number in range(place.start, place.stop):
+            if not actuators.takes_effort[number]:
+                targets.append(float(request[number]))
+                continue
+            by_coordinate = bool(imposed[number])
+            low, high = ranges[by_coordinate][number].tolist()
+            lowest, highest, furthest = reaches[by_coordinate]
+            last = state.actuator_target[number]
+            if by_coordinate != state.actuator_imposed[number]:  # it goes on from where the other way has led
+                last = (actuators.own_coordinates(state) if by_coordinate else state.actuator_effort)[number]
+            allowed = min(max(min(max(float(request[number]), low), high), lowest), highest)
+            targets.append(min(max(allowed, float(last) - furthest), float(last) + furthest))
+    return np.array(targets, dtype=np.float64)
+
+
+def _reach(model: Model, drive: Drive) -> tuple[float, float, float]:
+    """Lowest and highest value in the scene's limits, and its largest change in a step."""
+    limits = model.scene.limits
+    low, high = getattr(limits, f"lowest_{drive.name}", None), getattr(limits, f"highest_{drive.name}", None)
+    rate = getattr(limits, drive.rate) if drive.rate else None
+    furthest = math.inf if rate is None else rate * model.scene.time.step
+    return -math.inf if low is None else low, math.inf if high is None else high, furthest
+
+
+def clipped(model: Model, state: State) -> tuple[str, ...]:
+    """What of the last request was held back: names of actuators, "base_translation", "base_rotation" and so on."""
+    requests, targets = state.actuator_request.tolist(), state.actuator_target.tolist()
+    held_back = zip(model.actuators.names, requests, targets, strict=True)
+    names = [name for name, request, target in held_back if request != target]
+    missed = (state.frame_request != state.frame_pose).any(axis=2).tolist()
+    for name, parts in zip(model.frames.names, missed, strict=True):
+        names += [
+            f"{name}_{part}" for part, is_missed in zip(("translation", "rotation"), parts, strict=True) if is_missed
+        ]
+    return tuple(names)
+
+
+# Values in a control, checked: names that exist, numbers that are finite.
+
+
+def index_of(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
+    """Number of what is named in a control's dictionary `key`; `kind` is a word for it.
+
+    Raises:
+        ControlError: it does not exist.
+    """
+    if name not in names:
+        raise ControlError(
+            f"control.{key}: no {kind} is called {str(name)!r}; {nearest(str(name), list(names), 'there are')}"
+        )
+    return names.index(name)
+
+
+def finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | float:
+    """A copy as finite floating-point numbers of a shape, () or (count,).
+
+    Raises:
+        ControlError: it is not.
+    """
+    if not shape and type(value) is float and math.isfinite(value):
+        return value
+    array = as_array(value, key)
+    if array.shape != shape or not np.isfinite(array).all():
+        wanted = f"{shape[0]} finite numbers" if shape else "one finite number"
+        raise ControlError(f"{key} = {value!r}: must be {wanted}")
+    return array
+
+
+def as_array(value: object, key: str) -> np.ndarray:
+    """A copy as floating-point numbers; text and truth values are none, though numpy would take them for some."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in "iuf":
+            return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):  # rows of unequal lengths
+        pass
+    raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers")
+
+
+# The motion of frames: what a controller or the scene asks of them, what limits leave of it, and what is seen.
+
+PARTS = (("translation", "velocity"), ("rotation", "angular_velocity"))
+"""The rows of a pose, each with its rate: keys of a control behind "base_" and "frame_"."""
+BASE_KEYS = tuple(f"{BASE}_{kind}" for part in PARTS for kind in part)
+FRAME_MAPPINGS = (*(f"frame_{kind}" for part in PARTS for kind in part), "frame_angle")
+"""Keys of a control that ask for the motion of the base, and of other frames by name."""
+
+
+def frames_move(model: Model, state: State, control: Control) -> bool:
+    """Whether a frame is asked to move, follows a path, or has not arrived yet."""
+    if any(getattr(control, key) is not None for key in BASE_KEYS) or any(getattr(control, k) for k in FRAME_MAPPINGS):
+        return True
+    if state.frame_velocity.any() or any(one.path is not None for one in model.scene.frames.values()):
+        return True
+    # Of so few numbers Python's lists are compared faster than arrays.
+    return bool(state.frame_request.tolist() != state.frame_pose.tolist())
+
+
+def frame_requests(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
+    """What the frames are asked for, and how far they get in this step.
+
+    Raises:
+        ControlError: a frame is unknown, asked for in two ways, or for what it cannot do; or a value is not finite.
+    """
+    tables, time_step = model.scene.all_frames, model.scene.time.step
+    request, velocity = state.frame_request.copy(), state.frame_velocity.copy()
+    for row, (pose, rate) in enumerate(PARTS):
+        poses, rates = (_asked(model, tables, control, kind) for kind in (pose, rate))
+        for number, (key, _) in rates.items():
+            if number in poses:
+                raise ControlError(f"control: {poses[number][0]} and {key} are both given; give one of them")
+        for number, (key, value) in poses.items():
+            request[number, row] = finite(value, f"control.{key}", (3,))
+            velocity[number, row] = 0.0
+        for number, (key, value) in rates.items():
+            velocity[number, row], request[number, row] = (
+                finite(value, f"control.{key}", (3,)),
+                state.frame_pose[number, row],
+            )
+    for name, angle in control.frame_angle.items():
+        number = index_of(name, model.frames.names, "frame", "frame_angle")
+        hinge, key = tables[name].hinge, f"control.frame_angle['{name}']"
+        if hinge is None:
+            raise ControlError(f"{key}: this frame has no hinge; give it one in the scene, or ask for frame_rotation")
+        request[number, 1] = hinge.unit_axis * finite(angle, key, ())
+    found = state.frame_pose.copy()
+    for number, table in enumerate(tables.values()):
+        if table.path is not None:
+            request[number] = found[number] = _on_path(table.path, (state.step + 1) * time_step)
+            continue
+        if velocity[number, 0].any():
+            request[number, 0] = state.frame_pose[number, 0] + time_step * velocity[number, 0]
+        if velocity[number, 1].any():
+            request[number, 1] = compose_rotation_vectors(time_step * velocity[number, 1], state.frame_pose[number, 1])
+        if (request[number] != found[number]).any():
+            found[number] = _limited(table, time_step, found[number], request[number])
+    return {"frame_request": request, "frame_velocity": velocity, "frame_pose": found}
+
+
+def _asked(
+    model: Model, tables: Mapping[str, FrameSettings], control: Control, kind: str
+) -> dict[int, tuple[str, np.ndarray]]:
+    """What is asked for of a kind, such as "translation", by number of the frame: key for messages, and value."""
+    found, of_base = {}, getattr(control, f"{BASE}_{kind}")
+    if of_base is not None:
+        found[0] = (f"{BASE}_{kind}", of_base)
+    for name, value in getattr(control, f"frame_{kind}").items():
+        key = f"frame_{kind}['{name}']"
+        number = index_of(name, model.frames.names, "frame", f"frame_{kind}")
+        if number in found:
+            raise ControlError(f"control: {found[number][0]} and {key} are both given; give one of them")
+        if tables[name].path is not None:
+            raise ControlError(f"control.{key}: this frame moves on its path; remove the path from the scene")
+        if tables[name].hinge is not None:
+            raise ControlError(f"control.{key}: this frame turns about its hinge; ask for frame_angle")
+        found[number] = (key, value)
+    return found
+
+
+def _on_path(path: FramePath, time: float) -> np.ndarray:
+    """Pose on a path [mm] and [rad], shape (2, 3)."""
+    rows = [
+        np.zeros(3) if values is None else [np.interp(time, path.times, axis) for axis in np.transpose(values)]
+        for values in (path.translations, path.rotations)
+    ]
+    return np.array(rows) * [[1.0], [math.radians(1.0)]]
+
+
+def _limited(table: FrameSettings, time_step: float, pose: np.ndarray, request: np.ndarray) -> np.ndarray:
+    """Pose after a step [s] on the straight way to the requested one; all of shape (2, 3)."""
+    translation, rotation = request
+    if table.speed is not None:
+        way = translation - pose[0]
+        length, furthest = float(np.linalg.norm(way)), table.speed * time_step
+        if length > furthest:
+            translation = pose[0] + furthest / length * way
+    furthest = math.inf if table.turning_speed is None else math.radians(table.turning_speed) * time_step
+    if table.hinge is not None:
+        rotation = _limited_turn(table.hinge, furthest, pose[1], rotation)
+    elif furthest < math.inf:
+        rotation = turn_towards(pose[1], rotation, furthest)
+    return np.array([translation, rotation])
+
+
+def _limited_turn(hinge: HingeSettings, furthest: float, last: np.ndarray, request: np.ndarray) -> np.ndarray:
+    """Rotation vector of a hinge [rad], shape (3,): it goes the way of its angle, not the shortest one to a pose."""
+    axis = hinge.unit_axis
+    asked, before = float(request @ axis), float(last @ axis)
+    low = -math.inf if hinge.lowest_angle is None else math.radians(hinge.lowest_angle)
+    high = math.inf if hinge.highest_angle is None else math.radians(hinge.highest_angle)
+    angle = min(max(min(max(asked, low), high), before - furthest), before + furthest)
+    return request if angle == asked else angle * axis
+
+
+def observed_frames(model: Model, state: State) -> dict[str, Any]:
+    """The fields of an observation with the frames' poses, and what acts on them."""
+    names, turns = model.frames.names, model.places(state).turn
+    (force, torque), turn = state.frame_wrench[0], turns[0]
+    hinges = {name: one.hinge.unit_axis for name, one in model.scene.frames.items() if one.hinge is not None}
+    angles, moments = {}, {}
+    for name, axis in hinges.items():
+        number = names.index(name)
+        angles[name] = float(state.frame_pose[number, 1] @ axis)
+        moments[name] = float(state.frame_wrench[number, 1] @ turns[number] @ axis)
+    return {
+        "base_translation": state.base_translation,
+        "base_rotation": state.base_rotation,
+        "base_force": force,
+        "base_torque": torque,
+        "base_force_in_base": turn.T @ force,
+        "base_torque_in_base": turn.T @ torque,
+        "frame_translations": dict(zip(names[1:], state.frame_pose[1:, 0], strict=True)),
+        "frame_rotations": dict(zip(names[1:], state.frame_pose[1:, 1], strict=True)),
+        "frame_forces": dict(zip(names[1:], state.frame_wrench[1:, 0], strict=True)),
+        "frame_torques": dict(zip(names[1:], state.frame_wrench[1:, 1], strict=True)),
+        "frame_angles": MappingProxyType(angles),
+        "frame_moments": MappingProxyType(moments),
+    }
+
+
+# A controller's wishes, checked and taken over into the state as far as the scene's limits allow.
 
 DRIVES = tuple(drive.asked for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
 MAPPINGS = (*DRIVES, VALVE.asked, *FRAME_MAPPINGS, "pull_points", "anchor_positions", "young_modulus", "signals")

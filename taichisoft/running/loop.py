@@ -1,32 +1,371 @@
 """The loop around the step: keys, controller, step, outputs. The only place that calls plug-ins during a run."""
 
+import json
+import signal
+import sys
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.caller_warnings import warn_caller
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.keys import KeyEvent
-from taichisoft.errors import ControlError, GoalMissed, PluginError
-from taichisoft.interruption import deferred_signals, stop_if_asked
-from taichisoft.plugin_system.failure import failures_of
-from taichisoft.plugin_system.hooks import notify
-from taichisoft.running.controller_changes import ControllerChanges, memory_as_json
-from taichisoft.running.key_handling import KeyHandling
-from taichisoft.running.time_limit import TimeLimitExceeded, call_within
+from taichisoft.base.processes import deferred_signals, stop_if_asked
+from taichisoft.base.text import warn_caller
+from taichisoft.control.control import Control, Controller, KeyEvent
+from taichisoft.errors import ControlError, GoalMissed, PluginError, TaichisoftError
+from taichisoft.running.hooks import notify
+from taichisoft.running.plugins import failures_of, plugin_files, reload_plugin
+from taichisoft.running.session import BINDINGS, FILE_NAME, KeyLog, Output, Session
+from taichisoft.running.simulation import Simulation
 from taichisoft.running.training_watch import TrainingWatch
-from taichisoft.session.output import Output
-from taichisoft.session.session import Session
-from taichisoft.step.report import StepReport
+from taichisoft.step.solution import StepReport
+
+# Handling of the keys of a run: keys of the run itself, and keys for the controller.
+
+# Keys that change when steps are made, but not which steps; a replay ignores them.
+WAITING_KEYS = ("space", "s")
+
+
+class KeyHandling:
+    """Handles the keys of a session between two steps, and writes its key log."""
+
+    def __init__(self, session: Session, pass_to_controller: Callable[[KeyEvent], None], restart: Callable[[], None]):
+        """Prepare; the key log of an interactive run is made at once, other logs with the first key.
+
+        Raises:
+            KeyLogError: the log cannot be written.
+        """
+        self._session = session
+        self._pass_to_controller = pass_to_controller
+        self._actions: dict[str, Callable[[], None]] = {
+            "space": self._toggle_pause,
+            "s": self._make_single_step,
+            "r": restart,
+            "p": lambda: notify("taichisoft_picture_wanted", session=session),
+            "?": self._show_help,
+            "escape": session.stop,
+        }
+        assert self._actions.keys() == BINDINGS.keys()
+        self._log: KeyLog | None = None
+        if session.controller.interactive:
+            self._open_log()
+
+    def handle_keys(self) -> None:
+        """Handle the keys since the last call."""
+        for event in self._new_events():
+            self._session.recent_keys.append(event)
+            action = self._actions.get(event.key) if event.value is None else None
+            if action is not None:
+                action()
+            else:
+                self._pass_to_controller(event)
+
+    def end(self) -> None:
+        """Close the log with the number of steps made."""
+        if self._log is not None:
+            self._log.end(self._session.steps_made)
+
+    def _new_events(self) -> Iterator[KeyEvent]:
+        """Keys in their order; keys of a replayed log are written again, keys pressed during a replay are not."""
+        session = self._session
+        pressed = session.keys.take()
+        if session.replay is None:
+            for event in pressed:
+                self._write(event)
+                yield event
+            return
+        for event in session.replay.take(session.steps_made):
+            self._write(event)
+            if event.value is not None or event.key not in WAITING_KEYS:
+                yield event
+        yield from (event for event in pressed if event.value is None and event.key in BINDINGS and event.key != "r")
+
+    def _write(self, event: KeyEvent) -> None:
+        if self._log is None:
+            self._open_log()
+        if self._log is not None:
+            self._log.add(self._session.steps_made, event)
+
+    def _open_log(self) -> None:
+        if self._session.folder is not None:
+            self._log = KeyLog(self._session.folder / FILE_NAME)
+
+    def _toggle_pause(self) -> None:
+        self._session.paused = not self._session.paused
+
+    def _make_single_step(self) -> None:
+        self._session.paused = True
+        self._session.single_steps += 1
+
+    def _show_help(self) -> None:
+        self._session.shows_help = not self._session.shows_help
+
+
+# What a controller remembers, as JSON: outputs keep it, and a run that goes on from there gives it back.
+
+PLAIN = (str, int, float, type(None))  # True and False are integers
+
+
+def saved_as_json(controller: Controller) -> str:
+    """What a controller remembers now, as JSON that gives the same bits back; empty where it does not save.
+
+    Raises:
+        PluginError: its `save` failed, or returned what JSON cannot hold.
+    """
+    name = f"controller {type(controller).__module__}.{type(controller).__qualname__}"
+    with failures_of(f"{name} failed in save()"):
+        saved = controller.save()
+    if saved is None:
+        return ""
+    if not isinstance(saved, dict):
+        raise PluginError(f"{name}: save() returned {_shown(saved)}; must be a dict, or None")
+    _check(saved, "", name)
+    return json.dumps(saved)
+
+
+def _check(value: Any, key: str, name: str) -> None:
+    """Refuse what JSON cannot hold, or gives back as something else."""
+    if isinstance(value, dict):
+        for inner, content in value.items():
+            if not isinstance(inner, str):
+                raise PluginError(f"{name}: save(): {key or 'a key'}: key {_shown(inner)} must be a text")
+            _check(content, f"{key}.{inner}".strip("."), name)
+    elif isinstance(value, list | tuple):
+        for number, content in enumerate(value):
+            _check(content, f"{key}.{number}", name)
+    elif not isinstance(value, PLAIN):
+        raise PluginError(f"{name}: save(): {key} = {_shown(value)}: {_advice(value)}")
+
+
+def _advice(value: Any) -> str:
+    """What to save instead of a value that JSON cannot hold."""
+    if hasattr(value, "bit_generator"):
+        return "save its `bit_generator.state`"
+    return "save its `tolist()`" if hasattr(value, "tolist") else "must be a number, a text, a list, or a dict of these"
+
+
+def _shown(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+# Changes of a controller while the run goes on: tuned settings, and a newer version of its plug-in's file.
+
+SECONDS_BETWEEN_LOOKS = 0.5
+"""Wall-clock time between two looks at the files of the plug-in [s]."""
+TUNED = "tuned settings"
+"""What a controller remembers has the settings that were tuned under this name."""
+
+
+def memory_as_json(session: Session) -> str:
+    """What the session's controller remembers, with the settings that were tuned; empty where it does not save."""
+    memory = saved_as_json(session.controller)
+    return json.dumps({**json.loads(memory), TUNED: session.tuned}) if memory and session.tuned else memory
+
+
+class ControllerChanges:
+    """Makes the controller of a session anew when settings are tuned, or when the file of its plug-in was saved."""
+
+    def __init__(self, session: Session):
+        """Note what the files of the controller's plug-in are like now; only an interactive run looks at them."""
+        self._session, self._waits = session, False
+        self._plugin, self._stamp = "", _stamp(Path())
+        self._next_look = 0.0
+        if session.make_controller is not None and session.controller.interactive and not session.replaying:
+            self._plugin = _plugin_of(session.controller)
+            self._stamp = _stamp(plugin_files().get(self._plugin, Path()))
+
+    def begin(self) -> None:
+        """Reset the controller, and have it go on from what it remembered if the session says so."""
+        session, self._waits = self._session, False
+        saved = dict(session.saved) if session.saved is not None else None
+        if saved is not None and TUNED in saved:
+            session.tuned = {**saved.pop(TUNED), **session.tuned}
+            if session.make_controller is not None:
+                session.controller = self._made()
+        controller = session.controller
+        with failures_of(f"{_class_name(controller)} failed in reset()"):
+            controller.reset(session.simulation.model)
+        if saved is not None:
+            with failures_of(f"{_class_name(controller)} failed in restore()"):
+                controller.restore(saved)
+
+    def begin_again(self) -> None:
+        """As `begin`, by a newer version of the file if there is one that waits."""
+        if self._waits:
+            self._replace(None)
+        self.begin()
+
+    def tune(self, name: str, value: float) -> bool:
+        """Take another value of a tunable setting; False where the controller has none of that name."""
+        session = self._session
+        if name not in session.controller.tunable or session.make_controller is None:
+            return False
+        slider, before = session.controller.tunable[name], dict(session.tuned)
+        session.tuned[name] = min(max(value, slider.lowest), slider.highest)
+        if not self._replace(self._memory()):
+            session.tuned = before
+        return True
+
+    def look(self) -> None:
+        """Load the plug-in anew if its file was saved: at once where the controller saves, else at the next start."""
+        if not self._plugin or time.monotonic() < self._next_look:
+            return
+        self._next_look = time.monotonic() + SECONDS_BETWEEN_LOOKS
+        stamp = _stamp(plugin_files().get(self._plugin, Path()))
+        if stamp == self._stamp or not stamp:  # an editor that replaces a file removes it for a moment
+            return
+        self._stamp, memory = stamp, self._memory()
+        try:
+            reload_plugin(self._plugin)
+        except TaichisoftError as error:
+            self._say(f"the old version of plug-in '{self._plugin}' goes on: {error}")
+            return
+        if memory is None:
+            self._waits = True
+            self._say(f"plug-in '{self._plugin}' was loaded anew; its controller, which does not save, waits for r")
+        elif self._replace(memory, is_tried=True):
+            self._say(f"plug-in '{self._plugin}' was loaded anew, and its controller goes on")
+
+    def _memory(self) -> Mapping[str, Any] | None:
+        memory = saved_as_json(self._session.controller)
+        return json.loads(memory) if memory else None
+
+    def _replace(self, memory: Mapping[str, Any] | None, is_tried: bool = False) -> bool:
+        """Put a new controller in the place of the old one, which stays if anything about the new one fails.
+
+        With `is_tried` another one is asked first what it would do now, so that an error in `control` ends no run.
+        """
+        session = self._session
+        try:
+            if is_tried:
+                trial = self._ready(memory)
+                with failures_of(f"{_class_name(trial)} failed in control()"):
+                    trial.control(session.simulation.observe())
+            session.controller = self._ready(memory)
+        except TaichisoftError as error:
+            self._say(f"the old controller goes on: {error}")
+            return False
+        return True
+
+    def _ready(self, memory: Mapping[str, Any] | None) -> Controller:
+        """A new controller that goes on from what another one remembers."""
+        with failures_of(f"{_class_name(self._session.controller)} cannot be made anew"):
+            made = self._made()
+        with failures_of(f"{_class_name(made)} failed in reset()"):
+            made.reset(self._session.simulation.model)
+        if memory is not None:
+            with failures_of(f"{_class_name(made)} failed in restore()"):
+                made.restore(memory)
+        return made
+
+    def _made(self) -> Controller:
+        session = self._session
+        assert session.make_controller is not None
+        made = session.make_controller(session.tuned)
+        if made.interactive != session.controller.interactive:
+            made.interactive = session.controller.interactive
+        return made
+
+    def _say(self, text: str) -> None:
+        # Without the time Python would not show the same text a second time.
+        self._session.notice = " ".join(f"at {self._session.simulation.state.time:.6g} s: {text}".split())
+        warn_caller(self._session.notice)
+
+
+def _class_name(controller: Controller) -> str:
+    return f"controller {type(controller).__module__}.{type(controller).__qualname__}"
+
+
+def _plugin_of(controller: Controller) -> str:
+    """Name of the plug-in in a file or folder that has the controller's class; "" for any other."""
+    module = sys.modules.get(type(controller).__module__)
+    place = Path(getattr(module, "__file__", None) or "/").resolve()
+    return next((name for name, path in plugin_files().items() if path in (place, *place.parents)), "")
+
+
+def _stamp(path: Path) -> tuple[tuple[str, int, int], ...]:
+    """Names, times and sizes of the Python files of a plug-in."""
+    files = sorted(path.rglob("*.py")) if path.is_dir() and path != Path() else [path] * path.is_file()
+    found = []
+    for file in files:
+        try:
+            status = file.stat()
+        except OSError:
+            continue
+        found.append((str(file), status.st_mtime_ns, status.st_size))
+    return tuple(found)
+
+
+# Time limit for calls of plug-in code.
+
+Answer = TypeVar("Answer")
+
+
+class TimeLimitExceeded(Exception):
+    """A call exceeded its time limit.
+
+    Attributes:
+        seconds: time until the call returned or was interrupted [s].
+    """
+
+    def __init__(self, seconds: float):
+        super().__init__(f"took {seconds:.3g} s")
+        self.seconds = seconds
+
+
+class _Alarm(KeyboardInterrupt):
+    """An interruption, not an Exception, so that the interrupted code does not catch it as its own."""
+
+
+def call_within(limit: float | None, function: Callable[..., Answer], *arguments: Any) -> Answer:
+    """Call a function with a time limit [s], and return its result.
+
+    In the main thread of a system with interval timers, a call that never returns is interrupted; otherwise the time is
+    checked after the call.
+
+    Raises:
+        TimeLimitExceeded: the call took longer.
+    """
+    if limit is None:
+        return function(*arguments)
+    started = time.perf_counter()
+    if hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread():
+        result = _call_with_alarm(limit, function, *arguments)
+    else:
+        result = function(*arguments)
+    seconds = time.perf_counter() - started
+    if seconds > limit:
+        raise TimeLimitExceeded(seconds)
+    return result
+
+
+def _call_with_alarm(limit: float, function: Callable[..., Answer], *arguments: Any) -> Answer:
+    started = time.perf_counter()
+    before = signal.signal(signal.SIGALRM, _raise)
+    try:
+        try:
+            signal.setitimer(signal.ITIMER_REAL, limit)
+            return function(*arguments)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+    except _Alarm:  # may arrive while the timer is being cancelled
+        raise TimeLimitExceeded(time.perf_counter() - started) from None
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+def _raise(_number: int, _frame: Any) -> None:
+    raise _Alarm
+
+
+# The loop around the step: keys, controller, step, outputs. The only place that calls plug-ins during a run.
 
 COMPLETED = "completed"
 STOPPED = "stopped"
 INTERRUPTED = "interrupted"
 
-Answer = TypeVar("Answer")
 
 # Longest time between two checks for signals and, in a paused run, for keys [s].
 LONGEST_WAIT = 0.05

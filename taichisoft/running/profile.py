@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.runtime.launch import timed_launches
-from taichisoft.time_stepper import TimeStepper
+from taichisoft.step.time_stepper import TimeStepper
 
 REST = "rest"
 TOTAL = "step"

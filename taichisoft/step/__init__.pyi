@@ -1,1 +1,2 @@
-from .report import StepReport as StepReport
+from .linearisation import asking as asking
+from .solution import StepReport as StepReport

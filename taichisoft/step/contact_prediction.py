@@ -21,15 +21,14 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from taichisoft.bodies.kernels.rigid_integration import RigidState
-from taichisoft.contact.contact_table import NO_CONTACTS, ContactTable
-from taichisoft.contact.detection import ContactDetection
-from taichisoft.contact.kernels import approach as kernels
-from taichisoft.contact.kernels.approach import FAR, FAST, TOO_CLOSE, BodyPairs
+from taichisoft.contact.detection import NO_CONTACTS, ContactDetection, ContactTable
+from taichisoft.contact.kernels import box_trees as kernels
+from taichisoft.contact.kernels.box_trees import FAR, FAST, TOO_CLOSE, BodyPairs
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.model import Model
-from taichisoft.state import State
+from taichisoft.contact.model import Model
+from taichisoft.contact.surfaces import MovingSurfaces
+from taichisoft.mechanics.kernels.rigid_integration import RigidState
+from taichisoft.mechanics.state import State
 
 # Contacts, and the fraction of the step at which each was measured, shape (capacity,).
 Part = tuple[Contacts, np.ndarray]

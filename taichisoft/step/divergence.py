@@ -1,18 +1,236 @@
-"""Checks for a diverged simulation after each step."""
+"""Checks after each step: divergence, loads out of balance, stretch beyond the range of a law."""
 
 from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.actuators.kinds import ACTUATOR_KINDS
-from taichisoft.bodies.elasticity import Elasticity
-from taichisoft.bodies.kernels.domain_deformation import Domains
-from taichisoft.bodies.kernels.principal_stretches import HOOKE, MODULI, PURE_NUMBERS
-from taichisoft.bodies.strain import Stretches, valid_stretch
-from taichisoft.errors import SimulationDiverged
-from taichisoft.model import Model
-from taichisoft.state import State
-from taichisoft.step.kernels import leaps as kernels
+from taichisoft.contact.model import Model
+from taichisoft.errors import BeyondLaw, SimulationDiverged
+from taichisoft.mechanics.domain_elasticity import domain_data, undamped_data
+from taichisoft.mechanics.domains import IntegrationDomains
+from taichisoft.mechanics.elastic_laws import ElasticLaws
+from taichisoft.mechanics.elasticity import Elasticity
+from taichisoft.mechanics.kernels.domain_deformation import (
+    DILATION,
+    HOOKE,
+    MODULI,
+    PURE_NUMBERS,
+    SHAPE,
+    Domains,
+    Movement,
+)
+from taichisoft.mechanics.kernels.mode_motion import DomainsOfNodes, sample_forces
+from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
+from taichisoft.mechanics.state import State
+from taichisoft.mechanics.strain import Stretches, spread, valid_stretch
+from taichisoft.step.kernels import loads as kernels
+from taichisoft.step.solution import StepReport, StepSolution
+
+if TYPE_CHECKING:
+    from taichisoft.mechanics.soft_body_arrays import SoftBody
+
+# How far the full equations of motion of reduced bodies are from being solved, at a sample of their nodes.
+#
+# Modes and chosen integration domains solve Phi^T r = 0 for the residual r of the full equations. What else r has are
+# forces that the modes cannot give way to, or that the chosen domains do not know of. Divided by the stiffness of its
+# node alone r is a length, which grows with the error of the motion; how much error goes with it, the validation of a
+# reduced model measures (residuals as indicators of error: Drohmann and Carlberg 2015).
+
+SAMPLE = 64
+"""Nodes of each body that are always looked at, beside those that something presses."""
+
+
+class Imbalance:
+    """The full equations of the reduced bodies of a model; all of their integration domains are kept for it."""
+
+    def __init__(self, model: "Model"):
+        """Lay out the domains of the reduced bodies of a model, which has some."""
+        self._model, time = model, model.scene.time
+        self._at_end = time.most_linearisations > 1
+        first_element = np.cumsum([0, *(len(body.elements) for body in model.soft_bodies)])
+        both = zip(model.soft_bodies, first_element, strict=False)
+        reduced = [(body, first) for body, first in both if body.modes is not None]
+        self._bodies = [body for body, _ in reduced]
+        domains = IntegrationDomains.joined([_numbered(body, first) for body, first in reduced])
+        has_damping = time.dynamics == "inertial"
+        damping = [has_damping * body.settings.rayleigh_stiffness for body in model.soft_bodies]
+        lag = np.repeat(time.step + np.array(damping), np.diff(first_element))
+        laws = ElasticLaws.joined([body.laws for body in model.soft_bodies])
+        self._data = domain_data(domains, laws, lag, np.ones(len(lag)), time.step)
+        self._undamped = undamped_data(self._data)
+        self._modulus, self._element = self._data.modulus.copy(), domains.element
+        counts = np.bincount(domains.node, minlength=model.node_count)
+        domain_of_entry = np.repeat(np.arange(len(domains.element)), np.diff(domains.start))
+        self._around = DomainsOfNodes(
+            start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+            entry=np.argsort(domains.node, kind="stable").astype(np.int32),
+            domain=domain_of_entry.astype(np.int32),
+        )
+        first, second = laws.lame[domains.element].T
+        trace = 4.0 * second * domains.volume[:, SHAPE] + first * domains.volume[:, DILATION]
+        square = (domains.gradient**2).sum(axis=1)
+        self._stiffness = np.bincount(domains.node, trace[domain_of_entry] * square / 3.0, model.node_count)
+        self._sample = [spread_nodes(body) for body in self._bodies]
+        assert model.elasticity is not None
+        self._mass = model.elasticity.node_mass[:, None]
+        self._drag = model.elasticity.node_rayleigh_mass[:, None]
+        self._constant = np.vstack([body.node_force for body in model.soft_bodies])
+
+    def find(
+        self, start: "State", end_position: np.ndarray, solution: StepSolution, gradient: np.ndarray
+    ) -> dict[str, float]:
+        """By body, the largest way [mm] by which one of the nodes would give if all others were held.
+
+        Args:
+            start: state at the start of the step.
+            end_position: positions of the nodes at its end [mm], shape (node_count, 3).
+            solution: the solution of the step.
+            gradient: of the actuators' coordinates where the step took them, shape (entry_count, 3).
+        """
+        stiffening = (start.young_modulus / self._model.young_modulus)[self._model.element_material]
+        np.multiply(self._modulus, stiffening[self._element, None], out=self._data.modulus)
+        movement = Movement(start.position, solution.node_velocity)
+        at_rest = Movement(end_position, np.zeros_like(end_position))
+        loads, found = self._loads(start, solution, gradient), {}
+        for body, sample in zip(self._bodies, self._sample, strict=True):
+            pressed = solution.contact_node_impulse[body.nodes].any(axis=1) & ~body.anchored
+            own = np.union1d(sample, np.flatnonzero(pressed))
+            node = (own + body.nodes.start).astype(np.int32)
+            elastic = self._elastic(node, self._data, movement)
+            if self._at_end:  # damped as the first linearisation is
+                elastic += self._elastic(node, self._undamped, at_rest) - self._elastic(node, self._undamped, movement)
+            lacking = np.linalg.norm(elastic + loads[node], axis=1)
+            found[body.name] = float((lacking / self._stiffness[node]).max())
+        return found
+
+    def _loads(self, start: "State", solution: StepSolution, gradient: np.ndarray) -> np.ndarray:
+        """All other forces on the nodes, less the change of their momentum [mN], shape (node_count, 3)."""
+        coordinates, time = self._model.actuators.coordinates, self._model.scene.time
+        effort = np.repeat(solution.effort, np.diff(coordinates.entry_start))
+        parts = [np.bincount(coordinates.entry_node, effort * one, self._model.node_count) for one in gradient.T]
+        rate = velocity = solution.node_velocity
+        if time.dynamics == "inertial":
+            rate = (velocity - start.velocity) / time.step + self._drag * velocity
+        elif time.dynamics == "static":
+            rate = np.zeros_like(velocity)
+        loads: np.ndarray = self._constant + np.column_stack(parts) + solution.contact_node_impulse / time.step
+        return loads + self._mass * (start.gravity - rate)
+
+    def _elastic(self, node: np.ndarray, data: Domains, movement: Movement) -> np.ndarray:
+        force = np.empty((len(node), 3))
+        sample_forces(node, self._around, data, movement, force)
+        return force
+
+
+def _numbered(body: "SoftBody", first_element: int) -> IntegrationDomains:
+    """All domains of a body, with nodes and elements numbered as in the whole model."""
+    own = body.mesh_domains
+    node, element = own.node + body.nodes.start, own.element + first_element
+    return IntegrationDomains(own.start, node, own.gradient, own.volume, element)
+
+
+def spread_nodes(body: "SoftBody") -> np.ndarray:
+    """Some nodes that are not held, each as far as possible from those before it, in rising order."""
+    free = np.flatnonzero(~body.anchored)
+    place, chosen = body.mesh.nodes[free], [0]
+    distance = np.full(len(free), np.inf)
+    while len(chosen) < min(SAMPLE, len(free)):
+        distance = np.minimum(distance, np.linalg.norm(place - place[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return np.sort(free[chosen])
+
+
+# Checks for stretches beyond the range of a body's law, in steps, in equilibria, and at the end of a run.
+
+EVERY = 20
+"""Steps between two checks: a check takes about as long as a step without contact."""
+FAR_BEYOND = 2.0
+"""A run is beyond a law if 1 % of a body's elements are stretched by more than this multiple of the law's range. At a
+stretch of 2.4 rubber has 0.53 of the force of Hooke's law; shipped scenes reach 1.57 under Hooke's law, and 1.40 under
+a fitted law with range 3."""
+FARTHEST_BEYOND = 4.0
+"""The multiple for a single element: at a sharp corner it may be stretched more than twice as far as all others."""
+
+
+class StrainWatch:
+    """Measures the stretches of all soft bodies when it is asked, and keeps the largest."""
+
+    def __init__(self, model: Model):
+        """Prepare; without soft bodies there is nothing to do."""
+        self._bodies = model.soft_bodies
+        self._ranges = [valid_stretch(body.settings) for body in self._bodies]
+        self._waiting = True
+        self.restart()
+
+    @cached_property
+    def _stretches(self) -> list[Stretches]:
+        return [Stretches(body.rest_position, body.elements) for body in self._bodies]
+
+    def restart(self, is_new_run: bool = False) -> None:
+        """Forget the largest stretches when a run restarts; in a new run say again what is beyond a law."""
+        self._found = [(1.0, 1.0) for _ in self._bodies]
+        self._waiting = self._waiting or is_new_run
+
+    def over_law(self, state: State) -> dict[str, float]:
+        """By soft body: largest stretch of an element, over that up to which its law holds [-]; 0 of a law without."""
+        return {
+            body.name: float(stretches.largest(state.position[body.nodes]).max()) / limit
+            for body, stretches, (limit, _) in zip(self._bodies, self._stretches, self._ranges, strict=True)
+        }
+
+    def complaint(self, state: State) -> str | None:
+        """Line for the first state with a body beyond the range of its law, else None."""
+        lines = [self._measure_stretches(number, state) for number in range(len(self._bodies))]
+        line = next((line for line in lines if line is not None), None)
+        if line is None or not self._waiting:
+            return None
+        self._waiting = False
+        return line
+
+    def judge(self, state: State, report: StepReport | None) -> None:
+        """Check the last state of a run, and refuse the run if a body was stretched far beyond its law.
+
+        Raises:
+            BeyondLaw: 1 % of a body's elements were stretched by more than `FAR_BEYOND` times the range of its law, one
+                by more than `FARTHEST_BEYOND` times, or elements are inverted at the end.
+        """
+        for number, body in enumerate(self._bodies):
+            self._measure_stretches(number, state)
+            (largest, most), (limit, law) = self._found[number], self._ranges[number]
+            if largest > FARTHEST_BEYOND * limit or most > FAR_BEYOND * limit:
+                raise BeyondLaw(
+                    f"beyond the law: '{body.name}' was stretched {largest:.2f}-fold, 1 % of its elements at least "
+                    f"{most:.2f}-fold, where {law} holds up to {limit:g}: the result is not physical; "
+                    "try a lower pressure or thicker walls"
+                )
+        if report is not None and report.inverted_elements:
+            raise BeyondLaw(
+                f"beyond the law: {report.inverted_elements} elements are inverted at the end: the result is not "
+                "physical; try a smaller time.step, time.newton = 20, a lower pressure, or a finer mesh"
+            )
+
+    def _measure_stretches(self, number: int, state: State) -> str | None:
+        """Update the largest stretches of a body; returns a warning if one is beyond the range of its law."""
+        body, stretches = self._bodies[number], self._stretches[number]
+        position = state.position[body.nodes]
+        found = stretches.largest(position)
+        largest, most = spread(found)
+        before = self._found[number]
+        self._found[number] = max(largest, before[0]), max(most, before[1])
+        limit, law = self._ranges[number]
+        if largest <= limit:
+            return None
+        x, y, z = position[stretches.tetrahedra[int(np.argmax(found))]].mean(axis=0)
+        return (
+            f"'{body.name}' is stretched {largest:.2f}-fold at ({x:.1f}, {y:.1f}, {z:.1f}) mm at "
+            f"{state.time:.2f} s, and {law} holds up to {limit:g}: beyond it, forces are not realistic; "
+            "metrics.json of a run has the largest stretch"
+        )
+
+
+# Checks for a diverged simulation after each step.
 
 # Single inverted elements under Hooke's law may recover; a body with more than this fraction of them will not.
 INVERTED_SHARE = 0.25

@@ -6,12 +6,12 @@ change of its momentum. Elements and pressures do not appear in this balance: th
 
 import numpy as np
 
-from taichisoft.actuators.cables import CABLES
-from taichisoft.actuators.lines import Line
-from taichisoft.actuators.model_actuators import ActuatorGeometry
-from taichisoft.model import Model
-from taichisoft.state import State
-from taichisoft.step.kernels import momentum_change as kernels
+from taichisoft.contact.model import Model
+from taichisoft.mechanics.actuator_kind import Line
+from taichisoft.mechanics.cables import CABLES
+from taichisoft.mechanics.model_actuators import ActuatorGeometry
+from taichisoft.mechanics.state import State
+from taichisoft.step.kernels import loads as kernels
 from taichisoft.step.rigid_motion import CarriedBodies
 from taichisoft.step.solution import StepSolution
 

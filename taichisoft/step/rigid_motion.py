@@ -4,15 +4,11 @@ import math
 
 import numpy as np
 
-from taichisoft.bodies.kernels import rigid_integration as kernels
-from taichisoft.bodies.rotations import (
-    matrices_from_quaternions,
-    quaternion_from_matrix,
-    vector_from_rotation,
-)
-from taichisoft.model import Model
-from taichisoft.scenes.rigid_body import RigidSpringsSettings
-from taichisoft.state import State
+from taichisoft.base.rotations import matrices_from_quaternions, quaternion_from_matrix, vector_from_rotation
+from taichisoft.contact.model import Model
+from taichisoft.mechanics.kernels import rigid_integration as kernels
+from taichisoft.mechanics.state import State
+from taichisoft.scene.rigid_body import RigidSpringsSettings
 from taichisoft.step.solution import moving_velocity
 
 MOVE_TIME = 0.01

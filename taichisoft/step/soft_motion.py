@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from taichisoft.actuators.model_actuators import ActuatorGeometry
-from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
-from taichisoft.cholesky.kernels.sparse_columns import SparseColumns
+from taichisoft.contact.model import Model
 from taichisoft.errors import ControlError, NotPositiveDefinite, SimulationDiverged
-from taichisoft.model import Model
-from taichisoft.state import State
+from taichisoft.mechanics.elasticity import Elasticity, ElasticSystem
+from taichisoft.mechanics.kernels.sparse_columns import SparseColumns
+from taichisoft.mechanics.model_actuators import ActuatorGeometry
+from taichisoft.mechanics.state import State
 from taichisoft.step.kernels import loads as kernels
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.meshes.volume_mesh import tetrahedron_volumes
+from taichisoft import Simulation
+from taichisoft.mesh import tetrahedron_volumes
 from taichisoft_benchmarks.case_scenes import CELL, FOOT_DEPTH, MAT_CELLS, Meshes, make_mat, scene_of
 from taichisoft_benchmarks.cases import cases_from_dict
 from taichisoft_benchmarks.errors import BenchmarkError
@@ -77,7 +77,7 @@ def test_fingers_stand_on_a_circle_and_bend_inwards(tmp_path):
     force = pressure_forces(simulation.model, simulation.state.position, pressure)
     assert len(made.soft_bodies) == 5
     before = np.linalg.norm(simulation.state.position[:, 1:], axis=1)
-    from taichisoft.control.control import Control
+    from taichisoft import Control
 
     for _ in range(10):
         simulation.step(Control(pressure=pressure))

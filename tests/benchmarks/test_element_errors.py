@@ -18,7 +18,7 @@ from taichisoft_benchmarks.studies.element_errors import (
 
 def test_meshes_have_the_volumes_of_their_bodies() -> None:
     """A box exactly; a sphere and a tube of flat sides a little less, by the square of an angle over an edge."""
-    from taichisoft.meshes.volume_mesh import tetrahedron_volumes
+    from taichisoft.mesh import tetrahedron_volumes
 
     def volume(mesh) -> float:
         return tetrahedron_volumes(mesh.nodes, mesh.elements).sum()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 
-from taichisoft.cholesky.solver import Cholesky
-from taichisoft.cholesky.symbolic import SymbolicFactor
+from taichisoft.mechanics.cholesky import Cholesky, SymbolicFactor
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.measures.factorisation_times import arithmetic, system_matrix
 from taichisoft_benchmarks.peers.factorisations import prepare_cholmod, prepare_superlu

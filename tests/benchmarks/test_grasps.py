@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from taichisoft.building.simulation import make_model
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import make_model
+from taichisoft.scene import scene_from_dict
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.studies import grasp_measure, grasps, settling
 from taichisoft_benchmarks.studies.grasp_measure import MeasuredGrasp

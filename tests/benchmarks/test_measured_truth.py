@@ -11,7 +11,7 @@ from blocks import make_block
 from conftest import SHARED
 
 from taichisoft import load_scene
-from taichisoft.meshes import write_volume_mesh
+from taichisoft.mesh import write_volume_mesh
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.studies.element_errors import BEAM_BODY
 from taichisoft_benchmarks.studies.measured_cases import case_lines
@@ -23,9 +23,9 @@ from taichisoft_benchmarks.studies.measured_truth import (
     pulled_stretch,
     tension_section,
 )
-from taichisoft_studies.calibration_file import Calibration, Experiment, read_measurement
-from taichisoft_studies.commands.new_measured_case import measured_case
+from taichisoft_studies.calibration import Calibration, Experiment, read_measurement
 from taichisoft_studies.errors import StudyError
+from taichisoft_studies.new_measured_case import measured_case
 from taichisoft_studies.study_file import check_study, read_tables
 
 SCENE = """

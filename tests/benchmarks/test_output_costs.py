@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.scenes.scene import Scene, SceneControllerSettings
+from taichisoft import Scene, Simulation
+from taichisoft.scene.scene import SceneControllerSettings
 from taichisoft_benchmarks.cases import RecordingCase, cases_from_dict, read_cases
 from taichisoft_benchmarks.measures import output_costs as outputs
 

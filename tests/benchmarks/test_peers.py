@@ -5,9 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, load_scene, make_model
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.measures.peer_steps import pressure_forces
 from taichisoft_benchmarks.peers.drake_deformable import DrakePeer

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft.plugin_system.plugins import plugin_registry
+from taichisoft.running import plugin_registry
 from taichisoft_benchmarks.case_scenes import Meshes, scene_of
 from taichisoft_benchmarks.cases import PluginsCase, cases_from_dict, read_cases
 from taichisoft_benchmarks.measures.steps import measure_plugins

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_arm.arm_script import CarriedBase
+from taichisoft.scene import data_folder
+from taichisoft_arm.arm_controller import CarriedBase
 from taichisoft_arm.mounted_arm import ArmPlacement, MountedArm
 
 SIX_AXIS = data_folder() / "arms" / "six-axis.urdf"

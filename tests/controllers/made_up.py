@@ -8,15 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.actuators.finite_limits import UNLIMITED, limits
-from taichisoft.actuators.names import ActuatorNames
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
+from taichisoft import Control, Controller, Observation, Scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes.actuators import CableSettings
-from taichisoft.scenes.scene import Scene
-from taichisoft_controllers.scripted.scripted_controller import scripted_controller
+from taichisoft.mechanics import UNLIMITED, ActuatorNames
+from taichisoft.mechanics.actuator_kind import limits
+from taichisoft.scene.actuators import CableSettings
+from taichisoft_controllers.scripted_controller import scripted_controller
 
 CAVITIES = ("left.base", "left.tip", "right.base")
 TIME_STEP = 0.01

@@ -4,12 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.keys import KeyEvent
+from taichisoft import KeyEvent, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
-from taichisoft_controllers.scripted.scripted_controller import scripted_controller
+from taichisoft_controllers.keyboard_controller import KeyboardController
+from taichisoft_controllers.scripted_controller import scripted_controller
 from taichisoft_gym.actuation import Actuation
 
 LINE = "{supply = 60.0, conductance = 0.02}"

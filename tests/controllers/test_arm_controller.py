@@ -7,16 +7,12 @@ import pytest
 from arms import STANDING, tool_of
 from scipy.spatial.transform import Rotation
 
-from taichisoft import KeyEvent
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene, scene_from_dict
-from taichisoft.building.simulation import Simulation
+from taichisoft import KeyEvent, Simulation, load_scene, make_controller, run, scene_from_dict
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running.loop import run
-from taichisoft.scenes.file import scene_to_toml
+from taichisoft.scene import scene_to_toml
 from taichisoft_arm.arm_controller import ArmController
-from taichisoft_arm.inverse_kinematics import solve
+from taichisoft_arm.kinematics import solve
 
 SCRIPT = """
 [[steps]]

@@ -6,13 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft.scenes import key_descriptions
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_arm.arm_controller import ArmSettings
-from taichisoft_arm.arm_keys import AXES_KEY, MOVES, TURNS
-from taichisoft_arm.arm_script import ArmScript, Move
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardSettings
-from taichisoft_controllers.scripted.scripted_controller import LargestValues
+from taichisoft.scene import data_folder, key_descriptions
+from taichisoft_arm.arm_controller import AXES_KEY, MOVES, TURNS, ArmScript, ArmSettings, Move
+from taichisoft_controllers.keyboard_controller import KeyboardSettings
+from taichisoft_controllers.scripted_controller import LargestValues
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "arm.md").read_text(encoding="utf-8")
 SCENE, STEPS = (tomllib.loads(block) for block in re.findall(r"^```toml\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from arms import STANDING
 
-from taichisoft import Scene
-from taichisoft.building.scene_files import load_scene
+from taichisoft import Scene, load_scene
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 

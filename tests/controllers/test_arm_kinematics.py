@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft_arm.inverse_kinematics import solve, solve_near
-from taichisoft_arm.kinematic_chain import KinematicChain, inverse_pose, pose_of, turn_between
+from taichisoft_arm.kinematics import KinematicChain, inverse_pose, pose_of, solve, solve_near, turn_between
 from taichisoft_arm.urdf_file import read_arm
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6)

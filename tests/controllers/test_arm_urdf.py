@@ -9,9 +9,8 @@ import trimesh
 from arms import STANDING, own_arm
 from lxml import etree
 
-from taichisoft.bodies.rotations import rotation_from_degrees
-from taichisoft.building.scene_files import scene_from_dict
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation, scene_from_dict
+from taichisoft.base.rotations import rotation_from_degrees
 from taichisoft.errors import SceneError
 from taichisoft_arm.arm_links import arm_bodies
 from taichisoft_arm.mounted_arm import ArmPlacement, MountedArm

@@ -5,18 +5,11 @@ from typing import Any
 
 import pytest
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.keys import KeyEvent
-from taichisoft.control.observation import Observation
+from taichisoft import Control, KeyEvent, Observation, Simulation, load_scene, make_controller, run
 from taichisoft.errors import ControllerFailed, SceneError
-from taichisoft.running.loop import run
-from taichisoft_controllers.closed_loop.closed_loop_controller import ClosedLoopController
-from taichisoft_controllers.closed_loop.grasp_sequence import Phase
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
-from taichisoft_controllers.scripted.scripted_controller import scripted_controller
+from taichisoft_controllers.closed_loop import ClosedLoopController, Phase
+from taichisoft_controllers.keyboard_controller import KeyboardController
+from taichisoft_controllers.scripted_controller import scripted_controller
 
 TENDONS = ("finger1.tendon", "finger2.tendon", "finger3.tendon")
 GRAVITY = 9810.0

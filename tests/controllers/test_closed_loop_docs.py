@@ -3,10 +3,9 @@
 import re
 from pathlib import Path
 
-from taichisoft.scenes import key_descriptions
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_controllers.closed_loop.grasp_sequence import Phase
-from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+from taichisoft.scene import data_folder, key_descriptions
+from taichisoft_controllers.closed_loop import Phase
+from taichisoft_controllers.grasp_sensing import GraspSettings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 GUIDE = (DOCS / "controllers.md").read_text(encoding="utf-8").partition("\n## Closed-loop\n")[2]

@@ -5,16 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.observation import Observation
+from taichisoft import Observation, Simulation, State, load_scene, run
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running.loop import run
-from taichisoft.scenes.scene import ExternalForce
-from taichisoft.state import State
-from taichisoft_controllers.closed_loop.closed_loop_controller import ClosedLoopController
-from taichisoft_controllers.closed_loop.grasp_sequence import Phase
+from taichisoft.scene.scene import ExternalForce
+from taichisoft_controllers.closed_loop import ClosedLoopController, Phase
 
 QUICK = {"lift": 10.0, "lift_time": 0.8, "hold": 0.4}
 GRAVITY = 9810.0

@@ -8,9 +8,8 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft_controllers.closed_loop.grasp_sensing import SensedGrasp
-from taichisoft_controllers.closed_loop.grasp_sequence import LiftProfile
-from taichisoft_controllers.closed_loop.grip_force import GripSetPoint
+from taichisoft_controllers.closed_loop import GripSetPoint, LiftProfile
+from taichisoft_controllers.grasp_sensing import SensedGrasp
 
 
 def heights(profile: LiftProfile, period: float, count: int) -> np.ndarray:

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft_controllers.closed_loop.grasp_actuation import by_pressure
-from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
-from taichisoft_controllers.closed_loop.grip_force import ForceRegulator
+from taichisoft_controllers.closed_loop import ForceRegulator, by_pressure
+from taichisoft_controllers.grasp_sensing import GraspSettings
 
 GAIN = 40.0  # of the plants: force over pressure [mN/kPa], about that of the fingers
 NEVER = 1e9  # [kPa/s] or [kPa]: a limit that is not met

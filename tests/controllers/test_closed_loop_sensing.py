@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_up import made_up_model
 
-from taichisoft.control.observation import Observation
-from taichisoft_controllers.closed_loop.grasp_sensing import GraspSensing, SensedGrasp
-from taichisoft_controllers.drives import PRESSURE, PULL
+from taichisoft import Observation
+from taichisoft_controllers.grasp_sensing import GraspSensing, SensedGrasp
+from taichisoft_controllers.settings import PRESSURE, PULL
 
 FINGERS = ("left", "right", "third")
 

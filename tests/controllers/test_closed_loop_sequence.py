@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from toy_grasp import FRICTION, STIFFNESS, STRONGEST, ToyGrasp, failure, run_toy
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.closed_loop.grasp_sequence import Phase
-from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop import Phase
+from taichisoft_controllers.grasp_sensing import GraspSettings
 
 TUNING = GraspSettings()
 AT_FIRST = FRICTION * TUNING.set_point

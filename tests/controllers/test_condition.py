@@ -11,9 +11,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from taichisoft.base.expressions import DEEPEST_NESTING, LONGEST_TEXT
 from taichisoft.errors import SceneError
-from taichisoft.expressions import DEEPEST_NESTING, LONGEST_TEXT
-from taichisoft_controllers.scripted.condition import Quantity, read_condition
+from taichisoft_controllers.step_in_progress import Quantity, read_condition
 
 NAMES = ["force", "lift", "time"]
 VALUES = {Quantity("force"): 60.0, Quantity("lift"): -2.5, Quantity("force", "a|b"): 7.0, Quantity("time"): 0.0}

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from made_up import made_up_model
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.observation import Observation
+from taichisoft import Observation, Simulation, load_scene
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pairs_called
-from taichisoft_controllers.scripted.condition import Quantity
-from taichisoft_controllers.scripted.quantities import QUANTITIES, bind_quantity
+from taichisoft_controllers.step_in_progress import QUANTITIES, Quantity, bind_quantity
 
 OBSERVATION = Observation(
     time=1.5,

@@ -14,9 +14,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import taichisoft
-import taichisoft_gym.randomisation
-from taichisoft.bodies.modes import Modes
+import taichisoft_gym.episode_start
 from taichisoft.errors import SceneError, StateError
+from taichisoft.mechanics import Modes
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_gym import EPISODES, Channel, ChannelGroup, SoftRobotEnvironment, Travel
 from taichisoft_gym.baselines import score
@@ -112,7 +112,7 @@ def test_no_drawn_place_lies_within_a_finger() -> None:
     drawn_again = 0
     for seed in range(12):
         _, told = env.reset(seed=seed)
-        first = taichisoft_gym.randomisation.Randomisation(place=12.0).draw(np.random.default_rng(seed))
+        first = taichisoft_gym.episode_start.Randomisation(place=12.0).draw(np.random.default_rng(seed))
         drawn_again += first != told["randomised"]
         simulation = env.get_wrapper_attr("simulation")
         assert simulation.state.rigid_position[0][0] == pytest.approx(told["randomised"]["place right"], abs=0.05)
@@ -203,7 +203,7 @@ def test_an_episode_begins_at_the_state_that_is_given() -> None:
 def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> None:
     env = make("Reach")
     env.reset(seed=0)
-    from taichisoft_gym.reach import LARGEST
+    from taichisoft_gym.tasks import LARGEST
 
     places = env.unwrapped.tip_places()
     target = places[round(share * (len(places) - 1))]

@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.controller import Controller
+from taichisoft import Controller, Simulation, load_scene, make_controller
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes import key_descriptions
+from taichisoft.scene import key_descriptions
 from taichisoft_controllers.inverse_controller import InverseSettings
 
 ALONE = ("rigid_bodies={}", "limits={}", "gravity=[0.0, 0.0, 0.0]", "soft_bodies.left.rayleigh_stiffness=0.005")

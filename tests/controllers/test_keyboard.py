@@ -10,13 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up import made_up_model
 
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Slider
-from taichisoft.control.keys import KeyEvent
-from taichisoft.control.observation import Observation
+from taichisoft import Control, KeyEvent, Observation, Slider
 from taichisoft.errors import SceneError
-from taichisoft.scenes import key_descriptions
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController, KeyboardSettings
+from taichisoft.scene import key_descriptions
+from taichisoft_controllers.keyboard_controller import KeyboardController, KeyboardSettings
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")
 KEYS = ["+", "=", "-", "up", "down", "left", "right", "a", "q", "0", "1", "2", "3", "4", "x", "enter"]

@@ -55,7 +55,7 @@ def test_the_cube_is_lifted_by_keys_and_ctrl_and_c_ends_the_run(tmp_path: Path) 
 
 
 FAILING_PLUGIN = """
-from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.running.hookspecs import hookimpl
 
 @hookimpl
 def taichisoft_step_done(report):

@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 from made_up import CAVITIES, controller_of, made_up_model, observation, refusal
 
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
+from taichisoft import Control, Controller
 
 LEFT, RIGHT = CABLES = ("left.tendon", "right.tendon")
 STEPS = """

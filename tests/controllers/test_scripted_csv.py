@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from made_up import controller_of, follow, pressures, refusal, write
 
 from taichisoft.errors import SceneError
-from taichisoft_controllers.scripted.script_csv import read_keyframes
-from taichisoft_controllers.scripted.scripted_controller import scripted_controller
+from taichisoft_controllers.script_file import read_keyframes
+from taichisoft_controllers.scripted_controller import scripted_controller
 
 CSV = """\
 # two fingers close, one after the other

@@ -9,14 +9,12 @@ import pytest
 from made_up import controller_of, follow, made_up_model, write
 from pydantic import BaseModel
 
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
+from taichisoft import Controller, Observation
 from taichisoft.errors import ControllerFailed
-from taichisoft.scenes import key_descriptions
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_controllers.scripted.quantities import QUANTITIES
-from taichisoft_controllers.scripted.script_file import Keyframe, Step
-from taichisoft_controllers.scripted.scripted_controller import ScriptSettings, scripted_controller
+from taichisoft.scene import data_folder, key_descriptions
+from taichisoft_controllers.script_file import Keyframe, Step
+from taichisoft_controllers.scripted_controller import ScriptSettings, scripted_controller
+from taichisoft_controllers.step_in_progress import QUANTITIES
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "controllers.md"
 SECTION = re.split(r"^## ", DOCUMENT.read_text(encoding="utf-8").partition("\n## Scripted\n")[2], flags=re.MULTILINE)[0]

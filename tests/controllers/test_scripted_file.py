@@ -6,7 +6,7 @@ import pytest
 from made_up import controller_of, follow, pressures, refusal, write
 
 from taichisoft.errors import SceneError
-from taichisoft_controllers.scripted.scripted_controller import scripted_controller
+from taichisoft_controllers.scripted_controller import scripted_controller
 
 
 def keyframe(pressure: str) -> str:

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from made_up import CAVITIES, made_up_model, refusal, write
 
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
+from taichisoft import Control, Controller, Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.scripted.scripted_controller import scripted_controller
+from taichisoft_controllers.scripted_controller import scripted_controller
 
 SCRIPT = """
 interpolation = "{interpolation}"

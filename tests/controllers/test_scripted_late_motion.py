@@ -7,13 +7,9 @@ from pathlib import Path
 import pytest
 from made_up import controller_of, made_up_model, observation
 
-from taichisoft import run
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
+from taichisoft import Output, Simulation, load_scene, make_controller, run
 from taichisoft.errors import GoalMissed
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.session.output import Output
 from taichisoft_outputs.metrics import MetricsOutput
 
 KEYFRAMES = """

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up import controller_of, follow, made_up_model, observation, pressures
 
-from taichisoft.control.observation import Observation
+from taichisoft import Observation
 from taichisoft.errors import ControllerFailed, SceneError
-from taichisoft_controllers.scripted.script_targets import Ramp
+from taichisoft_controllers.script_targets import Ramp
 
 UNTIL = """
 [[steps]]

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.control.keys import KeyEvent
-from taichisoft_controllers.keyboard.key_parser import KeyParser
+from taichisoft import KeyEvent
+from taichisoft_controllers.terminal_keys import KeyParser
 
 SENT = [
     # characters

@@ -16,7 +16,7 @@ import pytest
 from terminal import Terminal, line, python, terminal
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.keyboard import key_source, terminal_keys, terminal_mode
+from taichisoft_controllers import terminal_keys
 
 PROGRAM = python(Path(__file__).with_name("keys_shown.py"))
 
@@ -100,7 +100,7 @@ def test_the_watching_child_leaves_alone_what_another_program_has_set(taken_over
     termios.tcsetattr(slave, termios.TCSANOW, present)
     try:
         subprocess.run(
-            [sys.executable, terminal_mode.__file__, str(slave), repr(own), repr(changed)],
+            [sys.executable, terminal_keys.__file__, str(slave), repr(own), repr(changed)],
             stdin=subprocess.DEVNULL,  # ends at once
             pass_fds=(slave,),
             check=True,
@@ -195,9 +195,9 @@ def session(interactive: bool = True, replaying: bool = False, outputs: Any = ()
 
 def test_an_interactive_run_has_the_terminal_from_its_beginning_to_its_end(sources: list[str]) -> None:
     run = session()
-    key_source.begin_keys(run)
+    terminal_keys.begin_keys(run)
     assert sources == ["begun on 7"]
-    key_source.end_keys(run)
+    terminal_keys.end_keys(run)
     assert sources == ["begun on 7", "ended"]
 
 
@@ -207,16 +207,16 @@ def test_where_terminals_are_not_those_of_posix_one_line_says_what_to_do(
     """As on Windows, where Python has no module termios. A run whose keys come from a page does not need it."""
     monkeypatch.setitem(sys.modules, "termios", None)
     with pytest.raises(ControllerFailed, match="keys from the terminal need Linux or macOS; steer by the web page"):
-        key_source.begin_keys(session())
-    key_source.begin_keys(session(outputs=[SimpleNamespace(gives_keys=True)]))
-    key_source.begin_keys(session(interactive=False))
+        terminal_keys.begin_keys(session())
+    terminal_keys.begin_keys(session(outputs=[SimpleNamespace(gives_keys=True)]))
+    terminal_keys.begin_keys(session(interactive=False))
     assert sources == []
 
 
 @pytest.mark.parametrize("run", [session(interactive=False), session(replaying=True)])
 def test_no_other_run_touches_it(sources: list[str], run: Any) -> None:
-    key_source.begin_keys(run)
-    key_source.end_keys(run)
+    terminal_keys.begin_keys(run)
+    terminal_keys.end_keys(run)
     assert sources == []
 
 
@@ -224,7 +224,7 @@ def test_no_other_run_touches_it(sources: list[str], run: Any) -> None:
 def test_where_there_is_no_terminal_it_says_so(sources: list[str], monkeypatch: pytest.MonkeyPatch, stdin: Any) -> None:
     monkeypatch.setattr(sys, "stdin", stdin)
     with pytest.warns(UserWarning, match="standard input is not a terminal"):
-        key_source.begin_keys(session())
+        terminal_keys.begin_keys(session())
     assert sources == []
 
 
@@ -232,5 +232,5 @@ def test_it_says_nothing_where_keys_come_from_an_output(sources: list[str], monk
     monkeypatch.setattr(sys, "stdin", None)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        key_source.begin_keys(session(outputs=(SimpleNamespace(gives_keys=False), SimpleNamespace(gives_keys=True))))
+        terminal_keys.begin_keys(session(outputs=(SimpleNamespace(gives_keys=False), SimpleNamespace(gives_keys=True))))
     assert sources == []

@@ -3,10 +3,8 @@
 from dataclasses import dataclass, field
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.closed_loop.grasp_actuation import by_pressure
-from taichisoft_controllers.closed_loop.grasp_sensing import SensedGrasp
-from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
-from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop import GraspSequence, Phase, by_pressure
+from taichisoft_controllers.grasp_sensing import GraspSettings, SensedGrasp
 
 FRICTION = 0.6
 GRAVITY = 9810.0  # [mm/s^2]

@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from taichisoft.base import Link
 from taichisoft.errors import MeshError, SimulationDiverged, TaichisoftError
-from taichisoft.worker import Link
 
 
 class Particular(MeshError):

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 from taichisoft.contact.surfaces import SOFT_GAP_TOLERANCE
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.step.active_set import ActiveSet
+from taichisoft.scene import scene_from_dict
+from taichisoft.step.constraint_solver import ActiveSet
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
 
-from taichisoft.atomic_file import atomic_file
+from taichisoft.base import atomic_file
 
 
 def test_threads_that_write_one_file_at_a_time_leave_a_whole_one(tmp_path: Path) -> None:

@@ -8,14 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
+from taichisoft import Control, Controller, Output, Simulation, run
 from taichisoft.errors import BeyondLaw, GoalMissed
-from taichisoft.running.loop import run
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.session.output import Output
-from taichisoft.step.strain_watch import StrainWatch
+from taichisoft.scene import scene_from_dict
+from taichisoft.step.divergence import StrainWatch
 
 
 class Inflate(Controller):
@@ -96,8 +92,8 @@ def test_a_law_without_a_known_range_is_judged_by_elements_inside_out(hollow: st
 
 def test_a_stopped_run_is_judged_too(hollow: str) -> None:
     made = simulation(hollow, law="neo-hookean", element="smoothed")
-    from taichisoft.running.loop import run_session
-    from taichisoft.session.session import Session
+    from taichisoft import Session
+    from taichisoft.running import run_session
 
     session = Session(made, Inflate(60.0), duration=10.0)
     with pytest.warns(UserWarning, match="elements are inverted"), pytest.raises(BeyondLaw):

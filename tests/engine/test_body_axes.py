@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.body_axes import RigidAxes, SoftAxes, axes_of_bodies, best_rotation
-from taichisoft.scenes.scene import Scene
+from taichisoft import Scene
+from taichisoft.mechanics import axes_of_bodies
+from taichisoft.mechanics.body_geometry import RigidAxes, SoftAxes, best_rotation
 
 ANGLES = st.tuples(*3 * [st.floats(-3.0, 3.0)])
 POINTS = np.random.default_rng(1).normal(size=(20, 3)) * [30.0, 10.0, 5.0]

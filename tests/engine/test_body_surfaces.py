@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from taichisoft.bodies.body_geometry import body_surfaces, planes_of
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.building.simulation import Simulation
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.control.control import Control
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.scene import Scene
+from taichisoft import Control, Scene, Simulation
+from taichisoft.base import matrices_from_quaternions
+from taichisoft.contact import MovingSurfaces
+from taichisoft.mechanics import body_surfaces, planes_of
+from taichisoft.scene import scene_from_dict
 
 BODIES = {name: {"box": [1.0, 1.0, 1.0], "mass": 1.0} for name in ("ball", "cube")}
 

@@ -11,16 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import make_model
-from taichisoft.contact import bounding_volumes, detection
-from taichisoft.contact.bounding_volumes import LEAF_TRIANGLES, most_leaves
-from taichisoft.contact.detection import ContactDetection
+from taichisoft import Model, make_model, write_volume_mesh
+from taichisoft.contact import ContactDetection, MovingSurfaces, detection, surfaces
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.model import Model
+from taichisoft.contact.surfaces import LEAF_TRIANGLES, most_leaves
 from taichisoft.runtime.language import STATIC
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 ALL = 10**6  # triangles in a leaf: one box around each body
 FAR = 200.0  # [mm] apart at the start
@@ -60,7 +56,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Model]:
     models = {}
     with pytest.MonkeyPatch.context() as patch:
         for leaf_triangles in (LEAF_TRIANGLES, 1, ALL):
-            patch.setattr(bounding_volumes, "LEAF_TRIANGLES", leaf_triangles)
+            patch.setattr(surfaces, "LEAF_TRIANGLES", leaf_triangles)
             models[leaf_triangles] = make_model(scene)
     return models
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.cholesky.branches import MOST_BRANCHES, share_out_branches
+from taichisoft.mechanics.elimination_order import MOST_BRANCHES, share_out_branches
 
 
 @st.composite

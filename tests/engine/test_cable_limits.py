@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Control, Simulation
+from taichisoft.scene import scene_from_dict
 
 STEP = 0.01
 CABLE = "block.tendon"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cable_block import LINK, TENDON, run_cables
 
-from taichisoft.actuators.lines import segment_efforts
+from taichisoft.mechanics import segment_efforts
 
 
 def test_points_have_the_length_that_the_engine_found(tmp_path: Path) -> None:

@@ -12,15 +12,13 @@ from conftest import PATIENCE, examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.cholesky import fronts
-from taichisoft.cholesky.branches import share_out_branches
-from taichisoft.cholesky.kernels.back_substitution import back
-from taichisoft.cholesky.kernels.forward_substitution import forward
-from taichisoft.cholesky.kernels.sparse_columns import GROUP, NOWHERE, SparseColumns
-from taichisoft.cholesky.solver import Cholesky
-from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import MeshError, NotPositiveDefinite
-from taichisoft.runtime.waiting import BEGUN, FINISHED
+from taichisoft.mechanics import cholesky
+from taichisoft.mechanics.cholesky import Cholesky, SymbolicFactor
+from taichisoft.mechanics.elimination_order import share_out_branches
+from taichisoft.mechanics.kernels.sparse_columns import GROUP, NOWHERE, SparseColumns
+from taichisoft.mechanics.kernels.substitution import back, forward
+from taichisoft.runtime.arithmetic import BEGUN, FINISHED
 
 
 def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:
@@ -220,7 +218,7 @@ def test_the_bits_do_not_depend_on_threads() -> None:
 def test_a_mesh_too_large_to_be_indexed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     pattern = random_pattern(1, [20], 4.0)
     SymbolicFactor(pattern)
-    monkeypatch.setattr(fronts, "LARGEST_INDEX", 500)
+    monkeypatch.setattr(cholesky, "LARGEST_INDEX", 500)
     with pytest.raises(MeshError, match=r"the soft bodies' 20 nodes need .* mesh the bodies more coarsely"):
         SymbolicFactor(pattern)
 

@@ -7,8 +7,8 @@ import pytest
 from blocks import make_block
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import closed_outward, count_open_edges, enclosed_volume
-from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft.mesh import boundary_triangles, count_open_edges, enclosed_volume
+from taichisoft.mesh.surface import closed_outward
 
 MESH = make_block((2, 2, 2), (4.0, 3.0, 2.0))
 SKIN = boundary_triangles(MESH.elements)

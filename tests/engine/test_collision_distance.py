@@ -11,14 +11,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.contact.contact_table import ContactTable
-from taichisoft.contact.detection import ContactDetection
+from taichisoft import Model, Simulation, make_model
+from taichisoft.contact import ContactDetection, MovingSurfaces
+from taichisoft.contact.detection import ContactReduction, ContactTable
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.contact.reduction import ContactReduction
-from taichisoft.model import Model
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 REACH = 5.0
 

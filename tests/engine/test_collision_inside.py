@@ -8,13 +8,10 @@ import pytest
 import trimesh
 from blocks import make_block
 
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.contact.detection import ContactDetection
+from taichisoft import Model, Simulation, make_model, write_volume_mesh
+from taichisoft.contact import ContactDetection, MovingSurfaces
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.model import Model
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 FAR = 500.0
 

@@ -9,12 +9,9 @@ import pytest
 import trimesh
 from blocks import make_block
 
-from taichisoft.building.simulation import Simulation, make_model
+from taichisoft import Model, Simulation, VolumeMesh, make_model, write_volume_mesh
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.model import Model
-from taichisoft.scenes.file import scene_from_dict, scene_from_toml, scene_to_toml
+from taichisoft.scene import scene_from_dict, scene_from_toml, scene_to_toml
 
 EDGE, GAP = 10.0, 2.0
 WEIGHT = 1e-6 * EDGE**3 * 9810.0

@@ -8,12 +8,10 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.building.simulation import make_model
-from taichisoft.contact.contact_table import ContactTable
+from taichisoft import State, make_model
+from taichisoft.contact.detection import LAST_STEP_CAPACITY, ContactReduction, ContactTable
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.reduction import FIRST_CAPACITY, ContactReduction
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.state import State
+from taichisoft.scene import scene_from_dict
 
 BODIES = 4
 SIZE = np.array([100.0, 100.0, 5.0, np.inf])  # [mm]: contacts of body 2 may be as close as 1 mm
@@ -75,7 +73,7 @@ def apart(first: Contacts, second: Contacts) -> np.ndarray:
 
 
 @examples(100)
-@given(seed=st.integers(0, 10**6), count=st.integers(0, 40), last_count=st.integers(0, 2 * FIRST_CAPACITY))
+@given(seed=st.integers(0, 10**6), count=st.integers(0, 40), last_count=st.integers(0, 2 * LAST_STEP_CAPACITY))
 def test_what_pushed_goes_on_in_the_nearest_contact_that_is_still_free(
     start: State, seed: int, count: int, last_count: int
 ) -> None:

@@ -10,11 +10,11 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.solver.actuator_requests import IMPOSED
-from taichisoft.solver.contact_solver import ContactSolver
-from taichisoft.solver.kernels import constraint_problem as kernels
+from taichisoft import Simulation
+from taichisoft.contact import ContactSolver
+from taichisoft.contact.constraint_rows import IMPOSED
+from taichisoft.contact.kernels import constraint_problem as kernels
+from taichisoft.scene import scene_from_dict
 
 
 @dataclass

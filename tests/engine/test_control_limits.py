@@ -9,11 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.rotations import turn_towards
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation
+from taichisoft.base.rotations import turn_towards
 from taichisoft.errors import ControlError, SceneError
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 STEP = 0.01
 

@@ -10,18 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.controller import Slider
-from taichisoft.control.keys import KeyEvent
+from taichisoft import KeyEvent, Output, Session, Simulation, Slider, load_plugin, load_scene, make_controller
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running.command import _controller_with
-from taichisoft.running.loop import run_session
-from taichisoft.session.output import Output
-from taichisoft.session.session import Session
+from taichisoft.running import run_session
+from taichisoft.running.run_command import _controller_with
 
 CODE = """
 from taichisoft import Control, Controller, Slider, hookimpl
@@ -83,7 +76,7 @@ def write(tmp_path: Path, taichisoft_plugins: Any) -> Iterator[Callable[..., Pat
 
 
 def session(path: Path, monkeypatch: pytest.MonkeyPatch, saved: Any = None, steps: int = 8) -> Session:
-    monkeypatch.setattr("taichisoft.running.controller_changes.SECONDS_BETWEEN_LOOKS", 0.0)
+    monkeypatch.setattr("taichisoft.running.loop.SECONDS_BETWEEN_LOOKS", 0.0)
     load_plugin(path)
     scene = load_scene(TINY_GRIPPER, [], "ramp")
     made = make_controller(scene)

@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import pytest
 from pydantic import BaseModel, Field
 
-from taichisoft.building.controller_settings import checked_arguments
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
+from taichisoft import Controller, hookimpl, load_scene, make_controller
 from taichisoft.command_line import main
-from taichisoft.control.controller import Controller
 from taichisoft.errors import PluginError, SceneError
-from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.running import plugins
+from taichisoft.running.scene_files import checked_arguments
 
 if TYPE_CHECKING:
     from fractions import Fraction

@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 from blocks import make_block
 
-from taichisoft.bodies.shape_functions import quadratic_tetrahedra
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation, VolumeMesh, read_volume_mesh, write_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, element_volumes
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.mechanics.element_kinds import quadratic_tetrahedra
+from taichisoft.mesh import boundary_triangles, element_volumes, enclosed_volume, with_middle_nodes
+from taichisoft.scene import scene_from_dict
 from taichisoft_meshing.gmsh_session import gmsh_session
 
 RADIUS, LENGTH = 5.0, 12.0

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from actuator_geometry import measured
 
-from taichisoft.building.simulation import make_model
-from taichisoft.meshes.curved_walls import curved_walls, enclosed_volume_of_walls
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import VolumeMesh, make_model, write_volume_mesh
+from taichisoft.mesh import enclosed_volume, with_middle_nodes
+from taichisoft.mesh.surface import curved_walls, enclosed_volume_of_walls
+from taichisoft.scene import scene_from_dict
 from taichisoft_benchmarks.regular_meshes import hollow_sphere, rounded, tube
 
 INNER, OUTER, LENGTH = 10.0, 20.0, 20.0

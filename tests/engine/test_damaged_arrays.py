@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import taichisoft
-from taichisoft.bodies.modes import Modes, read_modes
+from taichisoft import State
 from taichisoft.errors import TaichisoftError
-from taichisoft.state import State
+from taichisoft.mechanics import Modes
+from taichisoft.mechanics.modes import read_modes
 from taichisoft_reduction.run_request import RunResult
 
 TRIES = 400

@@ -7,10 +7,14 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.cholesky import dissection
-from taichisoft.cholesky.dissection import minimum_degree, nested_dissection
-from taichisoft.cholesky.ordering import find_supernodes, predicted_work
-from taichisoft.cholesky.supernodes import group_columns
+from taichisoft.mechanics import elimination_order
+from taichisoft.mechanics.elimination_order import (
+    find_supernodes,
+    group_columns,
+    minimum_degree,
+    nested_dissection,
+    predicted_work,
+)
 
 
 def box(*shape: int) -> sparse.csr_matrix:
@@ -27,12 +31,12 @@ def test_any_graph_is_ordered(seed: int, size: int, neighbours: float) -> None:
     """Scattered nodes, chains, and graphs so dense that no separator leaves two sides; and always alike."""
     joined = np.random.default_rng(seed).random((size, size)) < neighbours / size
     graph = sparse.csr_matrix(joined | joined.T | np.eye(size, dtype=bool), dtype=float)
-    leaf, dissection.LEAF = dissection.LEAF, 10
+    leaf, elimination_order.LEAF = elimination_order.LEAF, 10
     try:
         order = nested_dissection(graph)
         np.testing.assert_array_equal(nested_dissection(graph), order)
     finally:
-        dissection.LEAF = leaf
+        elimination_order.LEAF = leaf
     assert sorted(order) == list(range(size))
 
 

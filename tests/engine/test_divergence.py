@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Scene, Simulation
 from taichisoft.errors import SimulationDiverged
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.scene import Scene
+from taichisoft.scene import scene_from_dict
 
 
 @pytest.fixture

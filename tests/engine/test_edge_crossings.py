@@ -6,7 +6,8 @@ from conftest import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from taichisoft.meshes.edge_crossings import LEAVES_AT_A_TIME, common_points, pairs_of_meeting_boxes
+from taichisoft.mesh import common_points, pairs_of_meeting_boxes
+from taichisoft.mesh.surface import LEAVES_AT_A_TIME
 
 
 @given(st.tuples(*[st.floats(-0.4, 1.2)] * 2), st.floats(-0.5, 1.5), st.integers(0, 1000))

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from blocks import block_hexahedra, make_block
 
-from taichisoft.bodies.element_kinds import ELEMENT_KINDS
-from taichisoft.meshes.hexahedra import SIX_TETRAHEDRA
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
-from taichisoft.scenes.soft_body import SoftBodySettings
+from taichisoft import VolumeMesh
+from taichisoft.mechanics import ELEMENT_KINDS
+from taichisoft.mesh import SIX_TETRAHEDRA, element_volumes, with_middle_nodes
+from taichisoft.scene.soft_body import SoftBodySettings
 
 
 def test_scenes_name_all_kinds() -> None:

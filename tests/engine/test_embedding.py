@@ -12,10 +12,10 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.bodies.embedding import Embedding, embed
-from taichisoft.building.simulation import make_model
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import VolumeMesh, make_model
+from taichisoft.mechanics import embed
+from taichisoft.mechanics.selection import Embedding
+from taichisoft.scene import scene_from_dict
 
 MESH = make_block((3, 2, 2), (30.0, 20.0, 20.0))
 

@@ -8,16 +8,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from taichisoft.expressions import (
-    CANNOT_BE_COMPUTED,
-    CONSTANTS,
-    DEEPEST_NESTING,
-    FUNCTIONS,
-    LONGEST_TEXT,
-    ExpressionError,
-    evaluate,
-    read_expression,
-)
+from taichisoft.base import CANNOT_BE_COMPUTED, ExpressionError, evaluate, read_expression
+from taichisoft.base.expressions import CONSTANTS, DEEPEST_NESTING, FUNCTIONS, LONGEST_TEXT
 
 NAMES: dict[str, Any] = {"a": 3.0, "b": -0.5, "zero": 0.0, "table": {"x y": [1.0, 2.5]}}
 

@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 from conftest import PATIENCE
 
-from taichisoft.running.folder_lock import FILE_NAME, FolderTaken, locked_folder
+from taichisoft.running import locked_folder
+from taichisoft.running.run_command import FILE_NAME, FolderTaken
 
 HOLDS = """
 import sys, time
 from pathlib import Path
-from taichisoft.running.folder_lock import locked_folder
+from taichisoft.running.run_command import locked_folder
 with locked_folder(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(1000)

@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 
 @pytest.mark.parametrize(

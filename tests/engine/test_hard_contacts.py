@@ -6,9 +6,7 @@ from conftest import examples
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from taichisoft.solver.contact_solver import ContactSolver
-from taichisoft.solver.kernels.actuator_bounds import BOUND_COLUMNS
-from taichisoft.solver.kernels.constraint_problem import Problem
+from taichisoft.contact import BOUND_COLUMNS, ContactSolver, Problem
 
 
 def solve(

@@ -5,14 +5,9 @@ from typing import Any
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
+from taichisoft import Control, Controller, Output, Simulation, load_scene, run
+from taichisoft.contact import contact_solver
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running.loop import run
-from taichisoft.session.output import Output
-from taichisoft.solver import contact_solver, proximal_newton
 
 HOPELESS = ("contact.tolerance=1e-15",)
 """A tolerance below the rounding: every step with a contact takes all Newton steps."""
@@ -40,7 +35,7 @@ def test_newton_steps_are_interrupted_and_the_step_is_not_made(monkeypatch: pyte
     """The signal comes in the tenth launch of a step; no other follows, and what goes on has the same bits."""
     simulation = Simulation(load_scene(TINY_GRIPPER, HOPELESS))
     launches: list[int] = []
-    step_and_sweep = proximal_newton.kernels.step_and_sweep
+    step_and_sweep = contact_solver.kernels.step_and_sweep
 
     def launched(*arguments: Any) -> None:
         step_and_sweep(*arguments)
@@ -52,7 +47,7 @@ def test_newton_steps_are_interrupted_and_the_step_is_not_made(monkeypatch: pyte
         monkeypatch.setattr(contact_solver.ContactSolver, beside, lambda *_: None)
     steps = Steps()
     with monkeypatch.context() as patch:
-        patch.setattr(proximal_newton.kernels, "step_and_sweep", launched)
+        patch.setattr(contact_solver.kernels, "step_and_sweep", launched)
         assert run(simulation, Inflate(), [steps], duration=1.0) == "interrupted"
     last = simulation.state.step
     assert launches[-1] == last and launches.count(last) == 10

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from taichisoft.interruption import deferred_signals, stop_if_asked
+from taichisoft.base import deferred_signals
+from taichisoft.base.processes import stop_if_asked
 
 
 def in_another_thread(work: Callable[[], None]) -> list[BaseException]:

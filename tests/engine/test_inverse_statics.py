@@ -6,13 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, equilibrium, inverse, load_scene
 from taichisoft.errors import ControlError, EquilibriumNotFound, TaichisoftError
-from taichisoft.inverse_statics import inverse
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.statics import equilibrium
 
 WALL = (
     "rigid_bodies={}",

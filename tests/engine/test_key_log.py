@@ -6,8 +6,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichisoft.control.keys import KeyEvent, KeyStream
-from taichisoft.session.key_log import KeyLog, KeyLogError, KeyReplay
+from taichisoft import KeyEvent
+from taichisoft.control.control import KeyStream
+from taichisoft.running.session import KeyLog, KeyLogError, KeyReplay
 
 # Some library that Taichi loads lets this process round subnormal numbers to 0.
 values = st.none() | st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from taichisoft.runtime import launch
-from taichisoft.runtime.language import Scalars, Vectors, func, ti, vec3
-from taichisoft.runtime.launch import compilations_shown, forget, kernel, timed_launches
+from taichisoft.runtime import kernel, launch, ti
+from taichisoft.runtime.language import Scalars, Vectors, func, vec3
+from taichisoft.runtime.launch import compilations_shown, forget, timed_launches
 
 
 class Particles(NamedTuple):

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
+from taichisoft import Scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.scene import Scene
+from taichisoft.scene import scene_from_dict
 
 
 def scene(**body: Any) -> Scene:

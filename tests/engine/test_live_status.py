@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.keys import KeyEvent
-from taichisoft.running import live_status as module
-from taichisoft.running.live_status import LiveStatus, live_status
-from taichisoft.scenes.scene import Scene
-from taichisoft.session.pace import Pace
-from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
+from taichisoft import Control, KeyEvent, Scene, Session, Simulation
+from taichisoft.running import run_command as module
+from taichisoft.running.run_command import LiveStatus, live_status
+from taichisoft.running.session import Pace
+from taichisoft_controllers.keyboard_controller import KeyboardController
 
 
 def session(**changes: Any) -> Any:

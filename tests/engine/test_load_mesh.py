@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import load_mesh
+from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError, PluginError, SceneError
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.soft_body import BodyMesh
+from taichisoft.running.simulation import load_mesh
+from taichisoft.scene.soft_body import BodyMesh
 
 Install = Callable[..., None]
 TETRAHEDRON = VolumeMesh("made", np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))

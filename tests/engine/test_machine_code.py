@@ -13,9 +13,9 @@ from conftest import PATIENCE
 
 import taichisoft
 from taichisoft.errors import TaichisoftError
-from taichisoft.runtime import machine_code
-from taichisoft.runtime.language import Scalars, func, ti
-from taichisoft.runtime.launch import Kernel, kernel
+from taichisoft.runtime import kernel, machine_code, ti
+from taichisoft.runtime.language import Scalars, func
+from taichisoft.runtime.launch import Kernel
 
 pytestmark = pytest.mark.skipif(not machine_code.is_supported(), reason="no machine code is kept on this system")
 

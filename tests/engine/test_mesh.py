@@ -6,9 +6,9 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
+from taichisoft.mesh import boundary_triangles, enclosed_volume, tetrahedron_volumes
 
 # A unit cube cut into six tetrahedra around its diagonal from node 0 to node 7.
 CUBE_NODES = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)

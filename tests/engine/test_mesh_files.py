@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichisoft import VolumeMesh, read_volume_mesh, write_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.mesh import tetrahedron_volumes
 
 TUTORIAL = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
 

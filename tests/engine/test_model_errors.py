@@ -9,13 +9,10 @@ import pytest
 import trimesh
 from blocks import make_block
 
-from taichisoft.building.simulation import make_model
+from taichisoft import Model, VolumeMesh, make_model, write_volume_mesh
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.model import Model
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.mesh import enclosed_volume
+from taichisoft.scene import scene_from_dict
 
 
 @pytest.fixture

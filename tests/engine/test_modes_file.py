@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.bodies.modes import Modes
-from taichisoft.bodies.training_range import TrainingRange
-from taichisoft.building.reduced_scene import with_reduced_bodies
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.control.control import Control
+from taichisoft import Control, Model, Scene, Simulation, make_model
 from taichisoft.errors import ControlError, SceneError
-from taichisoft.model import Model
+from taichisoft.mechanics import Modes
+from taichisoft.running import TrainingRange, with_reduced_bodies
 from taichisoft.running.training_watch import TrainingWatch
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.scene import Scene
+from taichisoft.scene import scene_from_dict
 
 
 @pytest.fixture
@@ -107,7 +103,7 @@ def test_files_that_are_none(body: dict[str, Any], tmp_path: Path) -> None:
 
 
 def test_moved_anchors_are_refused(body: dict[str, Any], tmp_path: Path) -> None:
-    from taichisoft.building.simulation import Simulation
+    from taichisoft import Simulation
 
     modes_of(make_model(scene_of(body))).write(tmp_path / "block.npz")
     reduced = {**body, "reduced": str(tmp_path / "block.npz")}
@@ -135,7 +131,7 @@ def test_a_folder_of_modes_serves_copies(body: dict[str, Any], tmp_path: Path) -
 
 def test_beyond_the_training(body: dict[str, Any], tmp_path: Path) -> None:
     """Half as far again as in the training, wherever the base is."""
-    from taichisoft.bodies.rotations import rotation_from_vector
+    from taichisoft.base.rotations import rotation_from_vector
 
     full = make_model(scene_of(body))
     trained = modes_of(

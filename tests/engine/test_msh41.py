@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from taichisoft import VolumeMesh, read_volume_mesh, write_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_unchecked_mesh, read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.mesh import read_unchecked_mesh, tetrahedron_volumes
 from taichisoft_meshing.gmsh_session import gmsh_session
 
 NODES = np.vstack([np.zeros(3), np.eye(3), np.ones(3)])

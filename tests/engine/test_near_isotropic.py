@@ -7,15 +7,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.elasticity import ElasticSystem
-from taichisoft.bodies.kernels.domain_deformation import Domains, Movement, deformation_and_rate
-from taichisoft.bodies.kernels.principal_stretches import LAW_NUMBERS, MODULI, PURE_NUMBERS
-from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.runtime.language import Matrices, ti
-from taichisoft.runtime.launch import kernel
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Simulation, load_scene
+from taichisoft.mechanics import ElasticSystem
+from taichisoft.mechanics.kernels.domain_deformation import (
+    LAW_NUMBERS,
+    MODULI,
+    PURE_NUMBERS,
+    Domains,
+    Movement,
+    deformation_and_rate,
+)
+from taichisoft.mechanics.kernels.rubber_domains import respond_by_stretches
+from taichisoft.runtime import Matrices, kernel, ti
+from taichisoft.scene import scene_from_dict
 
 HALF_ULP = 2.0**-53
 MU = 100.0

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system import hooks, plugins
-from taichisoft.plugin_system.new_plugin import FILES, TEMPLATES, check_name, write_project
-from taichisoft.plugin_system.registry import Registry
+from taichisoft.running import hooks, plugins
+from taichisoft.running.plugin_commands import FILES, TEMPLATES, check_name, write_project
+from taichisoft.running.plugins import Registry
 
 
 def test_a_new_project_is_a_plugin_without_being_installed(tmp_path: Path, taichisoft_plugins: Registry) -> None:

@@ -8,10 +8,10 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.contact.kernels.local_distance import CONE_TOLERANCE, edge_pseudonormal, in_normal_cone, normal_cone
-from taichisoft.contact.kernels.surface_vertices import Surfaces
-from taichisoft.runtime.language import Integers, Scalars, Vectors, ti
-from taichisoft.runtime.launch import kernel
+from taichisoft.contact.kernels.contacts import Surfaces
+from taichisoft.contact.kernels.vertex_contacts import CONE_TOLERANCE, edge_pseudonormal, in_normal_cone, normal_cone
+from taichisoft.runtime import kernel, ti
+from taichisoft.runtime.language import Integers, Scalars, Vectors
 
 TURNS = np.linspace(0.0, 2.0 * np.pi, 2000)  # [rad]
 

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.observation import Observation
+from taichisoft import Control, Observation, Simulation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 
 def beam(block: Callable[..., str], **changes: object) -> dict:

@@ -6,7 +6,7 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.cholesky.ordering import find_supernodes
+from taichisoft.mechanics.elimination_order import find_supernodes
 
 
 def true_fill(pattern: np.ndarray, order: np.ndarray) -> np.ndarray:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from taichisoft.building.simulation import make_model
+from taichisoft import Model, make_model
 from taichisoft.errors import SceneError
-from taichisoft.model import Model
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 
 def box(size: list[float], position: list[float], rotation: tuple[float, float, float] = (0, 0, 0)) -> dict[str, Any]:

@@ -6,13 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
+from taichisoft import Control, Controller, Observation, Simulation, run
 from taichisoft.errors import SceneError
-from taichisoft.running.loop import run
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 FLOOR = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
 

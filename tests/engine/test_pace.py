@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from taichisoft.session.pace import LONGEST_DELAY, Pace
+from taichisoft.running.session import LONGEST_DELAY, Pace
 
 
 class Clock:

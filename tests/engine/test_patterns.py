@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes.file import scene_from_dict, scene_from_toml, scene_to_toml
+from taichisoft.scene import scene_from_dict, scene_from_toml, scene_to_toml
 
 FINGER = {"mesh": "tutorial-coarse", "mass": 0.04, "young_modulus": 500.0, "poisson_ratio": 0.3}
 CIRCLE = {"count": 3, "axis": "-x", "centre": [0.0, 70.0, 0.0]}

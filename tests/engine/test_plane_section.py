@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes import (
+from taichisoft.mesh import (
     SectionPlane,
     boundary_triangles,
     closed_cap,

@@ -7,13 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, VolumeMesh, equilibrium, make_model, read_volume_mesh, write_volume_mesh
 from taichisoft.errors import SceneError
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.statics import equilibrium
+from taichisoft.scene import scene_from_dict
 
 BODY = {"density": 1e-6, "young_modulus": 300.0, "poisson_ratio": 0.3}
 CAVITY, PAPER = {"group": "cavity"}, {"group": "cavity", "thickness": 0.1}

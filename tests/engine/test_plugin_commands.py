@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 import typer
 
-import taichisoft.time_stepper  # noqa: F401 - Taichi may say something when it starts: not in the middle of a test
+import taichisoft.step.time_stepper  # noqa: F401 - Taichi may say something when it starts: not in the middle of a test
+from taichisoft import group_with_default
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system.commands import command_names, group_with_default, with_plugin_commands
 from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.running import plugins
+from taichisoft.running.plugin_commands import command_names, with_plugin_commands
 
 Install = Callable[..., None]
 Command = Callable[..., tuple[int, str, str]]

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 import taichisoft
+from taichisoft import hookimpl
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system import hooks, plugins
-from taichisoft.plugin_system.failure import plugin_traceback
-from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.running import hooks, plugins
+from taichisoft.running.plugins import plugin_traceback
 
 Install = Callable[..., None]
 PUSH = """
-from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.running.hookspecs import hookimpl
 __version__ = "2.1"
 
 @hookimpl

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
+from taichisoft import hookimpl
 from taichisoft.errors import ControllerFailed, PluginError
-from taichisoft.plugin_system import hooks, plugins
-from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
-from taichisoft.plugin_system.plugins_command import provided_names
-from taichisoft.plugin_system.registry import Registry
+from taichisoft.running import hooks, plugins
+from taichisoft.running.hookspecs import PROJECT
+from taichisoft.running.plugin_commands import provided_names
+from taichisoft.running.plugins import Registry
 
 Install = Callable[..., None]
 

@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.kernels.polar_rotation import polar_rotation
-from taichisoft.runtime.language import Matrices
-from taichisoft.runtime.launch import kernel
+from taichisoft.mechanics.kernels.hooke_domains import polar_rotation
+from taichisoft.runtime import Matrices, kernel
 
 COUNT = 200
 

@@ -14,7 +14,7 @@ import pytest
 from conftest import PATIENCE
 
 import taichisoft
-from taichisoft.child_process import run_python
+from taichisoft.base import run_python
 
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 

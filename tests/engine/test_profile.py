@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.running.profile import REST, TOTAL, profiled
+from taichisoft import Simulation
+from taichisoft.running import TOTAL, profiled
+from taichisoft.running.profile import REST
 from taichisoft.runtime.launch import Kernel
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def test_names_that_load_later_are_shown_at_once() -> None:
 
 
 def test_completion_shows_them_and_none_of_the_inner_ones() -> None:
-    import taichisoft.plugin_system.hooks
+    import taichisoft.running.hooks
 
     completer = rlcompleter.Completer({"taichisoft": taichisoft})
     shown = [completer.complete("taichisoft.", number) or "" for number in range(100)]

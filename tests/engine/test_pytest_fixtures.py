@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-from taichisoft import run
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
-from taichisoft.model import Model
-from taichisoft.plugin_system.plugins import plugin_registry
-from taichisoft.plugin_system.registry import Registry
-from taichisoft.scenes.scene import Scene
+from taichisoft import Control, Controller, Model, Observation, Scene, Simulation, run
+from taichisoft.running import plugin_registry
+from taichisoft.running.plugins import Registry
 
 
 class CloseAndLift(Controller):

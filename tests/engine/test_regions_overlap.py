@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from taichisoft.building.simulation import make_model
-from taichisoft.scenes.elastic_law import lame_parameters
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import make_model
+from taichisoft.scene import lame_parameters, scene_from_dict
 
 
 def test_the_later_region_wins_whole_also_with_what_it_does_not_give(block: Callable[..., str]) -> None:

@@ -12,11 +12,7 @@ import numpy as np
 import pytest
 from conftest import PATIENCE
 
-from taichisoft.branching.rollouts import rollouts
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.observation import Observation
+from taichisoft import Control, Observation, Simulation, load_scene, rollouts
 from taichisoft.errors import ControlError, SimulationDiverged, TaichisoftError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 

@@ -2,8 +2,8 @@
 
 import weakref
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Simulation
+from taichisoft.scene import scene_from_dict
 from taichisoft.step.constraint_solver import FIRST_CAPACITY
 
 COUNT = FIRST_CAPACITY // 4 + 1

@@ -6,12 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.rotation_angles import (
-    degrees_from_rotation,
-    quaternion_from_matrix,
-    rotation_from_degrees,
-    rotation_from_vector,
-)
+from taichisoft.base import quaternion_from_matrix
+from taichisoft.base.rotations import degrees_from_rotation, rotation_from_degrees, rotation_from_vector
 
 ANGLES = st.tuples(*[st.floats(-720.0, 720.0) | st.sampled_from([0.0, 90.0, -90.0, 180.0])] * 3)
 

@@ -9,15 +9,14 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.bodies.body_geometry import body_surfaces
-from taichisoft.bodies.closed_form_shapes import RoundShape
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation, make_model
+from taichisoft import Simulation, load_scene, make_model
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict, scene_to_toml
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft.mechanics import body_surfaces
+from taichisoft.mechanics.rigid_body_arrays import RoundShape
+from taichisoft.scene import scene_from_dict, scene_to_toml
+from taichisoft_outputs import read_recording
+from taichisoft_outputs.recording.recording_commands import ResumeError, recorded_scene, resumed_simulation
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.resume import ResumeError, recorded_scene, resumed_simulation
 
 BALL: dict[str, Any] = {"sphere": {"radius": 10.0}, "mass": 0.01}
 ROD: dict[str, Any] = {"cylinder": {"radius": 2.0, "length": 60.0}, "mass": 0.01}

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from taichisoft.bodies.kernels.principal_stretches import for_kernels
-from taichisoft.rubber_laws import RUBBER_LAWS, SMALLEST_STRETCH
+from taichisoft.mechanics.kernels.domain_deformation import for_kernels
+from taichisoft.runtime import RUBBER_LAWS, kernel
 from taichisoft.runtime.language import Scalars
-from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.rubber_laws import SMALLEST_STRETCH
 
 VARIABLE = np.linspace(0.3, 3.0, 50)
 

@@ -10,14 +10,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from taichisoft import run
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
+from taichisoft import Control, Controller, Output, Simulation, run
 from taichisoft.errors import ControlError, GoalMissed, PluginError, PluginFailed, SimulationDiverged, TaichisoftError
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.session.output import Output
-from taichisoft.session.session import count_steps
+from taichisoft.running.session import count_steps
+from taichisoft.scene import scene_from_dict
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEP = 0.01

@@ -8,15 +8,15 @@ from typing import Any
 import pytest
 
 from taichisoft.command_line import main
-from taichisoft.plugin_system import plugins
 from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.running import plugins
 
 Command = Callable[..., tuple[int, str, str]]
 
 COUNTER = """
 from pathlib import Path
 from taichisoft import Control, Controller, Output, hookimpl
-from taichisoft.plugin_system.hookspecs import RunOption
+from taichisoft.running.hookspecs import RunOption
 
 class Counter(Output):
     def __init__(self, folder, start: int = 0, file: Path = Path("count"), loud: bool = False):
@@ -117,7 +117,7 @@ def test_the_options_are_in_the_help_and_the_list(command: Command) -> None:
 READER = """
 import json
 from taichisoft import hookimpl
-from taichisoft.plugin_system.hookspecs import RunOption
+from taichisoft.running.hookspecs import RunOption
 
 def read(path, edge: float = 10.0):
     return {"rigid_bodies": {"cube": {"box": [edge] * 3, "mass": 0.001}}}

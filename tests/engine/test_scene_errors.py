@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict, scene_to_toml
+from taichisoft.scene import scene_from_dict, scene_to_toml
 
 SOFT: dict[str, Any] = {"mesh": "tutorial-coarse", "mass": 0.04, "young_modulus": 500, "poisson_ratio": 0.3}
 BOX: dict[str, Any] = {"box": [10, 10, 10], "mass": 0.01}

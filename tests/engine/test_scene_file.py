@@ -5,10 +5,9 @@ from typing import Any
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict, scene_to_toml
-from taichisoft.scenes.shipped import data_folder
+from taichisoft.scene import data_folder, scene_from_dict, scene_to_toml
 
 SCENE = """
 [soft_bodies.finger]

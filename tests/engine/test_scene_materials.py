@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
+from taichisoft import Scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict, scene_from_toml, scene_to_toml
-from taichisoft.scenes.scene import Scene
+from taichisoft.scene import scene_from_dict, scene_from_toml, scene_to_toml
 
 RUBBER = """
 name = "My rubber"

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
 from taichisoft.errors import PluginError, SceneError
-from taichisoft.scenes.file import scene_to_toml
+from taichisoft.scene import scene_to_toml
 
 Install = Callable[..., None]
 SCENE: dict[str, Any] = {

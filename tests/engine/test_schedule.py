@@ -5,7 +5,7 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.cholesky.schedule import schedule
+from taichisoft.mechanics.cholesky import schedule
 
 
 def time_taken(order: list[int], work: np.ndarray, prerequisites: list[list[int]], workers: int) -> float:

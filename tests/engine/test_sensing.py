@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 import taichisoft
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.observation import Observation
-from taichisoft.control.sensor_chain import SensorChain
+from taichisoft import Control, Observation, Simulation, State, load_scene
+from taichisoft.control import SensorChain
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes.sensor_settings import SensorSettings
-from taichisoft.state import State
+from taichisoft.scene import SensorSettings
 
 SIZE = 4000
 

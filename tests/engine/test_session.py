@@ -8,21 +8,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.keys import KeyEvent
-from taichisoft.control.observation import Observation
+from taichisoft import (
+    Control,
+    Controller,
+    KeyEvent,
+    Observation,
+    Output,
+    Session,
+    Simulation,
+    State,
+    StepReport,
+    hookimpl,
+    register_plugin,
+    unregister_plugin,
+)
 from taichisoft.errors import ControllerFailed, PluginError, SceneError
-from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.plugin_system.plugins import register_plugin, unregister_plugin
-from taichisoft.running.loop import run_session
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.session.key_log import KeyReplay
-from taichisoft.session.output import Output
-from taichisoft.session.session import Session
-from taichisoft.state import State
-from taichisoft.step.report import StepReport
+from taichisoft.running import run_session
+from taichisoft.running.session import KeyReplay
+from taichisoft.scene import scene_from_dict
 
 STEP = 0.01
 

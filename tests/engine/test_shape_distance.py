@@ -9,12 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import make_model
-from taichisoft.contact.detection import ContactDetection
+from taichisoft import Model, make_model
+from taichisoft.contact import ContactDetection, MovingSurfaces
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.model import Model
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 SHAPES: dict[str, dict[str, Any]] = {
     "sphere": {"sphere": {"radius": 8.0}},

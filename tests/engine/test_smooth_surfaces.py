@@ -8,11 +8,10 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.contact.detection import ContactDetection
-from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft import Simulation, make_model
+from taichisoft.contact import ContactDetection, MovingSurfaces
 from taichisoft.errors import MeshError
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 RADIUS = 20.0
 FLOOR = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}

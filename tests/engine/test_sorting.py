@@ -5,9 +5,9 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.runtime.language import Integers, ScalarTable, ti
-from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.sorting import sort_rows
+from taichisoft.runtime import kernel, ti
+from taichisoft.runtime.arithmetic import sort_rows
+from taichisoft.runtime.language import Integers, ScalarTable
 
 
 @kernel

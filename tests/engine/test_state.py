@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, State
 from taichisoft.errors import StateError
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.state import State
+from taichisoft.scene import scene_from_dict
 
 
 @pytest.fixture

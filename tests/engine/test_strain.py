@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import taichisoft
-from taichisoft.bodies.strain import HOOKE_STRETCH, Stretches
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
+from taichisoft import Control, Controller, Simulation, run
 from taichisoft.errors import SimulationDiverged
-from taichisoft.running.loop import run
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.mechanics import Stretches
+from taichisoft.mechanics.strain import HOOKE_STRETCH
+from taichisoft.scene import scene_from_dict
 
 TETRAHEDRA = np.random.default_rng(3).normal(size=(40, 3)) * 10.0
 ELEMENTS = np.arange(40).reshape(-1, 4)

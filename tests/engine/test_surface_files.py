@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.surface_files import read_surface, write_stl
+from taichisoft.mesh import enclosed_volume, read_surface, write_stl
 
 TUTORIAL = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
 

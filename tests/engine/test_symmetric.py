@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.runtime.language import Matrices, Vectors, ti
-from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.symmetric import positive_part, symmetric_eigen
+from taichisoft.runtime import Matrices, kernel, symmetric_eigen, ti
+from taichisoft.runtime.arithmetic import positive_part
+from taichisoft.runtime.language import Vectors
 
 
 @kernel

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
+from taichisoft.base import printable, say
 from taichisoft.command_line import _print_error
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft.running.messages import print_line, warnings_printed_to
-from taichisoft.terminal_text import printable, say
+from taichisoft.running import print_line, warnings_printed_to
 
 CLEAR = "\x1b[2J\x1b]0;owned\x07"
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from blocks import make_block
 
-from taichisoft.building.plausibility import say_region_volumes, warn_of_thin_walls
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import load_meshes
-from taichisoft.meshes.thin_walls import share_of_thin_walls
-from taichisoft.meshes.volume_mesh import boundary_triangles
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import load_scene
+from taichisoft.mesh import boundary_triangles
+from taichisoft.mesh.volume_mesh import share_of_thin_walls
+from taichisoft.running.plausibility import say_region_volumes, warn_of_thin_walls
+from taichisoft.running.simulation import load_meshes
+from taichisoft.scene import scene_from_dict
 
 
 def said(scene: Any) -> list[str]:
@@ -73,7 +73,7 @@ def test_any_body_of_one_element_is_warned_of(
 def test_the_volume_that_a_regions_box_has_caught_is_said(caplog: pytest.LogCaptureFixture) -> None:
     """By the centres of elements: on the coarse mesh a third more than the box has."""
     scene = load_scene("finger-dragon-skin")
-    with caplog.at_level(logging.INFO, logger="taichisoft.building"):
+    with caplog.at_level(logging.INFO, logger="taichisoft.running"):
         say_region_volumes(scene, load_meshes(scene))
     (line,) = [record.getMessage() for record in caplog.records]
     assert line == ("soft_bodies.finger.regions.0.box: 158 of 1970 elements, 9336 of 51162 mm^3; the box has 7128 mm^3")

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from taichisoft.running.time_limit import TimeLimitExceeded, call_within
+from taichisoft.running.loop import TimeLimitExceeded, call_within
 
 
 def spin_for_ever() -> None:

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from taichisoft import Control, Model, Simulation, State, make_model, scene_from_dict
+from taichisoft import Control, Model, Scene, Simulation, State, make_model, scene_from_dict
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_to_toml
-from taichisoft.scenes.overrides import apply_override
-from taichisoft.scenes.scene import Scene
+from taichisoft.scene import apply_override, scene_to_toml
 
 
 def squeezed(model: Model) -> State:

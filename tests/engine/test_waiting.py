@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from taichisoft.runtime.language import Integers, ti
-from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.waiting import BEGUN, COUNTERS, FINISHED, reaches
+from taichisoft.runtime import kernel, ti
+from taichisoft.runtime.arithmetic import BEGUN, COUNTERS, FINISHED, reaches
+from taichisoft.runtime.language import Integers
 
 
 @kernel

@@ -15,8 +15,8 @@ from conftest import PATIENCE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from taichisoft.base import Worker, WorkerLost, WorkerSlow, call_apart
 from taichisoft.errors import MeshError, TaichisoftError
-from taichisoft.worker import Worker, WorkerLost, WorkerSlow, call_apart
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -138,7 +138,7 @@ def test_a_call_returns_the_value_of_a_function() -> None:
 
 PARENT = """
 import os, sys, time
-from taichisoft.worker import Worker
+from taichisoft.base.processes import Worker
 
 worker = Worker("odd_work:stay")
 print(worker.receive(), flush=True)

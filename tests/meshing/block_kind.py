@@ -13,10 +13,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from blocks import make_block
 
+from taichisoft import Geometry, VolumeMesh, hookimpl
 from taichisoft.errors import MeshError
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system.geometry import Geometry
-from taichisoft.plugin_system.hookspecs import hookimpl
 
 
 class Block(Geometry):

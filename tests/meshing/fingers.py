@@ -8,9 +8,9 @@ import pytest
 from hypothesis import strategies as st
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.finger.pneunet_finger import PneunetFinger
+from taichisoft_meshing.finger_dimensions import FingerParameters
 from taichisoft_meshing.geometry_file import read_tables
+from taichisoft_meshing.pneunet_finger import PneunetFinger
 
 
 def finger_from_dict(tables: Mapping[str, Any], source: str = "finger") -> FingerParameters:

@@ -8,17 +8,13 @@ import pytest
 from fingers import finger_from_dict
 from solid_shapes import write_step
 
+from taichisoft import VolumeMesh, read_volume_mesh, write_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.surface import count_open_edges
-from taichisoft.meshes.ten_nodes import least_volumes
-from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes, tetrahedron_volumes
-from taichisoft_meshing.bodies.file_bodies import StepBody, SurfacesBody
-from taichisoft_meshing.curved_sides import LEAST, CurvedSides, with_curved_sides
-from taichisoft_meshing.finger.pneunet_finger import mesh_finger
-from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.quality.quality_limits import faults
+from taichisoft.mesh import count_open_edges, element_volumes, least_volumes, tetrahedron_volumes, with_middle_nodes
+from taichisoft_meshing.file_bodies import StepBody, SurfacesBody
+from taichisoft_meshing.gmsh_session import LEAST, CurvedSides, with_curved_sides
+from taichisoft_meshing.mesh_quality import faults, measure
+from taichisoft_meshing.pneunet_finger import mesh_finger
 from taichisoft_meshing.tendon_finger import TendonFinger
 
 RADIUS, BORE, LENGTH = 10.0, 6.0, 15.0

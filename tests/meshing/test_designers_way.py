@@ -13,13 +13,12 @@ from solid_shapes import write_step
 from test_step_solids import HEIGHT, LAYER, LENGTH, WIDTH, finger
 
 from taichisoft.command_line import main
-from taichisoft.plugin_system import plugins
+from taichisoft.running import plugins
 from taichisoft_studies.make_run import make_run
-from taichisoft_studies.optimisation_file import Optimisation
-from taichisoft_studies.optimiser import best_trials, open_study
-from taichisoft_studies.run_job import RunJob
+from taichisoft_studies.optimise import run_trials
+from taichisoft_studies.optimiser import Optimisation, best_trials, open_study
+from taichisoft_studies.run_folder import RunJob
 from taichisoft_studies.study_file import check_study
-from taichisoft_studies.trials import optimise
 
 FINGER = """
 gravity = [0.0, 0.0, 0.0]
@@ -116,7 +115,7 @@ def test_from_a_step_file_to_a_gripper_a_datasheet_and_a_mould(
     study = check_study(Optimisation, SEARCH, "study")
     trials = open_study(study, tmp_path / "search")
     trials.set_user_attr("folder", str(tmp_path / "search"))
-    optimise(study, tmp_path / "search", trials, OneAfterTheOther(), lambda trial, record: None)  # type: ignore[arg-type]
+    run_trials(study, tmp_path / "search", trials, OneAfterTheOther(), lambda trial, record: None)  # type: ignore[arg-type]
     (best,) = best_trials(trials, 1)
     assert best.params[STIFFNESS] == "150.0", "100 kPa bends further, but breaks the rule for the other scene"
 

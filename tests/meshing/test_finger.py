@@ -7,9 +7,8 @@ import pytest
 from fingers import finger_from_dict, read_finger, refusal
 
 from taichisoft.errors import MeshError
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing.finger.finger_dimensions import ElementSizes
-from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft.scene import data_folder
+from taichisoft_meshing.finger_dimensions import ElementSizes, FingerParameters
 
 TUTORIAL = data_folder() / "fingers" / "tutorial.toml"
 

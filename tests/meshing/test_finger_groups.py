@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from fingers import finger_from_dict
 
-from taichisoft.bodies.selection import select_elements, select_nodes
+from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.soft_body import NodeSelection, Selection
-from taichisoft_meshing.finger.finger_dimensions import ElementSizes
-from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.finger.pneunet_finger import mesh_finger
+from taichisoft.mechanics import select_nodes
+from taichisoft.mechanics.selection import select_elements
+from taichisoft.scene.soft_body import NodeSelection, Selection
+from taichisoft_meshing.finger_dimensions import ElementSizes, FingerParameters
+from taichisoft_meshing.pneunet_finger import mesh_finger
 
 BASE = NodeSelection(box=((-10.0, 0.0, -20.0), (0.0, 30.0, 20.0)))
 STIFF_LAYER = Selection(box=((-100.0, 22.5, -8.0), (-19.0, 28.0, 8.0)))

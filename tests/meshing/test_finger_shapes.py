@@ -10,12 +10,12 @@ from conftest import examples
 from fingers import finger_from_dict, read_finger, sharp_fingers
 from hypothesis import HealthCheck, given
 
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.finger.pneunet_finger import mesh_finger
-from taichisoft_meshing.quality.tetrahedra import radius_ratios
+from taichisoft import VolumeMesh
+from taichisoft.mesh import boundary_triangles, enclosed_volume, tetrahedron_volumes
+from taichisoft.scene import data_folder
+from taichisoft_meshing.finger_dimensions import FingerParameters
+from taichisoft_meshing.pneunet_finger import mesh_finger
+from taichisoft_meshing.wall_quality import radius_ratios
 
 FLAT = 1e-6
 """Largest error of a volume between flat faces; only rounding is missing, some 1e-14."""

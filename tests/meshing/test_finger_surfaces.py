@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft_meshing.finger.groups import surface_groups
+from taichisoft.mesh import enclosed_volume
+from taichisoft_meshing.pneunet_finger import surface_groups
 
 
 def voxels(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from fingers import finger_from_dict, refusal
 
-from taichisoft_meshing.finger.cavity_walls import thin_walls
-from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger_dimensions import FingerParameters
+from taichisoft_meshing.pneunet_finger import thin_walls
 
 
 def test_the_tutorials_thin_walls() -> None:

@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichisoft import Geometry, VolumeMesh, hookimpl, read_volume_mesh
 from taichisoft.command_line import main
 from taichisoft.errors import MeshError, PluginError
-from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system.geometry import Geometry
-from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.running import plugins
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
 

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from fingers import finger_from_dict, read_finger
 
+from taichisoft import VolumeMesh, read_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing.finger import solid as finger_solid
-from taichisoft_meshing.finger.finger_dimensions import ElementSizes
-from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.finger.pneunet_finger import mesh_finger
-from taichisoft_meshing.quality.tetrahedra import radius_ratios
+from taichisoft.mesh import boundary_triangles, enclosed_volume, tetrahedron_volumes
+from taichisoft.scene import data_folder
+from taichisoft_meshing import pneunet_finger as finger_solid
+from taichisoft_meshing.finger_dimensions import ElementSizes, FingerParameters
+from taichisoft_meshing.pneunet_finger import mesh_finger
+from taichisoft_meshing.wall_quality import radius_ratios
 
 # All faces are flat, so the volumes are those of the drawing up to the rounding of some thousand terms.
 VOLUME_TOLERANCE = 1e-9

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from solid_shapes import box, save, write_step
 
+from taichisoft import read_volume_mesh
 from taichisoft.command_line import main
-from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.meshes.surface_files import read_surface
-from taichisoft.plugin_system import plugins
+from taichisoft.mesh import read_surface
+from taichisoft.running import plugins
 from taichisoft_meshing import mesh_set
 
 

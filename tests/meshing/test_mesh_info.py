@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from blocks import make_block
 
+from taichisoft import VolumeMesh, write_volume_mesh
 from taichisoft.command_line import main
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.surface_files import write_stl
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.mesh import write_stl
 
 
 @pytest.fixture

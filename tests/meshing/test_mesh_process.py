@@ -13,7 +13,7 @@ import pytest
 from test_odd_input import told
 
 from taichisoft.errors import MeshError
-from taichisoft.plugin_system import plugins
+from taichisoft.running import plugins
 from taichisoft_meshing import mesh_process
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 from taichisoft_meshing.mesh_process import make_mesh_apart
@@ -58,7 +58,7 @@ def test_a_crash_is_one_line_with_the_name_of_the_file(odd: Path) -> None:
 PARENT = """
 import sys
 from pathlib import Path
-from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft.running.plugins import load_plugin
 from taichisoft_meshing.mesh_job import MeshJob
 from taichisoft_meshing.mesh_process import make_mesh_apart
 
@@ -98,7 +98,7 @@ def test_a_mesh_that_does_not_end_has_a_limit_and_says_that_it_goes_on(
 
 
 def test_the_mesh_is_the_one_that_this_process_would_make() -> None:
-    from taichisoft.scenes.shipped import data_folder
+    from taichisoft.scene import data_folder
     from taichisoft_meshing.geometry_file import read_tables
 
     file = data_folder() / "fingers" / "tutorial.toml"

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from blocks import make_block
 
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.quality.mesh_surfaces import winding_numbers
-from taichisoft_meshing.quality.quality_limits import QualityLimits, cautions, faults, missed_limits
+from taichisoft import VolumeMesh
+from taichisoft.mesh import boundary_triangles, with_middle_nodes
+from taichisoft_meshing.mesh_quality import QualityLimits, cautions, faults, measure, missed_limits
+from taichisoft_meshing.wall_quality import winding_numbers
 
 
 def hollow() -> VolumeMesh:

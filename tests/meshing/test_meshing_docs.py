@@ -10,10 +10,11 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from taichisoft.command_line import application
-from taichisoft.plugin_system.commands import with_plugin_commands
-from taichisoft_meshing.bodies.file_bodies import StepTable, SurfacesTable
-from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.geometry_file import checked, quality_limits
+from taichisoft.running.plugin_commands import with_plugin_commands
+from taichisoft_meshing import checked
+from taichisoft_meshing.file_bodies import StepTable, SurfacesTable
+from taichisoft_meshing.finger_dimensions import FingerParameters
+from taichisoft_meshing.geometry_file import quality_limits
 from taichisoft_meshing.tendon_finger import TendonFingerTable
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -13,11 +13,10 @@ import trimesh
 from conftest import Figures
 
 from taichisoft.errors import GoalMissed, MeshError
-from taichisoft_meshing.bodies.cad_body import read_step
-from taichisoft_meshing.commands.mesh_options import geometry_job
-from taichisoft_meshing.commands.mould_command import mould_check, pour_line
-from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.mould.mould_check import (
+from taichisoft_meshing.cad_body import read_step
+from taichisoft_meshing.finger_dimensions import FingerParameters
+from taichisoft_meshing.mesh_command import geometry_job
+from taichisoft_meshing.mould_check import (
     CheckedCast,
     check_cast,
     check_mould,
@@ -25,8 +24,9 @@ from taichisoft_meshing.mould.mould_check import (
     read_mould_record,
     wall_thickness,
 )
-from taichisoft_meshing.mould.mould_set import write_mould
-from taichisoft_outputs.materials.material_files import find_material
+from taichisoft_meshing.mould_command import mould_check, pour_line
+from taichisoft_meshing.mould_parts import write_mould
+from taichisoft_outputs.materials_command import find_material
 
 SMALL = {
     "body": {"length": 55.0},

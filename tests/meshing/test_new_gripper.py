@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import load_scene
 from taichisoft.errors import MeshError
-from taichisoft_meshing.commands.new_gripper import gripper, scene_text
+from taichisoft_meshing.new_gripper import gripper, scene_text
 
 
 def test_a_scene_with_so_many_fingers_around_a_cube_on_the_floor(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft_meshing.gmsh_session import gmsh_session
-from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, radius_ratios
+from taichisoft_meshing.wall_quality import dihedral_angles, edge_lengths, radius_ratios
 
 ORDER = np.array([[0, 1, 2, 3]])
 REGULAR = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)

@@ -6,7 +6,7 @@ import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft_meshing.geometry_file import make_geometry, quality_limits
-from taichisoft_meshing.quality.quality_limits import QualityLimits
+from taichisoft_meshing.mesh_quality import QualityLimits
 
 FILE = Path("finger.toml")
 

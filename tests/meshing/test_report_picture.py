@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from blocks import make_block
 
+from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.plane_section import SectionPlane
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.quality.quality_limits import QualityLimits
-from taichisoft_meshing.quality.report_picture import CAVITY, CUT, cut_open, draw_report
+from taichisoft.mesh import SectionPlane
+from taichisoft_meshing.mesh_quality import QualityLimits, measure
+from taichisoft_meshing.report_picture import CAVITY, CUT, cut_open, draw_report
 
 
 def hollow() -> VolumeMesh:

@@ -11,20 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import load_meshes
-from taichisoft.checksum import SUFFIX
+from taichisoft import Geometry, VolumeMesh, hookimpl, load_scene, write_volume_mesh
+from taichisoft.base import SUFFIX
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system.geometry import Geometry
-from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.scenes.file import scene_from_dict, scene_to_toml
-from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing import fingerprint, gmsh_session
-from taichisoft_meshing.mesh_cache import cache_folder
-from taichisoft_meshing.scene_meshes import merge_tables, mesh_for_scene
+from taichisoft.running import plugins
+from taichisoft.running.simulation import load_meshes
+from taichisoft.scene import data_folder, scene_from_dict, scene_to_toml
+from taichisoft_meshing import gmsh_session, mesh_job
+from taichisoft_meshing.mesh_command import merge_tables, mesh_for_scene
+from taichisoft_meshing.mesh_record import cache_folder
 
 
 class Wedge(Geometry):
@@ -129,7 +124,7 @@ def changed_gmsh(file: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 def changed_code(file: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     source = file.parent / "kind.py"
     source.write_text("# another way to mesh a wedge")
-    monkeypatch.setattr(fingerprint.inspect, "getsourcefile", lambda kind: str(source))
+    monkeypatch.setattr(mesh_job.inspect, "getsourcefile", lambda kind: str(source))
     return {}
 
 
@@ -189,7 +184,7 @@ def test_a_kept_mesh_of_which_one_number_was_changed_is_made_anew(file: Path) ->
 
 def test_a_kind_without_source_is_not_kept(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody could tell when its code has changed."""
-    monkeypatch.setattr(fingerprint.inspect, "getsourcefile", lambda kind: None)
+    monkeypatch.setattr(mesh_job.inspect, "getsourcefile", lambda kind: None)
     with pytest.warns(UserWarning, match=rf"{file}: the mesh is made again every time: the source of .* cannot be fou"):
         mesh_for_scene(file)
     assert not cache_folder().exists()
@@ -259,7 +254,7 @@ def test_a_name_of_neither_a_mesh_nor_a_geometry_lists_both() -> None:
 SAVE_FINGER = f"""
 import numpy, sys
 from pathlib import Path
-from taichisoft_meshing.scene_meshes import mesh_for_scene
+from taichisoft_meshing.mesh_command import mesh_for_scene
 mesh = mesh_for_scene(Path({str(FINGER)!r}), size=16.0)
 numpy.savez(sys.argv[1], nodes=mesh.nodes, elements=mesh.elements, **mesh.surface_groups)
 """

@@ -9,9 +9,8 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taichisoft import Geometry, VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.size_search import MOST_MESHES, WITHIN, size_for_nodes
 
 

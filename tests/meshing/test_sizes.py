@@ -9,14 +9,18 @@ import pytest
 from fingers import finger_from_dict, sharp_fingers
 from hypothesis import given
 
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_meshing.finger.boxes import slot_boxes
-from taichisoft_meshing.finger.cavity_walls import layer_boxes, layer_count, thin_walls, walled_boxes
-from taichisoft_meshing.finger.finger_dimensions import ElementSizes
-from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.finger.pneunet_finger import PneunetFinger, mesh_finger
-from taichisoft_meshing.quality.tetrahedra import radius_ratios
-from taichisoft_meshing.quality.walls import find_walls
+from taichisoft import VolumeMesh
+from taichisoft_meshing.finger_dimensions import ElementSizes, FingerParameters
+from taichisoft_meshing.pneunet_finger import (
+    PneunetFinger,
+    layer_boxes,
+    layer_count,
+    mesh_finger,
+    slot_boxes,
+    thin_walls,
+    walled_boxes,
+)
+from taichisoft_meshing.wall_quality import find_walls, radius_ratios
 
 TUTORIAL = PneunetFinger({}, Path("tutorial.toml"))
 

@@ -9,7 +9,7 @@ import pytest
 from solid_shapes import write_step
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.bodies.cad_body import read_step
+from taichisoft_meshing.cad_body import read_step
 
 
 def two_voids(occ: Any) -> None:

@@ -10,10 +10,8 @@ from solid_shapes import write_step
 from test_step_files import two_voids
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import count_open_edges, enclosed_volume
-from taichisoft.meshes.volume_mesh import tetrahedron_volumes
-from taichisoft_meshing.bodies.file_bodies import StepBody
-from taichisoft_meshing.bodies.wall_splitting import through_edges
+from taichisoft.mesh import count_open_edges, enclosed_volume, tetrahedron_volumes
+from taichisoft_meshing.file_bodies import StepBody, through_edges
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
 

@@ -15,19 +15,16 @@ from solid_shapes import write_step
 
 import taichisoft
 from taichisoft.errors import MeshError
-from taichisoft.meshes import VolumeMesh, boundary_triangles, count_open_edges, element_volumes, enclosed_volume
-from taichisoft.scenes import scene_from_dict
-from taichisoft_meshing.bodies.cad_body import read_step
-from taichisoft_meshing.bodies.caps import cap_triangles, rims
-from taichisoft_meshing.bodies.face_picture import draw_faces
-from taichisoft_meshing.bodies.file_bodies import StepBody
-from taichisoft_meshing.bodies.wall_splitting import through_edges
-from taichisoft_meshing.commands.mesh_options import with_options
+from taichisoft.mesh import VolumeMesh, boundary_triangles, count_open_edges, element_volumes, enclosed_volume
+from taichisoft.scene import scene_from_dict
+from taichisoft_meshing.cad_body import read_step
+from taichisoft_meshing.file_bodies import StepBody, through_edges
+from taichisoft_meshing.mesh_command import mesh_for_scene, with_options
+from taichisoft_meshing.mesh_info import draw_faces
 from taichisoft_meshing.mesh_job import MeshJob
-from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.quality.quality_limits import faults
-from taichisoft_meshing.quality.walls import find_walls
-from taichisoft_meshing.scene_meshes import mesh_for_scene
+from taichisoft_meshing.mesh_quality import faults, measure
+from taichisoft_meshing.openings import cap_triangles, rims
+from taichisoft_meshing.wall_quality import find_walls
 
 LENGTH, WIDTH, HEIGHT, LAYER = 40.0, 12.0, 12.0, 2.0
 CLOSED, OPEN, INLET = 14.0 * 6.0 * 7.0, 12.0 * 6.0 * 7.0, 4.0 * 2.0 * 2.0

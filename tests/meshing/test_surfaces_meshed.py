@@ -8,13 +8,13 @@ import pytest
 from blocks import make_block
 from solid_shapes import box, save
 
+from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing.bodies import surface_mesher
-from taichisoft_meshing.bodies.file_bodies import SurfacesBody
-from taichisoft_meshing.bodies.meshed_body import _surfaces, compare_volumes
+from taichisoft.mesh import boundary_triangles, enclosed_volume
+from taichisoft_meshing import file_bodies
+from taichisoft_meshing.file_bodies import SurfacesBody
 from taichisoft_meshing.gmsh_session import GmshFailure
+from taichisoft_meshing.meshed_body import _surfaces, compare_volumes
 
 
 @pytest.fixture
@@ -57,14 +57,14 @@ def test_surfaces_must_be_the_whole_boundary(block: VolumeMesh) -> None:
 
 def test_a_surface_that_was_to_be_kept_and_was_not_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """gmsh may put a node on an edge that it cannot have otherwise; here one is moved."""
-    meshed = surface_mesher.meshed_body
+    meshed = file_bodies.meshed_body
 
     def moved(*arguments: Any) -> VolumeMesh:
         mesh = meshed(*arguments)
         mesh.nodes[0] += 1e-9
         return mesh
 
-    monkeypatch.setattr(surface_mesher, "meshed_body", moved)
+    monkeypatch.setattr(file_bodies, "meshed_body", moved)
     save(box((30, 20, 20)), tmp_path / "body.stl")
     geometry = SurfacesBody({"outer": "body.stl", "cavities": 0, "keep_surface": True}, tmp_path / "body.toml")
     with pytest.raises(

@@ -12,11 +12,11 @@ from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 from solid_shapes import Surface, ball, box, save, together, turned_round
 
+from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import count_open_edges, enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft_meshing.bodies import surface_mesher
-from taichisoft_meshing.bodies.file_bodies import SurfacesBody
+from taichisoft.mesh import boundary_triangles, count_open_edges, enclosed_volume, tetrahedron_volumes
+from taichisoft_meshing import file_bodies
+from taichisoft_meshing.file_bodies import SurfacesBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 from taichisoft_meshing.gmsh_session import GmshFailure
 
@@ -158,7 +158,7 @@ def test_the_base_is_chosen_by_a_plane(tmp_path: Path) -> None:
 
 def test_another_way_is_tried_when_one_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[tuple[bool, int]] = []
-    classify = surface_mesher._classify
+    classify = file_bodies._classify
 
     def failing(model: Any, shells: Any, angle: float, cut: bool) -> Any:
         tried.append((cut, len(shells)))
@@ -166,11 +166,11 @@ def test_another_way_is_tried_when_one_fails(tmp_path: Path, monkeypatch: pytest
             raise GmshFailure("no luck")
         return classify(model, shells, angle, cut)
 
-    monkeypatch.setattr(surface_mesher, "_classify", failing)
+    monkeypatch.setattr(file_bodies, "_classify", failing)
     mesh = body(tmp_path, box((30, 20, 20)), box((4, 4, 4)), mesh={"largest": 10}).mesh()
     assert tried == [(False, 2), (True, 2), (True, 2)]
     assert silicone(mesh) == pytest.approx(12000 - 64, rel=FLAT)
-    monkeypatch.setattr(surface_mesher, "_classify", lambda *_: (_ for _ in ()).throw(GmshFailure("no luck")))
+    monkeypatch.setattr(file_bodies, "_classify", lambda *_: (_ for _ in ()).throw(GmshFailure("no luck")))
     with pytest.raises(MeshError, match=r"^gmsh cannot mesh .*body.toml: no luck; gmsh's log is .*log$"):
         body(tmp_path, box((30, 20, 20)), cavities=0).mesh()
 

@@ -8,7 +8,7 @@ import pytest
 from solid_shapes import Surface, arrays, ball, box, moved, surface_of, together, turned_round
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.bodies.closed_shells import Shell, closed_shells
+from taichisoft_meshing.closed_shells import Shell, closed_shells
 
 
 def shells_of(surface: Surface) -> list[Shell]:

@@ -5,10 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.surface_files import read_surface
-from taichisoft.meshes.volume_mesh import tetrahedron_volumes
-from taichisoft_meshing.bodies.file_bodies import SurfacesBody
+from taichisoft.mesh import enclosed_volume, read_surface, tetrahedron_volumes
+from taichisoft_meshing.file_bodies import SurfacesBody
 
 MESHES = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
 OUTER, CAVITY = "pneunetCut.stl", "pneunetCavityCut.stl"

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from solid_shapes import box, save
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.volume_mesh import boundary_triangles, tetrahedron_volumes
-from taichisoft_meshing.bodies.file_bodies import SurfacesBody
-from taichisoft_meshing.bodies.wall_splitting import cut_edges, through_edges, without_inverted
-from taichisoft_meshing.quality.mesh_quality import measure
+from taichisoft.mesh import boundary_triangles, tetrahedron_volumes
+from taichisoft_meshing.file_bodies import SurfacesBody, cut_edges, through_edges, without_inverted
+from taichisoft_meshing.mesh_quality import measure
 
 
 @examples(20)

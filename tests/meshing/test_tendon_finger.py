@@ -9,10 +9,10 @@ from conftest import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from taichisoft import VolumeMesh, read_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.scenes.shipped import data_folder
+from taichisoft.mesh import boundary_triangles, tetrahedron_volumes
+from taichisoft.scene import data_folder
 from taichisoft_meshing.geometry_file import read_tables
 from taichisoft_meshing.tendon_finger import TendonFinger, TendonFingerTable
 

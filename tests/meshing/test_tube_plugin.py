@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichisoft import read_volume_mesh, unregister_plugin
 from taichisoft.command_line import main
-from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.plugin_system.plugins import unregister_plugin
-from taichisoft.scenes.shipped import data_folder
+from taichisoft.mesh import enclosed_volume
+from taichisoft.scene import data_folder
 
 FOLDER = data_folder() / "plugins"
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from blocks import make_block
 
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_meshing.quality import walls as wall_quality
-from taichisoft_meshing.quality.mesh_surfaces import measure_surfaces
-from taichisoft_meshing.quality.walls import MANY, Walls, find_walls, measure_walls
+from taichisoft import VolumeMesh
+from taichisoft_meshing import wall_quality as wall_quality
+from taichisoft_meshing.wall_quality import MANY, Walls, find_walls, measure_surfaces, measure_walls
 
 
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 6])

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import fake_run
 import numpy as np
 
-from taichisoft.bodies.rigid_body_arrays import make_obstacle, make_rigid_body
-from taichisoft.bodies.rotations import rotation_from_degrees
-from taichisoft.bodies.soft_body_arrays import make_soft_body
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import load_meshes
+from taichisoft import load_scene
+from taichisoft.base.rotations import rotation_from_degrees
+from taichisoft.mechanics.rigid_body_arrays import make_obstacle, make_rigid_body
+from taichisoft.mechanics.soft_body_arrays import make_soft_body
+from taichisoft.running.simulation import load_meshes
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 LENGTH, INNER_SIDE = 115.0, 30.0

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.names import ActuatorNames
-from taichisoft.scenes.scene import Scene
+from taichisoft import Scene
+from taichisoft.mechanics import ActuatorNames
 from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput
 
 STEP = 0.01

@@ -12,16 +12,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from taichisoft.actuators.kind import ActuatorKind
-from taichisoft.actuators.kinds import ACTUATOR_KINDS
-from taichisoft.actuators.names import ActuatorNames
-from taichisoft.bodies.moving_frames import MovingFrames
-from taichisoft.meshes.surface import MappedSurface
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.elastic_law import lame_parameters
-from taichisoft.scenes.scene import Scene
-from taichisoft.state import State
-from taichisoft_outputs.recording.reader import Recording
+from taichisoft import Scene, State, VolumeMesh
+from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, ActuatorNames, MovingFrames
+from taichisoft.mesh import MappedSurface
+from taichisoft.scene import lame_parameters
+from taichisoft_outputs import Recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEP = 0.01

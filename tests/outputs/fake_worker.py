@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft.base import Link
 from taichisoft.errors import TaichisoftError
-from taichisoft.worker import Link
 
 if TYPE_CHECKING:  # a process that starts later than its time limit tests something else
     import pytest
@@ -27,7 +27,7 @@ def stand_in(monkeypatch: "pytest.MonkeyPatch", log: Path, what: str = "nothing"
 
     These are counted by the lines in the log: the number of the frame that a process begins with, and its own.
     """
-    monkeypatch.setattr("taichisoft_outputs.rendering.render.WORKER", FUNCTION)
+    monkeypatch.setattr("taichisoft_outputs.rendering.video.WORKER", FUNCTION)
     monkeypatch.setenv(ORDERS, f"{what} {at} {times} {log}")
     path = os.environ.get("PYTHONPATH", "")
     monkeypatch.setenv("PYTHONPATH", f"{Path(__file__).parent}{os.pathsep}{path}")

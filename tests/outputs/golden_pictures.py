@@ -13,13 +13,12 @@ import numpy as np
 from bent_gripper import record_gripper
 from PIL import Image
 
-from taichisoft.scenes.scene import Scene
-from taichisoft_outputs.drawing import camera_path, colouring, floor, surface_painter
+from taichisoft import Scene
+from taichisoft_outputs import Recording, Style, read_recording
+from taichisoft_outputs.drawing import camera, colouring, stage, surface_painter
 from taichisoft_outputs.drawing.camera import PictureCamera
 from taichisoft_outputs.drawing.drawer import Drawer
 from taichisoft_outputs.drawing.stage import Stage
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.reader import Recording, read_recording
 
 GOLDEN = Path(__file__).parent / "golden"
 SIZE = (320, 180)
@@ -94,13 +93,13 @@ def with_colour(kind: str, colour: tuple[float, float, float]) -> Callable:
 
 
 BROKEN = {
-    "camera": broken(camera_path, "fit_camera", shifted),
+    "camera": broken(camera, "fit_camera", shifted),
     "normals": broken(surface_painter.SmoothNormals, "__call__", inverted),
     "inside_out": broken(surface_painter, "seen_from_front", lambda seen: lambda *at: ~seen(*at)),
     "black_silicone": broken(colouring, "PLAIN", with_colour("soft", (0.0, 0.0, 0.0))),
     "white_cube": broken(colouring, "PLAIN", with_colour("rigid", (1.0, 1.0, 1.0))),
     "opaque": broken(sys.modules[__name__], "STYLES", lambda styles: {"iso": (Style(size=SIZE, opacity=1.0), 1)}),
-    "no_shadow": broken(floor, "DARKEST", lambda strength: 0.0),
+    "no_shadow": broken(stage, "DARKEST", lambda strength: 0.0),
     "no_signs": broken(
         sys.modules[__name__],
         "STYLES",

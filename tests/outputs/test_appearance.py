@@ -13,25 +13,22 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft.actuators.names import ActuatorNames
-from taichisoft.bodies.body_axes import RigidAxes, axes_of_bodies
-from taichisoft.bodies.body_geometry import Plane, Surface
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.scenes.file import scene_from_toml, scene_to_toml
-from taichisoft.scenes.scene import Appearance, Scene
-from taichisoft_outputs.drawing.arrows import FORCE_COLOURS, ON_DARK, arrow_colour
+from taichisoft import Scene
+from taichisoft.base import matrices_from_quaternions
+from taichisoft.mechanics import ActuatorNames, Plane, Surface, axes_of_bodies
+from taichisoft.mechanics.body_geometry import RigidAxes
+from taichisoft.scene import scene_from_toml, scene_to_toml
+from taichisoft.scene.scene import Appearance
+from taichisoft_outputs import Recording, Style, read_recording, render_pictures
 from taichisoft_outputs.drawing.camera import fit_camera, scene_axes
 from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, body_colours
-from taichisoft_outputs.drawing.floor import Floor
-from taichisoft_outputs.drawing.scales import AIR
-from taichisoft_outputs.drawing.shading import key_light, shade
-from taichisoft_outputs.drawing.style import BACKGROUND, Style
-from taichisoft_outputs.recording.finished_file import user_block
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.drawing.painting import AIR, FORCE_COLOURS, ON_DARK, arrow_colour, key_light, shade
+from taichisoft_outputs.drawing.stage import Floor
+from taichisoft_outputs.drawing.style import BACKGROUND
+from taichisoft_outputs.recording.recording_file import user_block
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.render import render_pictures
-from taichisoft_outputs.web.frame import PageFrame, PageScene
-from taichisoft_outputs.web.scene_view import COLOURS, SceneView
+from taichisoft_outputs.web.page import COLOURS, SceneView
+from taichisoft_outputs.web.page_messages import PageFrame, PageScene
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "outputs.md").read_text(encoding="utf-8")
 

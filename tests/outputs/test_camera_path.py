@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from taichisoft_outputs.drawing.camera import MARGIN, project, seen_from_front
-from taichisoft_outputs.drawing.camera_path import camera_path, followed_part, outermost_points
-from taichisoft_outputs.drawing.scales import sample_frames
-from taichisoft_outputs.drawing.style import Style, StyleError
+from taichisoft_outputs import Style
+from taichisoft_outputs.drawing.camera import (
+    MARGIN,
+    camera_path,
+    followed_part,
+    outermost_points,
+    project,
+    seen_from_front,
+)
+from taichisoft_outputs.drawing.painting import sample_frames
+from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.recording.reader import RecordedSurface
 
 SIZE = (320, 180)

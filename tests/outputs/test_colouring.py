@@ -8,18 +8,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft.actuators.names import ActuatorNames
-from taichisoft.bodies.rotations import rotation_from_degrees
-from taichisoft.meshes.plane_section import SectionPlane
-from taichisoft.meshes.surface_files import read_surface, write_stl
-from taichisoft_outputs.drawing.arrows import ForceArrows
-from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, displacement, strain, stress
+from taichisoft.base.rotations import rotation_from_degrees
+from taichisoft.mechanics import ActuatorNames
+from taichisoft.mesh import SectionPlane, read_surface, write_stl
+from taichisoft_outputs import Style, read_recording
+from taichisoft_outputs.drawing.colouring import (
+    PLAIN,
+    Colouring,
+    at_vertices,
+    displacement,
+    strain,
+    stress,
+    with_visual_surfaces,
+)
 from taichisoft_outputs.drawing.overlay import caption_parts, paint_caption
-from taichisoft_outputs.drawing.scales import AIR, SOFT, ColourScale, round_up
-from taichisoft_outputs.drawing.section import refuse_what_cuts_nothing
-from taichisoft_outputs.drawing.style import Style, StyleError
-from taichisoft_outputs.drawing.visual_surface import with_visual_surfaces
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.drawing.painting import AIR, SOFT, ColourScale, ForceArrows, round_up
+from taichisoft_outputs.drawing.style import StyleError
+from taichisoft_outputs.drawing.surface_painter import refuse_what_cuts_nothing
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 FRAMES = (0, 1, 2)

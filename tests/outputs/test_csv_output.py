@@ -10,9 +10,9 @@ from typing import Any
 import csv_run
 import pytest
 
+from taichisoft import Scene
 from taichisoft.errors import TaichisoftError
-from taichisoft.plugin_system.hooks import find
-from taichisoft.scenes.scene import Scene
+from taichisoft.running.hooks import find
 from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput, pairs_with_objects
 
 

@@ -8,9 +8,8 @@ import typer
 from typer.testing import CliRunner
 
 import taichisoft_outputs
-from taichisoft.child_process import ChildResult
-from taichisoft_outputs import system_libraries
-from taichisoft_outputs.doctor import doctor_command
+from taichisoft.base.processes import ChildResult
+from taichisoft_outputs import doctor_command, system_libraries
 from taichisoft_outputs.system_libraries import SYSTEM_LIBRARIES, graphics, packages_for
 
 

@@ -5,14 +5,11 @@ import pytest
 from conftest import Figures
 from scipy.spatial.transform import Rotation
 
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.ten_nodes import linear_parts
+from taichisoft.mesh import linear_parts, with_middle_nodes
 from taichisoft_benchmarks.regular_meshes import bar, hollow_sphere
 from taichisoft_benchmarks.studies.element_errors import INNER, OUTER, YOUNG_MODULUS
 from taichisoft_benchmarks.studies.one_body import at_rest
-from taichisoft_outputs.domain_stress import DomainStress
-from taichisoft_outputs.law_stress import DomainLaw, add_pressure, rubber_stress_parts
-from taichisoft_outputs.stress import StressLaw, nodal_mean
+from taichisoft_outputs.stress import DomainLaw, DomainStress, StressLaw, add_pressure, nodal_mean, rubber_stress_parts
 
 RATIO = 0.499
 PRESSURE = 1e-4 * YOUNG_MODULUS

@@ -9,17 +9,14 @@ import pytest
 from cable_block import STEPS, run_cables
 from PIL import Image
 
-from taichisoft.actuators.cables import CABLES
-from taichisoft.meshes.surface import count_open_edges, enclosed_volume
-from taichisoft_outputs.drawing.cable_tubes import BEAD, SIDES, line_tubes, tube_triangles, tube_vertices
-from taichisoft_outputs.drawing.camera_path import outermost_points
+from taichisoft.mechanics import CABLES
+from taichisoft.mesh import count_open_edges, enclosed_volume
+from taichisoft_outputs import Recording, Style, read_recording, render_pictures
+from taichisoft_outputs.drawing.camera import outermost_points
 from taichisoft_outputs.drawing.colouring import PLAIN, Colouring
 from taichisoft_outputs.drawing.overlay import caption_parts
-from taichisoft_outputs.drawing.scales import LINE, round_up
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.drawing.painting import BEAD, LINE, SIDES, line_tubes, round_up, tube_triangles, tube_vertices
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.render import render_pictures
 
 FRAMES = range(STEPS + 1)
 

@@ -9,19 +9,15 @@ import pytest
 from blocks import make_block
 from PIL import Image
 
-from taichisoft.bodies.body_geometry import SurfaceKind, body_surfaces
-from taichisoft.bodies.reinforcement_surfaces import LEAST, SIDES
-from taichisoft.building.simulation import Simulation
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.surface import count_open_edges, enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Simulation, VolumeMesh, write_volume_mesh
+from taichisoft.mechanics import SurfaceKind, body_surfaces
+from taichisoft.mechanics.reinforcements import LEAST, SIDES
+from taichisoft.mesh import boundary_triangles, count_open_edges, enclosed_volume
+from taichisoft.scene import scene_from_dict
+from taichisoft_outputs import Style, read_recording, render_pictures
 from taichisoft_outputs.drawing.colouring import PLAIN
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.reader import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.render import render_pictures
-from taichisoft_outputs.web.scene_view import COLOURS
+from taichisoft_outputs.web.page import COLOURS
 
 SIZE = (40.0, 10.0, 2.0)
 HALF = LEAST * float(np.linalg.norm(SIZE))

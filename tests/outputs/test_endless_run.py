@@ -14,16 +14,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation, State, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.state import State
+from taichisoft_outputs import RecordingError, read_recording
 from taichisoft_outputs.metrics import MetricsOutput
 from taichisoft_outputs.recording import recording_output
-from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_file import RunningFile
 from taichisoft_outputs.recording.recording_output import USUAL_LIMIT, RecordingOutput, limit_endless_recordings
-from taichisoft_outputs.recording.running_file import RunningFile
 from taichisoft_outputs.run_figures import RESOLUTION, RunningMedian, middle_keys
 
 

@@ -8,10 +8,9 @@ import pytest
 import pyvista
 import tiny_run
 
-from taichisoft.bodies.strain import Stretches
-from taichisoft_outputs.paraview.export import ExportError, chosen_frames, export_vtu
-from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft.mechanics import Stretches
+from taichisoft_outputs import Recording, RecordingError, read_recording
+from taichisoft_outputs.paraview import ExportError, chosen_frames, export_vtu
 from taichisoft_outputs.stress import StressLaw, von_mises
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -113,8 +112,7 @@ def test_an_element_group_is_a_cell_array(tmp_path: Path, block) -> None:
     """Groups of one body only are 0 in the others, as is its silicone; elements of ten nodes stay cells."""
     from blocks import make_block
 
-    from taichisoft.meshes.files import write_volume_mesh
-    from taichisoft.meshes.volume_mesh import VolumeMesh
+    from taichisoft import VolumeMesh, write_volume_mesh
 
     mesh = make_block((2, 1, 1), (20.0, 10.0, 10.0))
     grouped = VolumeMesh("block", mesh.nodes, mesh.elements, {}, {"stiff": np.array([1, 5, 6])})

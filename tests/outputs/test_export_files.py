@@ -7,9 +7,9 @@ import pytest
 import pyvista
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.meshes import SIDES
-from taichisoft_outputs.paraview import vtu_file
-from taichisoft_outputs.paraview.vtu_file import CELL_TYPES, Grid, write_pvd, write_vtu
+from taichisoft.mesh import SIDES
+from taichisoft_outputs import paraview
+from taichisoft_outputs.paraview import CELL_TYPES, Grid, write_pvd, write_vtu
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_vtk_reads_what_was_written(
     grid: Grid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block_bytes: int
 ) -> None:
     """900 numbers of 4 bytes are the displacements: the last block is full, where VTK wants the size 0 written."""
-    monkeypatch.setattr(vtu_file, "BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr(paraview, "BLOCK_BYTES", block_bytes)
     write_vtu(tmp_path / "a.vtu", grid)
     read = pyvista.read(tmp_path / "a.vtu")
     np.testing.assert_array_equal(read.points, grid.points.astype(np.float32))

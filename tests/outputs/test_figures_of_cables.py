@@ -10,15 +10,14 @@ import pytest
 import pyvista
 from cable_block import LINK, STEPS, TENDON, run_cables
 
-from taichisoft.actuators.cables import CABLES
+from taichisoft.mechanics import CABLES
+from taichisoft_outputs import Recording, read_recording
 from taichisoft_outputs.csv_output import CsvOutput
 from taichisoft_outputs.metrics import MetricsOutput
-from taichisoft_outputs.paraview.export import export_vtu
-from taichisoft_outputs.plots.panels import PANELS, RunCurves
-from taichisoft_outputs.plots.run_plots import draw_plots
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.paraview import export_vtu
+from taichisoft_outputs.plots import PANELS, RunCurves, draw_plots
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.report.report_output import write_report
+from taichisoft_outputs.report import write_report
 
 
 @dataclass

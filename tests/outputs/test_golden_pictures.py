@@ -10,8 +10,8 @@ from golden_pictures import BROKEN, GOLDEN, STYLES, TUTORIAL
 from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
-from taichisoft.child_process import run_python
-from taichisoft_outputs.drawing.scales import AIR, SOFT
+from taichisoft.base import run_python
+from taichisoft_outputs.drawing.painting import AIR, SOFT
 
 ALIKE = 0.93
 """Least similarity: other renderers put edges a fraction of a pixel elsewhere, and round colours otherwise."""

@@ -8,12 +8,11 @@ from bent_gripper import record_gripper
 from conftest import PATIENCE
 
 import taichisoft
-from taichisoft.child_process import run_python
-from taichisoft.worker import Worker
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.rendering import live_renderer, render
+from taichisoft.base import Worker, run_python
+from taichisoft_outputs import Style
+from taichisoft_outputs.rendering import live_renderer, video
 
-LARGEST_GROWTH = 800.0 / render.FRAMES_PER_PROCESS
+LARGEST_GROWTH = 800.0 / video.FRAMES_PER_PROCESS
 """[MB] a frame: the frames of a process may cost 800 MB."""
 
 SCRIPT = """
@@ -52,7 +51,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         functions.append(function)
         return Worker(function)
 
-    for module in (render, live_renderer):
+    for module in (video, live_renderer):
         monkeypatch.setattr(module, "FRAMES_PER_PROCESS", 2)
         monkeypatch.setattr(module, "Worker", start)
     return functions
@@ -62,12 +61,12 @@ def test_the_next_process_goes_on_with_the_frames(tmp_path: Path, started: list[
     """In the same camera, which sees all frames."""
     recording, style = record_gripper(tmp_path), Style(size=(96, 54))
     images: list[np.ndarray] = []
-    render.draw_frames(recording, style, [2, 0, 1], images.append, lambda: None)
-    assert started == [render.WORKER] * 2
+    video.draw_frames(recording, style, [2, 0, 1], images.append, lambda: None)
+    assert started == [video.WORKER] * 2
     whole: list[np.ndarray] = []
-    render.FRAMES_PER_PROCESS = 3
-    render.draw_frames(recording, style, [2, 0, 1], whole.append, lambda: None)
-    assert started == [render.WORKER] * 3
+    video.FRAMES_PER_PROCESS = 3
+    video.draw_frames(recording, style, [2, 0, 1], whole.append, lambda: None)
+    assert started == [video.WORKER] * 3
     assert np.array_equal(images, whole)
     assert not np.array_equal(images[0], images[1])
 

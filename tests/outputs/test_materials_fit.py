@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from taichisoft.scenes.material import initial_shear_modulus, read_material
-from taichisoft_outputs.materials.fit import fit_law
-from taichisoft_outputs.materials.material_files import shipped_materials
-from taichisoft_outputs.materials.materials_command import materials
-from taichisoft_outputs.materials.nominal_stress import nominal_stress
-from taichisoft_outputs.materials.tension_test import MaterialError, TensionTest, read_tension_test
+from taichisoft.scene import initial_shear_modulus, read_material
+from taichisoft_outputs.materials_command import fit_law, materials, nominal_stress, shipped_materials
+from taichisoft_outputs.tension_test import MaterialError, TensionTest, read_tension_test
 
 STRETCH = np.linspace(1.02, 3.0, 120)
 RUBBERS = [

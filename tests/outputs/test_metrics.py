@@ -11,10 +11,9 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichisoft.actuators.names import ActuatorNames
-from taichisoft.control.observation import Observation
+from taichisoft import Observation, Scene
 from taichisoft.errors import GoalMissed, TaichisoftError
-from taichisoft.scenes.scene import Scene
+from taichisoft.mechanics import ActuatorNames
 from taichisoft_outputs.metrics import MetricsOutput
 
 STEP = 0.1

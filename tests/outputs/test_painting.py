@@ -5,15 +5,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft.bodies.body_geometry import Plane
-from taichisoft_outputs.drawing.antialiasing import antialias
+from taichisoft.mechanics import Plane
 from taichisoft_outputs.drawing.camera import fit_camera, project
-from taichisoft_outputs.drawing.floor import Floor
-from taichisoft_outputs.drawing.painting import arrow_outline, paint_polygon, text_colour
-from taichisoft_outputs.drawing.planes import reaches_under, square_of_plane
-from taichisoft_outputs.drawing.shading import KEY_LIGHT, shade
-from taichisoft_outputs.drawing.shadow import PIXELS, SUN_RADIUS, shadow
-from taichisoft_outputs.drawing.stage import EMPTY
+from taichisoft_outputs.drawing.drawer import antialias
+from taichisoft_outputs.drawing.painting import KEY_LIGHT, arrow_outline, paint_polygon, shade, text_colour
+from taichisoft_outputs.drawing.stage import EMPTY, PIXELS, SUN_RADIUS, Floor, reaches_under, shadow, square_of_plane
 from taichisoft_outputs.drawing.surface_painter import depth_layers, lay_over
 
 RIGHT, FRONT, UP = np.eye(3)

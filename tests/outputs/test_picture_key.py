@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 import taichisoft_outputs
-from taichisoft_outputs.recording.reader import read_recording
-from taichisoft_outputs.rendering import picture_key
-from taichisoft_outputs.rendering.picture_key import finish_pictures, take_picture
-from taichisoft_outputs.rendering.render import RenderError
+from taichisoft_outputs import read_recording
+from taichisoft_outputs.rendering import drawn_outputs
+from taichisoft_outputs.rendering.drawn_outputs import finish_pictures, take_picture
+from taichisoft_outputs.rendering.video import RenderError
 
 
 def session(folder: Path | None, step: int = 0) -> Any:
@@ -35,7 +35,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray]:
             for name, time in times.items():
                 pictures[name] = recording.row("position", recording.frame_at(time))
 
-    monkeypatch.setattr(picture_key, "render_pictures", render)
+    monkeypatch.setattr(drawn_outputs, "render_pictures", render)
     return pictures
 
 
@@ -65,7 +65,7 @@ def test_each_picture_shows_the_moment_at_which_it_was_asked_for(tmp_path: Path,
 
 def test_the_run_does_not_wait_but_its_end_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     may_draw, done = threading.Event(), []
-    monkeypatch.setattr(picture_key, "render_pictures", lambda *_: done.append(may_draw.wait(60)))
+    monkeypatch.setattr(drawn_outputs, "render_pictures", lambda *_: done.append(may_draw.wait(60)))
     run = session(tmp_path)
     take_picture(run)
     take_picture(run)
@@ -77,7 +77,7 @@ def test_the_run_does_not_wait_but_its_end_does(tmp_path: Path, monkeypatch: pyt
 
 def test_a_held_key_does_not_draw_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     may_draw, done = threading.Event(), []
-    monkeypatch.setattr(picture_key, "render_pictures", lambda *_: done.append(may_draw.wait(60)))
+    monkeypatch.setattr(drawn_outputs, "render_pictures", lambda *_: done.append(may_draw.wait(60)))
     run = session(tmp_path)
     with pytest.warns(UserWarning, match=r"no picture at 0\.00 s: 8 others are not drawn yet"):
         for _ in range(30):
@@ -92,13 +92,13 @@ def test_a_picture_that_cannot_be_drawn_is_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: dict[str, np.ndarray], problem: Exception
 ) -> None:
     """The next one is tried all the same."""
-    render = picture_key.render_pictures
+    render = drawn_outputs.render_pictures
 
     def fail_at_first(path: Path, times: dict[str, float], folder: Path) -> None:
-        monkeypatch.setattr(picture_key, "render_pictures", render)
+        monkeypatch.setattr(drawn_outputs, "render_pictures", render)
         raise problem
 
-    monkeypatch.setattr(picture_key, "render_pictures", fail_at_first)
+    monkeypatch.setattr(drawn_outputs, "render_pictures", fail_at_first)
     run = session(tmp_path)
     with pytest.warns(UserWarning, match=rf"no picture .*picture_1_at_0\.00s\.png: {problem}"):
         take_picture(run)

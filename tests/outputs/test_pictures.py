@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft.child_process import ChildResult, run_python
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft.base import run_python
+from taichisoft.base.processes import ChildResult
+from taichisoft_outputs import Style, read_recording, render_pictures
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import drawn_outputs
 from taichisoft_outputs.rendering.drawn_outputs import PicturesOutput
-from taichisoft_outputs.rendering.render import RenderError, key_moments, render_pictures
+from taichisoft_outputs.rendering.video import RenderError, key_moments
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,23 @@ import numpy as np
 import pytest
 import tiny_run
 
-from taichisoft.control.observation import Observation
+from taichisoft import Observation
 from taichisoft.errors import GoalMissed
+from taichisoft_outputs import Recording, read_recording
 from taichisoft_outputs.metrics import MetricsOutput
-from taichisoft_outputs.plots.figure import Panel, PlotCurve, draw_figure, pieces
-from taichisoft_outputs.plots.panels import PANELS, TIME_AXIS, RunCurves, against, expected
-from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.plots import (
+    PANELS,
+    TIME_AXIS,
+    Panel,
+    PlotCurve,
+    PlotError,
+    RunCurves,
+    against,
+    draw_figure,
+    draw_plots,
+    expected,
+    pieces,
+)
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 SINGLE = 1e-5

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from cable_block import LINK, STEPS, TENDON, cable_scene, control, run_cables
 
-from taichisoft.actuators.cables import CABLES
-from taichisoft.building.simulation import Simulation
-from taichisoft.scenes.file import scene_from_toml
-from taichisoft.session.output import Output
-from taichisoft.state import State
-from taichisoft.step.report import StepReport
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft import Output, Simulation, State, StepReport
+from taichisoft.mechanics import CABLES
+from taichisoft.scene import scene_from_toml
+from taichisoft_outputs import Recording, read_recording
+from taichisoft_outputs.recording.recording_commands import ResumeError, resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.resume import ResumeError, resumed_simulation, state_at
 
 
 class Kept(Output):

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 import pyvista
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft_outputs import Recording, read_recording
 from taichisoft_outputs.drawing.colouring import stress
-from taichisoft_outputs.paraview.export import export_vtu
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.paraview import export_vtu
+from taichisoft_outputs.recording.recording_commands import recorded_scene, resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.resume import recorded_scene, resumed_simulation, state_at
 from taichisoft_outputs.stress import StressLaw, nodal_mean, von_mises
 
 REGION = "{box = [[-100.0, -100.0, -100.0], [100.0, 100.0, 0.0]], young_modulus = 300.0}"

@@ -7,17 +7,14 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
+from taichisoft_outputs import read_recording
+from taichisoft_outputs.plots import PlotError, draw_plots
 from taichisoft_outputs.recording.layout import SIGNAL_COUNT
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_commands import rescue
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.repair import repair
-from taichisoft_outputs.report.contents import collect
-from taichisoft_outputs.report.report_page import report_page
+from taichisoft_outputs.report import collect, report_page
 
 SIGNALS = [{"phase": 1.0}, {"phase": 2.0, "$late$ <b>": 7.5}, {}, {"phase": 3.0}]
 
@@ -44,7 +41,7 @@ def test_signals_come_back_also_one_that_comes_late(tmp_path: Path) -> None:
 
 
 def test_a_repaired_recording_has_the_signals(tmp_path: Path) -> None:
-    repair(record(tmp_path, SIGNALS), tmp_path / "new.h5")
+    rescue(record(tmp_path, SIGNALS), tmp_path / "new.h5")
     with read_recording(tmp_path / "new.h5") as recording:
         assert recording.signals == ["phase", "$late$ <b>"]
         assert recording.column("signals")[4, 0] == 3.0

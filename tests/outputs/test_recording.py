@@ -8,11 +8,10 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichisoft.scenes.file import scene_to_toml
-from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft.scene import scene_to_toml
+from taichisoft_outputs import RecordingError, read_recording
+from taichisoft_outputs.recording.recording_commands import rescue
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.repair import repair
 
 STEPS = 113
 
@@ -75,7 +74,7 @@ def test_contacts_of_a_frame(recording, frame):
 
 
 def test_a_repaired_recording_still_names_the_bodies_of_its_contacts(recording, tmp_path):
-    repair(recording.path, tmp_path / "new.h5")
+    rescue(recording.path, tmp_path / "new.h5")
     with read_recording(tmp_path / "new.h5") as repaired:
         assert repaired.contact_pairs(2) == [("finger", "cube")] * 2
 

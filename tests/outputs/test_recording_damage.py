@@ -13,10 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taichisoft_benchmarks.faults.damage import DAMAGES, cut_off, flip_bit
-from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs import RecordingError, read_recording
+from taichisoft_outputs.recording.recording_commands import rescue
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.repair import repair
 
 STEPS = 250
 
@@ -73,7 +72,7 @@ def test_a_repaired_recording_has_every_whole_frame(
     content[place + 5] ^= 4
     broken, new = tmp_path / "broken.h5", tmp_path / "new.h5"
     broken.write_bytes(content)
-    repaired = repair(broken, new)
+    repaired = rescue(broken, new)
     lost = sorted(set(range(STEPS + 1)) - set(repaired.whole))
     assert 70 in lost and len(lost) <= (100 if finished else 1)
     assert f"frame {lost[0]}: " in repaired.damage and "what was written" in repaired.damage
@@ -84,7 +83,7 @@ def test_a_repaired_recording_has_every_whole_frame(
 
 
 def test_the_recording_of_a_killed_run_becomes_an_hdf5_file(killed: Path, tmp_path: Path) -> None:
-    assert repair(killed, tmp_path / "new.h5").whole == list(range(STEPS + 1))
+    assert rescue(killed, tmp_path / "new.h5").whole == list(range(STEPS + 1))
     import h5py
 
     with h5py.File(tmp_path / "new.h5") as file:
@@ -110,7 +109,7 @@ def test_what_is_read_of_a_killed_and_damaged_recording_is_what_was_written(kill
 def test_of_a_recording_that_is_cut_off_the_frames_before_are_rescued(recorded: Path, tmp_path: Path) -> None:
     content = recorded.read_bytes()
     (tmp_path / "cut.h5").write_bytes(content[: -len(content) // 10])
-    repaired = repair(tmp_path / "cut.h5", tmp_path / "new.h5")
+    repaired = rescue(tmp_path / "cut.h5", tmp_path / "new.h5")
     assert repaired.whole[:100] == list(range(100)) and len(repaired.whole) < STEPS
     with read_recording(tmp_path / "new.h5") as recording:
         fake_run.check_frame(recording, 99, 99)
@@ -143,8 +142,8 @@ def test_every_command_says_so_in_one_line(tmp_path: Path, recorded: Path, kind,
 def test_what_cannot_be_repaired_is_one_line(tmp_path: Path, recorded: Path) -> None:
     (tmp_path / "text.h5").write_text("no HDF5")
     with pytest.raises(RecordingError, match="not readable as HDF5"):
-        repair(tmp_path / "text.h5", tmp_path / "new.h5")
+        rescue(tmp_path / "text.h5", tmp_path / "new.h5")
     with pytest.raises(RecordingError, match="is the damaged recording; name another file"):
-        repair(recorded, recorded)
+        rescue(recorded, recorded)
     with pytest.raises(RecordingError, match="no such recording"):
-        repair(tmp_path / "none.h5", tmp_path / "new.h5")
+        rescue(tmp_path / "none.h5", tmp_path / "new.h5")

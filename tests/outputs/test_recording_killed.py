@@ -8,7 +8,7 @@ from pathlib import Path
 
 import fake_run
 
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEPS = 20

@@ -3,9 +3,9 @@
 import fake_run
 import pytest
 
+from taichisoft_outputs import RecordingError, read_recording
 from taichisoft_outputs.recording import bodies
-from taichisoft_outputs.recording.layout import LAYOUT, RecordingError
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.layout import LAYOUT
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 

@@ -11,8 +11,8 @@ import trimesh
 from blocks import make_block
 from tiny_run import tiny_run
 
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
+from taichisoft import VolumeMesh, write_volume_mesh
+from taichisoft.mesh import boundary_triangles
 from taichisoft_outputs.recording.layout import LAYOUT
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "recording.md").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import PATIENCE
 
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 FULL_DISK = """

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 import taichisoft_outputs
 from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering import render as rendering
-from taichisoft_outputs.rendering.render import RenderError
+from taichisoft_outputs.rendering import video as rendering
+from taichisoft_outputs.rendering.video import RenderError
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
     ],
 )
 def test_what_is_impossible_is_said_before_anything_is_drawn(run: Path, monkeypatch, options, problem) -> None:
-    monkeypatch.setattr("taichisoft_outputs.rendering.render.Worker", lambda *_: pytest.fail("a process was started"))
+    monkeypatch.setattr("taichisoft_outputs.rendering.video.Worker", lambda *_: pytest.fail("a process was started"))
     answer = render(run, *options)
     assert isinstance(answer.exception, TaichisoftError)
     assert problem in str(answer.exception)

@@ -12,11 +12,10 @@ import fake_worker
 import numpy as np
 import pytest
 
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.layout import RecordingError
+from taichisoft_outputs import RecordingError, Style, render_pictures
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering import render
-from taichisoft_outputs.rendering.render import RenderError, draw_frames, render_pictures
+from taichisoft_outputs.rendering import video
+from taichisoft_outputs.rendering.video import RenderError, draw_frames
 
 STYLE = Style(size=(32, 16))
 
@@ -65,7 +64,7 @@ def test_after_a_crash_a_new_process_goes_on_with_the_frame_where_the_first_stop
 
 
 def test_a_process_that_hangs_is_ended_and_replaced(worker, monkeypatch) -> None:
-    monkeypatch.setattr(render, "FRAME_LIMIT", 3.0)
+    monkeypatch.setattr(video, "FRAME_LIMIT", 3.0)
     started = worker("hang", at=1, times=1)
     with pytest.warns(UserWarning, match="after 1 of 3 frames: no answer within 3 s"):
         assert draw([7, 8, 9]) == [7, 8, 9]
@@ -74,9 +73,9 @@ def test_a_process_that_hangs_is_ended_and_replaced(worker, monkeypatch) -> None
 
 
 def test_the_start_may_take_longer_than_a_frame_but_not_forever(worker, monkeypatch) -> None:
-    monkeypatch.setattr(render, "START_LIMIT", 10.0)
-    monkeypatch.setattr(render, "LOOK_LIMIT", 0.5)
-    monkeypatch.setattr(render, "FRAME_LIMIT", 3.0)
+    monkeypatch.setattr(video, "START_LIMIT", 10.0)
+    monkeypatch.setattr(video, "LOOK_LIMIT", 0.5)
+    monkeypatch.setattr(video, "FRAME_LIMIT", 3.0)
     worker("hang", at=0, times=1)
     with pytest.warns(UserWarning, match="after 0 of 2 frames: no answer within 14 s"):
         draw([1, 2])
@@ -138,7 +137,7 @@ def test_pictures_of_one_moment_are_drawn_once_and_have_all_their_names(worker, 
 
 
 def test_a_wrong_moment_is_said_before_anything_is_started(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(render, "Worker", lambda *_: pytest.fail("a process was started"))
+    monkeypatch.setattr(video, "Worker", lambda *_: pytest.fail("a process was started"))
     fake_run.fake_run([RecordingOutput(tmp_path)], steps=3)
     with pytest.raises(RecordingError, match="nothing at 5 s"):
         render_pictures(tmp_path / "recording.h5", {"a": 5.0}, tmp_path)

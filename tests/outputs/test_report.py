@@ -15,14 +15,12 @@ import pytest
 import tiny_run
 from PIL import Image
 
+from taichisoft_outputs import Recording, RecordingError, report
+from taichisoft_outputs import report as report_contents
 from taichisoft_outputs.metrics import MetricsOutput
-from taichisoft_outputs.plots.run_plots import Plots, draw_plots
-from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.reader import Recording
+from taichisoft_outputs.plots import Plots, draw_plots
 from taichisoft_outputs.recording.recording_output import RecordingNeeded
-from taichisoft_outputs.report import contents as report_contents
-from taichisoft_outputs.report import report_page
-from taichisoft_outputs.report.report_output import ReportError, ReportOutput, write_report
+from taichisoft_outputs.report import ReportError, ReportOutput, write_report
 
 
 class Page(HTMLParser):
@@ -124,7 +122,7 @@ def test_pictures_are_embedded_in_the_order_of_the_run(folder: Path) -> None:
 def test_a_video_is_embedded_unless_it_is_large(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "grasp.mp4").write_bytes(b"moving")
     assert page_of(folder).sources["video"] == ["data:video/mp4;base64," + base64.b64encode(b"moving").decode()]
-    monkeypatch.setattr(report_page, "EMBEDDED_BYTES", 5)
+    monkeypatch.setattr(report, "EMBEDDED_BYTES", 5)
     path = folder / "sub" / "page.html"
     page = Page(write_report(folder / "recording.h5", path).read_text(encoding="utf-8"))
     assert "../grasp.mp4" in page.links and "too large to be embedded" in page.text
@@ -133,7 +131,7 @@ def test_a_video_is_embedded_unless_it_is_large(folder: Path, monkeypatch: pytes
 
 def test_a_name_leads_to_its_file_and_is_never_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Names may come from elsewhere, and need not be text: a colon, "#", "?", "%", quotes, and bytes of no letter."""
-    monkeypatch.setattr(report_page, "EMBEDDED_BYTES", 5)
+    monkeypatch.setattr(report, "EMBEDDED_BYTES", 5)
     names = [b"javascript:alert(1).png", b"a#b?c%41.png", b'" onclick="alert(1).gif', b"<img src=x>.mp4", b"\xff.png"]
     for name in names:
         (folder / os.fsdecode(name)).write_bytes(b"picture")
@@ -256,7 +254,7 @@ def test_quantities_have_the_units_of_the_plots_and_points_their_brackets() -> N
         "final_tip_positions_mm": {"a": [1.5, -2.0, 1e-9]},
         "steps": 3,
     }
-    assert list(report_page._rows(metrics)) == [
+    assert list(report._rows(metrics)) == [
         ("final volumes [cm³]", "a.cavity: 13.35"),
         ("final contact areas [mm²]", "a|cube: 61"),
         ("final tip positions [mm]", "a: (1.5, -2, 0)"),

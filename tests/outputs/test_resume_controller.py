@@ -13,22 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_resume import taichisoft
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.keys import KeyEvent
+from taichisoft import Control, Controller, KeyEvent, Session, Simulation, hookimpl, load_scene, register_plugin, run
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.plugin_system.plugins import register_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running.controller_memory import saved_as_json
-from taichisoft.running.loop import run, run_session
-from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft.running import run_session
+from taichisoft.running.loop import saved_as_json
+from taichisoft_controllers.keyboard_controller import KeyboardController
+from taichisoft_outputs import read_recording
+from taichisoft_outputs.recording.recording_commands import resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.resume import resumed_simulation, state_at
 
 STEPS = """
 interpolation = "smooth"
@@ -90,7 +83,7 @@ def assert_goes_on(folder: Path, resumed: Path, moment: float) -> None:
 
 @pytest.mark.parametrize(("moment", "phase"), [(0.43, "GRIP"), (1.13, "LIFT"), (1.9, "HELD")])
 def test_a_closed_loop_goes_on_in_its_phase_and_keeps_the_cube(whole, tmp_path, capsys, moment, phase):
-    from taichisoft_controllers.closed_loop.grasp_sequence import Phase
+    from taichisoft_controllers.closed_loop import Phase
 
     arguments = ("--at", moment, "--duration", 0.2, "--output", tmp_path)
     assert taichisoft("resume", whole / "recording.h5", *arguments) == 0

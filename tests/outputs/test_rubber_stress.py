@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from blocks import make_block
 
-from taichisoft.bodies.elasticity import internal_force
-from taichisoft.bodies.shape_functions import linear_tetrahedra
-from taichisoft.building.simulation import make_model
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft_outputs.law_stress import add_pressure, rubber_stress_parts
+from taichisoft import make_model, write_volume_mesh
+from taichisoft.mechanics import linear_tetrahedra
+from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.scene import scene_from_dict
+from taichisoft_outputs.stress import add_pressure, rubber_stress_parts
 
 POISSON = 0.4
 

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, load_scene
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft_outputs.drawing.camera_path import followed_part
-from taichisoft_outputs.drawing.style import Style, StyleError
-from taichisoft_outputs.recorded_tips import recorded_fingertips, tip_state
-from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.reader import read_recording
-from taichisoft_outputs.rendering import render, side_by_side, video
-from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side
+from taichisoft_outputs import RecordingError, Style, read_recording
+from taichisoft_outputs.drawing.camera import followed_part
+from taichisoft_outputs.drawing.style import StyleError
+from taichisoft_outputs.recording.reader import recorded_fingertips, tip_state
+from taichisoft_outputs.rendering import render_command, video
+from taichisoft_outputs.rendering.render_command import pictures_side_by_side, video_side_by_side
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +31,14 @@ def styles(monkeypatch: pytest.MonkeyPatch) -> list[Style]:
         for _ in frames:
             take(np.full((style.size[1], style.size[0], 3), 50 * len(drawn), dtype=np.uint8))
 
-    for module in (render, video):
+    for module in (video, video):
         monkeypatch.setattr(module, "draw_frames", draw)
     return drawn
 
 
 def test_bars_and_cameras_are_those_of_all_and_each_part_has_its_name(recordings, styles, tmp_path, monkeypatch):
     style = Style(size=(321, 90), colour_by="displacement", view="front")
-    monkeypatch.setattr(side_by_side, "colour_bars_width", lambda scales, letters: 60.5 * len(scales))
+    monkeypatch.setattr(render_command, "colour_bars_width", lambda scales, letters: 60.5 * len(scales))
     times = {"start": 0.0, "late": 0.02}
     paths = pictures_side_by_side(recordings, times, tmp_path / "new", style)
     first, second = styles

@@ -6,9 +6,8 @@ import signal
 import numpy as np
 import pytest
 
-from taichisoft import Control, Simulation
+from taichisoft import Control, Scene, Simulation
 from taichisoft.errors import PluginError, TaichisoftError
-from taichisoft.scenes.scene import Scene
 from taichisoft_outputs.rendering.live_renderer import LiveRenderer
 
 SMALL = (160, 120)

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from blocks import make_block
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft_outputs.slipping import Slipping
+from taichisoft import Control, Simulation, write_volume_mesh
+from taichisoft.scene import scene_from_dict
+from taichisoft_outputs.motion_figures import Slipping
 
 WAY = 6.0
 """Of the base, sideways [mm]."""

@@ -4,7 +4,7 @@ import fake_run
 import numpy as np
 import trimesh
 
-from taichisoft_outputs.drawing.shading import KEY_LIGHT, SmoothNormals, shade
+from taichisoft_outputs.drawing.painting import KEY_LIGHT, SmoothNormals, shade
 from taichisoft_outputs.drawing.stage import EMPTY
 
 KEY = np.array(KEY_LIGHT) / np.linalg.norm(KEY_LIGHT)

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from taichisoft.child_process import run_python
+from taichisoft.base import run_python
 
 PALETTE = np.array([[230, 60, 40], [40, 200, 60], [50, 90, 220], [240, 220, 60], [20, 180, 190], [120, 120, 120]])
 """Neither black nor a mixture of others."""

@@ -8,10 +8,10 @@ import pytest
 from blocks import make_block
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
-from taichisoft.bodies.shape_functions import linear_tetrahedra
-from taichisoft.scenes.elastic_law import lame_parameters
-from taichisoft.scenes.time_stepping import Time
+from taichisoft.mechanics import ElasticSystem, linear_tetrahedra
+from taichisoft.mechanics.elasticity import Elasticity
+from taichisoft.scene import lame_parameters
+from taichisoft.scene.scene import Time
 from taichisoft_outputs.stress import StressLaw, nodal_mean, von_mises
 
 MESH = make_block((2, 2, 3), (20.0, 25.0, 30.0))

@@ -4,7 +4,8 @@ from dataclasses import asdict
 
 import pytest
 
-from taichisoft_outputs.drawing.style import Style, StyleError
+from taichisoft_outputs import Style
+from taichisoft_outputs.drawing.style import StyleError
 
 
 @pytest.mark.parametrize(

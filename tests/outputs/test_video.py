@@ -15,12 +15,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs import Style, read_recording, render_pictures, render_video
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering import video_file
-from taichisoft_outputs.rendering.render import RenderError, render_pictures
-from taichisoft_outputs.rendering.video import render_video, video_frames
+from taichisoft_outputs.rendering import video
+from taichisoft_outputs.rendering.video import RenderError, video_frames
 
 STYLE = Style(size=(32, 16))
 
@@ -214,7 +212,7 @@ def test_without_ffmpeg_it_says_how_to_get_it(run, tmp_path, worker, monkeypatch
 
 def test_what_ffmpeg_complains_about_is_passed_on(run, tmp_path, worker, monkeypatch) -> None:
     worker()
-    monkeypatch.setitem(video_file.OPTIONS, ".mp4", "-c:v no_such_codec -f mp4")
+    monkeypatch.setitem(video.OPTIONS, ".mp4", "-c:v no_such_codec -f mp4")
     with pytest.raises(RenderError, match=r"run\.mp4: ffmpeg failed: \w"):
         render_video(run, tmp_path / "run.mp4", Style(size=(640, 360)))
     assert not list(tmp_path.glob("*run*"))

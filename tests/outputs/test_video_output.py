@@ -13,7 +13,7 @@ from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import drawn_outputs
 from taichisoft_outputs.rendering.drawn_outputs import VideoOutput
-from taichisoft_outputs.rendering.render import RenderError
+from taichisoft_outputs.rendering.video import RenderError
 
 
 @pytest.fixture

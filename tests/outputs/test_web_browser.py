@@ -11,12 +11,10 @@ import pytest
 from chromium import chromium
 from conftest import PATIENCE
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
+from taichisoft import Session, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running.loop import run_session
-from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
+from taichisoft.running import run_session
+from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs.web.web_output import WebOutput
 
 pytest.importorskip("viser", reason="needs the extra 'web'")

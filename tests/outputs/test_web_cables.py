@@ -8,19 +8,16 @@ import pytest
 from cable_block import LINK, STEPS, TENDON, run_cables
 from panel_viewer import served
 
-from taichisoft.actuators.cables import CABLES
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
-from taichisoft.session.session import Session
-from taichisoft_outputs.drawing.scales import LINE, ColourScale, round_up
-from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft import Control, Controller, Observation, Session
+from taichisoft.mechanics import CABLES
+from taichisoft_outputs import Recording, read_recording
+from taichisoft_outputs.drawing.painting import LINE, ColourScale, round_up
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
-from taichisoft_outputs.web.frame import lines_shown
-from taichisoft_outputs.web.page_link import page_setup, snapshot
+from taichisoft_outputs.web.page_messages import lines_shown
 from taichisoft_outputs.web.page_process import frame_of as live_frame
-from taichisoft_outputs.web.recording_page import frame_of as recorded_frame
+from taichisoft_outputs.web.view_command import frame_of as recorded_frame
+from taichisoft_outputs.web.web_output import page_setup, snapshot
 
 
 @pytest.fixture(scope="module")

@@ -6,24 +6,20 @@ import numpy as np
 import pytest
 from fake_run import CUBE, CUBE_FACES
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.scenes.scene import Scene
-from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
+from taichisoft import Control, Scene, Session, Simulation
+from taichisoft_controllers.keyboard_controller import KeyboardController
+from taichisoft_outputs import read_recording
 from taichisoft_outputs.drawing.overlay import caption_parts
-from taichisoft_outputs.drawing.shading import split_creases
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.drawing.painting import split_creases
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.curves import MOST_POINTS, WINDOW, History, plotted_row
-from taichisoft_outputs.web.frame import PageFrame
-from taichisoft_outputs.web.page import FREE, view_above_panel
-from taichisoft_outputs.web.page_link import page_setup, snapshot
+from taichisoft_outputs.web.page import ASPECT, FREE, view_above_panel
+from taichisoft_outputs.web.page_messages import PageFrame
 from taichisoft_outputs.web.page_process import frame_of as live_frame
-from taichisoft_outputs.web.recording_page import Playback
-from taichisoft_outputs.web.recording_page import frame_of as recorded_frame
-from taichisoft_outputs.web.scene_view import ASPECT
+from taichisoft_outputs.web.view_command import Playback
+from taichisoft_outputs.web.view_command import frame_of as recorded_frame
+from taichisoft_outputs.web.web_output import page_setup, snapshot
 
 
 def test_a_cube_gets_three_copies_of_each_corner_and_a_flat_face_shares_its_own() -> None:

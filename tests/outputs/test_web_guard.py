@@ -11,8 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from taichisoft_outputs.web.address import Address, WebError, find_address
-from taichisoft_outputs.web.guard import Guard, guarded
-from taichisoft_outputs.web.page import make_server
+from taichisoft_outputs.web.page import Guard, guarded, make_server
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
 

@@ -14,15 +14,10 @@ import numpy as np
 import pytest
 from panel_viewer import PanelViewer
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.keys import KeyEvent
-from taichisoft.running.loop import run_session
-from taichisoft.scenes.scene import Scene
-from taichisoft.session.key_log import KeyReplay
-from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
+from taichisoft import Control, Controller, KeyEvent, Scene, Session, Simulation
+from taichisoft.running import run_session
+from taichisoft.running.session import KeyReplay
+from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs.web.web_output import WebOutput
 
 pytest.importorskip("viser", reason="needs the extra 'web'")

@@ -10,8 +10,7 @@ from conftest import PATIENCE
 from panel_viewer import PanelViewer, served
 from tiny_run import STEPS, command, tiny_run
 
-from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs import RecordingError, read_recording
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
 
@@ -66,8 +65,8 @@ GOING_ON = """
 import sys
 from pathlib import Path
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
+from taichisoft.running.scene_files import load_scene
+from taichisoft.running.simulation import Simulation
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 simulation = Simulation(load_scene(TINY_GRIPPER))

@@ -9,10 +9,7 @@ import typer
 from click.testing import Result
 from typer.testing import CliRunner
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.observation import Observation
+from taichisoft import Control, Observation, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import taichisoft_commands
 from taichisoft_outputs.recording.recording_output import RecordingOutput

@@ -11,20 +11,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from taichisoft import Control, Simulation, load_scene, make_model, scene_from_dict
-from taichisoft.bodies import Modes
-from taichisoft.bodies.elasticity import internal_force
-from taichisoft.bodies.moving_frames import FramePlaces
-from taichisoft_reduction.basis import Basis
+from taichisoft.mechanics import FramePlaces, Modes
+from taichisoft.mechanics.elasticity import internal_force
 from taichisoft_reduction.body_shapes import RelativeMotion, body_shapes
-from taichisoft_reduction.comparison import compare, error_per_imbalance, largest_imbalance, worst
-from taichisoft_reduction.cubature import MotionCriterion, NonNegativeSearch, choose_domains
-from taichisoft_reduction.domain_forces import DomainForces
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.pressing import presses
-from taichisoft_reduction.reduce_command import reduce
+from taichisoft_reduction.reduce_command import Progress, Wishes, _drives, find_mode_count, reduce, reduce_scene
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
 from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
-from taichisoft_reduction.shape_reduction import Progress, Wishes, _drives, find_mode_count, reduce_scene
+from taichisoft_reduction.shape_fit import Basis, DomainForces, MotionCriterion, NonNegativeSearch, choose_domains
+from taichisoft_reduction.training_plan import presses
+from taichisoft_reduction.validation import compare, error_per_imbalance, largest_imbalance, worst
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
 TURNED = {"rotation": [20.0, -35.0, 50.0], "translation": [3.0, 1.0, -2.0]}

@@ -6,8 +6,8 @@ import pytest
 from blocks import make_block
 from scenes_of_sofa import BODY, loaded
 
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import write_volume_mesh
+from taichisoft.scene import scene_from_dict
 from taichisoft_sofa.components.visuals import NAMED
 from taichisoft_sofa.scene_reader import with_files_in
 from taichisoft_sofa.translation.parts import Translation

@@ -12,11 +12,9 @@ import pytest
 from blocks import make_block
 from scenes_of_sofa import BODY, written
 
-from taichisoft.building.scene_files import load_scene
+from taichisoft import VolumeMesh, load_scene, write_volume_mesh
 from taichisoft.command_line import main
 from taichisoft.errors import SceneError
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_sofa.scene_reader import read_scene
 
 Command = Callable[..., tuple[int, str, str]]

@@ -9,15 +9,9 @@ import pytest
 from blocks import make_block
 from scenes_of_sofa import BODY, written
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.keys import KeyEvent
+from taichisoft import Control, KeyEvent, Simulation, load_scene, make_controller, write_volume_mesh
 from taichisoft.errors import ControllerFailed, TaichisoftError
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.surface_files import write_stl
-from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft.mesh import boundary_triangles, write_stl
 from taichisoft_sofa.controller.sofa_controller import SofaController
 
 # A hollow block held at its left end, with a chamber and a cable, and a cube far away from it.

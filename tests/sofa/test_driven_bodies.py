@@ -10,8 +10,7 @@ from test_rigid_parts import SCENE, Run
 from test_rigid_parts import folder as folder
 
 from taichisoft.errors import SceneError
-from taichisoft.meshes.surface_files import read_surface, write_stl
-from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft.mesh import boundary_triangles, read_surface, write_stl
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.loading import load_tree
 

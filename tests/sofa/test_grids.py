@@ -9,15 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes_of_sofa import BODY, loaded
 
-from taichisoft.bodies.elasticity import internal_force
-from taichisoft.building.simulation import make_model
-from taichisoft.meshes.hexahedra import boundary_quads
-from taichisoft.meshes.surface import count_open_edges, enclosed_volume
-from taichisoft.meshes.volume_mesh import tetrahedron_volumes
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import make_model
+from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.mesh import boundary_quads, count_open_edges, enclosed_volume, tetrahedron_volumes
+from taichisoft.scene import scene_from_dict
 from taichisoft_sofa.components import computed as computed  # declares all data
+from taichisoft_sofa.components.loaded_mesh import split_quads
 from taichisoft_sofa.components.regular_grids import divided
-from taichisoft_sofa.meshes.loaded_mesh import split_quads
 from taichisoft_sofa.scene_reader import with_files_in
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.node import Node

@@ -8,17 +8,17 @@ import pytest
 from blocks import make_block
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import closed_outward, enclosed_volume
-from taichisoft_sofa.meshes.loaded_mesh import split_quads
-from taichisoft_sofa.meshes.placement import (
+from taichisoft.mesh import enclosed_volume
+from taichisoft.mesh.surface import closed_outward
+from taichisoft_sofa.components.loaded_mesh import (
     multiply_quaternions,
     placed,
     placed_by_loader,
     quaternion,
     rotation_matrix,
+    split_quads,
 )
-from taichisoft_sofa.meshes.reading import read_mesh
-from taichisoft_sofa.meshes.stock import STOCK_MESHES, find_mesh
+from taichisoft_sofa.components.loaders import STOCK_MESHES, find_mesh, read_mesh
 
 NO_MOVE = ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 

@@ -13,11 +13,7 @@ import numpy as np
 import pytest
 from conftest import Figures
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.keys import KeyEvent
-from taichisoft.scenes.scene import Scene
+from taichisoft import KeyEvent, Scene, Simulation, load_scene, make_controller
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.loading import load_tree
 

@@ -135,7 +135,7 @@ def test_a_scene_in_xml_is_read(tmp_path: Path) -> None:
     ],
 )
 def test_mistakes_in_xml_are_one_line(tmp_path: Path, text: str, message: str) -> None:
-    from taichisoft.building.scene_files import load_scene
+    from taichisoft import load_scene
 
     (tmp_path / "scene.scn").write_text(text)
     with pytest.raises(SceneError, match=message):

@@ -9,10 +9,7 @@ from blocks import make_block
 from scenes_of_sofa import BODY, loaded, written
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.meshes.files import write_volume_mesh
+from taichisoft import Simulation, load_scene, make_controller, write_volume_mesh
 from taichisoft_sofa.components.frames import FramePoses, composed, relative, start_values
 from taichisoft_sofa.controller.sofa_controller import SofaController
 from taichisoft_sofa.translation.translate import translate

@@ -7,10 +7,8 @@ import pytest
 from scenes_of_sofa import BODY, loaded, written
 from test_translation import folder as folder
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.meshes.surface_files import read_surface
+from taichisoft import Simulation, load_scene, make_controller
+from taichisoft.mesh import read_surface
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
 

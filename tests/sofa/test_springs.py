@@ -8,7 +8,7 @@ from scenes_of_sofa import BODY, loaded
 from test_driven_bodies import run
 from test_rigid_parts import folder as folder
 
-from taichisoft.meshes.files import write_volume_mesh
+from taichisoft import write_volume_mesh
 from taichisoft_sofa.translation.translate import translate
 
 MASS = 0.05

@@ -8,10 +8,9 @@ import pytest
 from blocks import make_block
 from scenes_of_sofa import BODY, loaded
 
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.surface_files import write_stl
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft_sofa.components.hyperelastic_energies import MATERIALS
+from taichisoft import VolumeMesh, read_volume_mesh, write_volume_mesh
+from taichisoft.mesh import boundary_triangles, write_stl
+from taichisoft_sofa.components.dynamics import MATERIALS
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
 
@@ -284,7 +283,7 @@ def test_without_a_solver_a_rigid_body_is_an_obstacle_where_its_pose_puts_it(fol
     assert "rigid_bodies" not in translation.tables
     name = translation.tables["obstacles"]["cube"]["surface"]
     translation.files.write(folder)
-    from taichisoft.meshes.surface_files import read_surface
+    from taichisoft.mesh import read_surface
 
     points, _ = read_surface(folder / name)
     assert points.min(axis=0) == pytest.approx([9.0, -1.0, -1.0])

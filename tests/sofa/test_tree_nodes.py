@@ -3,8 +3,8 @@
 import pytest
 
 from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.modules import Prefab
 from taichisoft_sofa.tree.node import Node
-from taichisoft_sofa.tree.prefab import Prefab
 
 
 @pytest.fixture

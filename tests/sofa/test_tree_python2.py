@@ -7,7 +7,7 @@ from scenes_of_sofa import loaded, written
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.loading import load_tree
-from taichisoft_sofa.tree.python2 import compiled
+from taichisoft_sofa.tree.scene_modules import compiled
 
 
 def values(folder: Path, text: str) -> dict[str, object]:

@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.run_parts import make_controller
-from taichisoft.building.scene_files import load_scene
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.keys import KeyEvent
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft_sofa.checking import checked
+from taichisoft import Control, KeyEvent, Simulation, load_scene, make_controller
+from taichisoft.scene import scene_from_dict
 from taichisoft_sofa.controller.sofa_controller import SofaController
+from taichisoft_sofa.sofa_commands import checked
 
 STEPS = {
     "FirstSteps/details/step1.py": 0,

@@ -9,16 +9,26 @@ import pytest
 from conftest import Figures
 from studies import PLUGIN, Here
 
+from taichisoft import load_plugin
 from taichisoft.errors import SceneError
-from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes.file import scene_from_toml
-from taichisoft_studies.calibration_file import Calibration, Experiment, Measurement, Parameter, read_measurement
-from taichisoft_studies.curves_output import read_curves
+from taichisoft.scene import scene_from_toml
+from taichisoft_studies.calibration import (
+    Calibration,
+    CalibrationFit,
+    Experiment,
+    Measurement,
+    Parameter,
+    experiment_job,
+    fit_parameters,
+    misfits,
+    read_measurement,
+    statics,
+)
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.least_squares import CalibrationFit, calibrate, experiment_job, misfits, statics
+from taichisoft_studies.make_run import read_curves
+from taichisoft_studies.scene_sweep import job_for, make_missing
 from taichisoft_studies.study_file import check_study
-from taichisoft_studies.sweep_runs import job_for, make_missing
 
 MODULUS, DAMPING = "soft_bodies.left.young_modulus", "soft_bodies.left.rayleigh_stiffness"
 TIP = "tip_positions['left'][0]"
@@ -61,7 +71,7 @@ def test_what_made_the_data_is_found(tmp_path: Path, taichisoft_plugins: Any, fi
     """Modulus and damping of a pad from the motion of its nodes, within 2 %; the tip moves by some millimetres."""
     study = calibration_of(tmp_path)
     data = made_data(study, tmp_path, noise=0.0)
-    fit = calibrate(study, [data], tmp_path, Here(), lambda values, cost: None)
+    fit = fit_parameters(study, [data], tmp_path, Here(), lambda values, cost: None)
     for key, value in TRUE.items():
         figures.close(f"{key}, found and true", fit.values[key], value, 0.02 * value)
     assert fit.residuals[0][0] < 1e-3 * np.ptp(data.curves)
@@ -73,7 +83,7 @@ def test_the_interval_of_noisy_data_holds_the_truth(tmp_path: Path, taichisoft_p
     study = calibration_of(tmp_path)
     clean = made_data(study, tmp_path, noise=0.0)
     noise = 0.02 * float(np.ptp(clean.curves))
-    fit = calibrate(study, [made_data(study, tmp_path, noise)], tmp_path, Here(), lambda values, cost: None)
+    fit = fit_parameters(study, [made_data(study, tmp_path, noise)], tmp_path, Here(), lambda values, cost: None)
     for key, value in TRUE.items():
         low, high = fit.intervals[key]
         assert low < value < high
@@ -152,7 +162,7 @@ def test_a_calibration_that_is_wrong_is_told_by_its_key(
 def test_data_that_outlast_the_run_are_an_error(tmp_path: Path, taichisoft_plugins: Any) -> None:
     data = Measurement(np.array([0.0, 5.0]), np.array([[0.0, 1.0]]), np.ones(1), np.zeros(1))
     with pytest.raises(StudyError, match=r"experiments.0: the data lie from 0 to 5, and the run from 0.01 to 0.02"):
-        calibrate(calibration_of(tmp_path, duration=0.02), [data], tmp_path, Here(), lambda values, cost: None)
+        fit_parameters(calibration_of(tmp_path, duration=0.02), [data], tmp_path, Here(), lambda values, cost: None)
 
 
 PAD = """

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 import taichisoft
-from taichisoft_studies.characteristics import Characteristics, characterise, equilibrium_count
-from taichisoft_studies.commands.characterise import characterise as command
-from taichisoft_studies.datasheet import trust_line, write_datasheet
+from taichisoft_studies.characterise import (
+    Characteristics,
+    equilibrium_count,
+    find_characteristics,
+    trust_line,
+    write_datasheet,
+)
+from taichisoft_studies.characterise import characterise as command
 from taichisoft_studies.errors import StudyError
 
 PRESSURES = [0.0, 12.0, 24.0]
@@ -19,7 +24,7 @@ def found():
     """A finger without gravity, and how many equilibria it took."""
     scene = taichisoft.load_scene("finger-inflated", ["gravity=[0.0, 0.0, 0.0]"])
     counted = []
-    return characterise(scene, None, PRESSURES, 2, counted.append), len(counted), scene
+    return find_characteristics(scene, None, PRESSURES, 2, counted.append), len(counted), scene
 
 
 def test_a_finger_bends_by_its_pressure_and_presses_with_what_is_left(found):
@@ -65,13 +70,15 @@ def test_table_picture_and_page_say_the_same(found, tmp_path):
 
 def test_what_cannot_be_characterised_is_refused(tmp_path):
     with pytest.raises(StudyError, match=r"--body cube: no soft body .* there are: finger"):
-        characterise(taichisoft.load_scene("finger-inflated"), "cube", PRESSURES, 1)
+        find_characteristics(taichisoft.load_scene("finger-inflated"), "cube", PRESSURES, 1)
     with pytest.raises(StudyError, match=r"no soft body with a cavity is called so; there are: $"):
-        characterise(taichisoft.load_scene("cable-gripper"), None, PRESSURES, 1)
+        find_characteristics(taichisoft.load_scene("cable-gripper"), None, PRESSURES, 1)
     for pressure in (0.0, np.nan):
         with pytest.raises(StudyError, match="must be a number of kPa other than 0"):
             command("finger-inflated", pressure)
     with pytest.raises(StudyError, match=r"--pressure -200: must be at least the vacuum's -101.325 kPa"):
         command("finger-inflated", -200.0)
     with pytest.raises(StudyError, match=r"4 kPa: the scene's limits hold 'finger.cavity' at 3 kPa"):
-        characterise(taichisoft.load_scene("finger-inflated", ["limits.highest_pressure=3"]), None, [0.0, 4.0], 1)
+        find_characteristics(
+            taichisoft.load_scene("finger-inflated", ["limits.highest_pressure=3"]), None, [0.0, 4.0], 1
+        )

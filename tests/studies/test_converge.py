@@ -9,11 +9,10 @@ from blocks import make_block
 from conftest import Figures
 
 from taichisoft import Scene, load_scene, scene_from_dict
-from taichisoft.meshes import write_volume_mesh
-from taichisoft_studies.commands.converge import TABLE
-from taichisoft_studies.commands.converge import converge as command
+from taichisoft.mesh import write_volume_mesh
+from taichisoft_studies.converge import TABLE, changed, finer_meshes, refine, refinement_error
+from taichisoft_studies.converge import converge as command
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.refinement import changed, converge, finer_meshes, refinement_error
 
 SIZE = (40.0, 10.0, 10.0)
 TIP = "final_tip_positions_mm.block.2"
@@ -50,7 +49,7 @@ def test_a_falling_block_is_too_low_by_half_a_step(tmp_path: Path, figures: Figu
     scene = block(tmp_path, (1, 1, 1), time={"step": 0.01, "duration": 0.1}, tip=EVERYWHERE)
     finer = block(tmp_path, (2, 1, 1), time={"step": 0.01, "duration": 0.1}, tip=EVERYWHERE)
     lines: list[str] = []
-    found = converge(
+    found = refine(
         scene, tmp_path / "runs", [f"soft_bodies.block.mesh={finer.soft_bodies['block'].mesh.file}"], made=lines.append
     )
     (tip,) = [one for one in found.figures if one.name == TIP]
@@ -59,7 +58,7 @@ def test_a_falling_block_is_too_low_by_half_a_step(tmp_path: Path, figures: Figu
     assert tip.mesh_error == pytest.approx(0.0, abs=1e-9)
     assert tip.error == pytest.approx(abs(tip.step_error), abs=1e-9)
     assert lines == ["run: completed", "half the step: completed", "finer mesh: completed"]
-    again = converge(scene, tmp_path / "runs", [])
+    again = refine(scene, tmp_path / "runs", [])
     assert again.nodes is None and again.figures[0].mesh_error is None
 
 
@@ -74,10 +73,10 @@ def test_the_error_of_a_coarse_beam_has_its_sign_and_size(tmp_path: Path, figure
         for n in (1, 2, 4)
     ]
     files = [one.soft_bodies["block"].mesh.file for one in scenes]
-    found = converge(scenes[0], tmp_path / "runs", [f"soft_bodies.block.mesh={files[1]}"])
+    found = refine(scenes[0], tmp_path / "runs", [f"soft_bodies.block.mesh={files[1]}"])
     (tip,) = [one for one in found.figures if one.name == TIP]
     assert tip.step_error == pytest.approx(0.0, abs=1e-5), "rest does not depend on the step"
-    finest = converge(scenes[0], tmp_path / "runs", [f"soft_bodies.block.mesh={files[2]}"])
+    finest = refine(scenes[0], tmp_path / "runs", [f"soft_bodies.block.mesh={files[2]}"])
     (fine,) = [one for one in finest.figures if one.name == TIP]
     assert tip.mesh_error is not None and fine.finer_mesh is not None
     lacking = fine.value - fine.finer_mesh
@@ -109,11 +108,11 @@ def test_a_mesh_that_is_not_finer_and_a_run_that_fails_are_told(tmp_path: Path) 
     scene = block(tmp_path, (2, 1, 1), time={"step": 0.01, "duration": 0.02}, tip=EVERYWHERE)
     coarser = block(tmp_path, (1, 1, 1), time={"step": 0.01, "duration": 0.02}, tip=EVERYWHERE)
     with pytest.raises(StudyError, match="the finer mesh has 8 nodes, not more than the 12"):
-        converge(scene, tmp_path / "runs", [f"soft_bodies.block.mesh={coarser.soft_bodies['block'].mesh.file}"])
+        refine(scene, tmp_path / "runs", [f"soft_bodies.block.mesh={coarser.soft_bodies['block'].mesh.file}"])
     clamp = [{"box": [[-20.1, -6.0, -6.0], [-19.9, 6.0, 6.0]]}]
     flowing = block(tmp_path, (2, 1, 1), time={"step": 0.5, "duration": 2.0}, anchors=clamp, young_modulus=0.01)
     with pytest.raises(StudyError, match=r"^run: (diverged|beyond the law): "):
-        converge(flowing, tmp_path / "runs", [])
+        refine(flowing, tmp_path / "runs", [])
 
 
 def test_the_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

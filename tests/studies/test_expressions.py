@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.study_expressions import Expression
+from taichisoft_studies.study_file import Expression
 
 NAMES = {"force": 12.0, "tips": {"finger": [1.0, 2.0, 3.0]}, "held": True, "nothing": None}
 

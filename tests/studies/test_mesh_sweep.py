@@ -13,18 +13,15 @@ import numpy as np
 import pytest
 from conftest import PATIENCE
 
+from taichisoft import load_plugin, read_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.plugin_system.plugins import load_plugin
-from taichisoft.running.folder_lock import locked_folder
-from taichisoft_meshing.commands.mesh_options import geometry_job
+from taichisoft.running import locked_folder
+from taichisoft_meshing.mesh_command import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.make_mesh import MeshRun, make_variant
-from taichisoft_studies.mesh_variants import Variant, plan
-from taichisoft_studies.study_file import MOST, Sweep, check_study
-from taichisoft_studies.varied_values import varied
-from taichisoft_studies.worker_task import do_mesh
+from taichisoft_studies.mesh_sweep import Variant, plan
+from taichisoft_studies.study_file import MOST, Sweep, check_study, varied
+from taichisoft_studies.worker_task import MeshRun, do_mesh, make_variant
 
 PLUGIN = Path(__file__).parents[1] / "meshing" / "block_kind.py"
 JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})

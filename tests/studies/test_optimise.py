@@ -6,17 +6,22 @@ from typing import Any
 import pytest
 from studies import PLUGIN, Here
 
-from taichisoft import optional_packages
+from taichisoft import load_plugin
+from taichisoft.base import text
 from taichisoft.errors import PackageMissing
-from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.objectives import figures
-from taichisoft_studies.optimisation_file import Optimisation
-from taichisoft_studies.optimiser import OWNER, best_trials, counted, open_study, take_over_abandoned, take_over_errors
+from taichisoft_studies.optimise import figures, make_winners, run_trials, trial_rows
+from taichisoft_studies.optimiser import (
+    OWNER,
+    Optimisation,
+    best_trials,
+    counted,
+    open_study,
+    take_over_abandoned,
+    take_over_errors,
+)
 from taichisoft_studies.study_file import check_study
-from taichisoft_studies.trials import optimise, trial_rows
-from taichisoft_studies.winners import make_winners
 
 PRESSURE = "controller.settings.pressure"
 
@@ -49,7 +54,7 @@ def searched(study: Optimisation, folder: Path, workers: Here | None = None) -> 
     """Optuna's study when all trials have been made."""
     trials = open_study(study, folder)
     trials.set_user_attr("folder", str(folder))
-    optimise(study, folder, trials, workers or FewAtATime(), lambda trial, record: None)
+    run_trials(study, folder, trials, workers or FewAtATime(), lambda trial, record: None)
     return trials
 
 
@@ -241,7 +246,7 @@ def test_a_search_that_is_wrong_is_told_by_its_key(
 def test_a_package_too_large_to_come_along_is_named_with_its_own_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taichisoft_plugins: Any
 ) -> None:
-    monkeypatch.setattr(optional_packages, "find_spec", lambda name: None if name == "torch" else "there")
+    monkeypatch.setattr(text, "find_spec", lambda name: None if name == "torch" else "there")
     with pytest.raises(PackageMissing, match=r"^sampler = 'gp': needs torch, .* not installed: pip install torch$"):
         open_study(search_of(tmp_path, sampler="gp"), tmp_path)
 
@@ -250,8 +255,8 @@ def test_where_all_trials_violate_constraints_the_nearest_one_is_named_and_by_ho
     """Trial 1 misses one constraint by little; in units of their own, the volume's 90 mm^3 are less than 2 of force."""
     from types import SimpleNamespace
 
+    from taichisoft_studies.optimise import _nearest
     from taichisoft_studies.optimiser import VIOLATIONS, nearest_trial
-    from taichisoft_studies.winners import _nearest
 
     missed = ([2.0, 1000.0], [-0.5, 90.0], [4.0, -1.0])
     ended = [

@@ -7,13 +7,12 @@ from typing import Any
 import pytest
 from studies import PLUGIN, Here
 
-from taichisoft.plugin_system.plugins import load_plugin
-from taichisoft_studies.optimisation_file import Optimisation
-from taichisoft_studies.optimiser import best_trials, open_study
+from taichisoft import load_plugin
+from taichisoft_studies.optimise import run_trials, trial_rows
+from taichisoft_studies.optimiser import Optimisation, best_trials, open_study
 from taichisoft_studies.results_table import result_row
+from taichisoft_studies.scene_sweep import make_missing, sweep_jobs
 from taichisoft_studies.study_file import Sweep, check_study
-from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
-from taichisoft_studies.trials import optimise, trial_rows
 
 PRESSURE = "controller.settings.pressure"
 PRESSURES = [20.0, 60.0]
@@ -60,6 +59,6 @@ def test_a_search_leaves_it_out_unless_asked(tables: dict[str, Any], tmp_path: P
     study = check_study(Optimisation, {**tables, **search, "beyond_the_law": accepted}, "study")
     trials = open_study(study, tmp_path)
     trials.set_user_attr("folder", str(tmp_path))
-    optimise(study, tmp_path, trials, Here(), lambda trial, record: None)
+    run_trials(study, tmp_path, trials, Here(), lambda trial, record: None)
     assert best_trials(trials, 1)[0].params[PRESSURE] == best
     assert {row["status"] for row in trial_rows(study, trials)} == {"beyond the law", "completed"}

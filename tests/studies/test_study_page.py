@@ -9,14 +9,13 @@ import typer
 from studies import Here, sweep_of
 from typer.testing import CliRunner
 
-from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft import load_plugin
 from taichisoft_studies import taichisoft_commands
-from taichisoft_studies.analysis import best_runs, effects, figure_columns, parameter_columns
+from taichisoft_studies.compare import differences, draw_comparison, labels
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.results_table import read_table, write_table
-from taichisoft_studies.run_comparison import differences, draw_comparison, labels
-from taichisoft_studies.study_page import study_page
-from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
+from taichisoft_studies.scene_sweep import make_missing, sweep_jobs
+from taichisoft_studies.study_report import best_runs, effects, figure_columns, parameter_columns, study_page
 
 
 def table(count: int = 60) -> Any:

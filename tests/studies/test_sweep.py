@@ -15,20 +15,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from studies import Here, sweep_of
 
+from taichisoft import load_plugin
 from taichisoft.errors import MeshError, PluginError, SceneError
-from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_benchmarks.faults.interrupted_sweep import interrupted_sweep
-from taichisoft_studies import varied_values
+from taichisoft_studies import study_file
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import REASONS, reason
 from taichisoft_studies.results_table import WALL_CLOCK, read_table, result_row, write_table
-from taichisoft_studies.run_folder import COMPLETED, ERROR, PRUNED, read_record
-from taichisoft_studies.run_job import run_hash
-from taichisoft_studies.scene_keys import scene_with
-from taichisoft_studies.study_file import Range, Sample, Sweep, check_study, read_tables
-from taichisoft_studies.sweep_runs import UNSURE, checked_record, make_missing, sweep_jobs
-from taichisoft_studies.varied_values import combinations, varied
+from taichisoft_studies.run_folder import COMPLETED, ERROR, PRUNED, read_record, run_hash
+from taichisoft_studies.scene_sweep import UNSURE, checked_record, make_missing, sweep_jobs
+from taichisoft_studies.study_file import (
+    Range,
+    Sample,
+    Sweep,
+    check_study,
+    combinations,
+    read_tables,
+    scene_with,
+    varied,
+)
 from taichisoft_studies.worker_task import do_run
 
 
@@ -70,7 +76,7 @@ def test_a_study_of_too_many_runs_is_refused_before_its_values_are_made(
     vary: dict[str, Any], count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The list of them would take 8 GB."""
-    monkeypatch.setattr(varied_values, "grid", None)
+    monkeypatch.setattr(study_file, "grid", None)
     with pytest.raises(StudyError, match=f"^vary: {count} combinations are more than the 10000 that a sweep may have$"):
         combinations(vary, None, 1)
 
@@ -355,7 +361,7 @@ def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(
     What a run printed is in its log however it ended. (One that hangs may not have begun to print within its limit.)
     """
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
-    monkeypatch.setattr("taichisoft_studies.run_child._child", None)  # one that has that variable
+    monkeypatch.setattr("taichisoft_studies.worker_task._child", None)  # one that has that variable
     path = tmp_path / "ends.py"
     path.write_text(ENDS)
     values = {"controller.settings.how": ["sleep", "crash", "kill"]}

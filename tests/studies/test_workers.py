@@ -24,11 +24,10 @@ from studies import command
 
 from taichisoft_benchmarks.faults.ports import listening, open_doors, ports_of_studies
 from taichisoft_studies import workers
-from taichisoft_studies.access import own_credentials
-from taichisoft_studies.commands.study_options import announced_workers
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_file import Cluster, Study, check_study
-from taichisoft_studies.workers import dask_workers, slurm_cluster
+from taichisoft_studies.study_options import announced_workers
+from taichisoft_studies.workers import dask_workers, own_credentials, slurm_cluster
 
 ROOT = Path(__file__).parents[2]
 BLOCK = ROOT / "tests" / "meshing" / "block_kind.py"

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.building.simulation import Simulation
-from taichisoft.state import State
+from taichisoft import Simulation, State
+from taichisoft.base import matrices_from_quaternions
 
 
 def total_energy(simulation: Simulation) -> float:

@@ -8,11 +8,8 @@ import hashlib
 
 import numpy as np
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.scene import Scene
-from taichisoft.state import State
+from taichisoft import Control, Scene, Simulation, State
+from taichisoft.scene import scene_from_dict
 
 STEPS = 12
 REGION = {"box": [[-100.0, 22.5, -8.0], [-19.0, 28.0, 8.0]], "law": "hooke", "young_modulus": 1500}

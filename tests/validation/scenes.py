@@ -4,10 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.step.report import StepReport
+from taichisoft import Control, Simulation, StepReport
+from taichisoft.scene import scene_from_dict
 
 GRAVITY = 9810.0
 CONTACT_DISTANCE = 1.0

@@ -12,8 +12,7 @@ from energy import total_energy
 from scenes import advance, silicone, simulate
 from scipy.optimize import brentq
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation
 from taichisoft.errors import ControlError
 
 SIZE = (30.0, 20.0, 20.0)

@@ -10,11 +10,9 @@ from conftest import Figures
 from scenes import silicone, simulate
 from scipy.optimize import brentq
 
-from taichisoft.actuators.orifice import LAMINAR, REFERENCE_DENSITY, Orifice, tube
-from taichisoft.actuators.shut_air import PRESSURE_TIMES_VOLUME
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation
 from taichisoft.errors import ControlError
+from taichisoft.mechanics.cavity_air import LAMINAR, PRESSURE_TIMES_VOLUME, REFERENCE_DENSITY, Orifice, tube
 
 SIZE = (30.0, 20.0, 20.0)
 CAVITY = "block.cavity"

@@ -8,9 +8,7 @@ from blocks import make_block
 from conftest import Figures
 from scenes import GRAVITY, advance, silicone, simulate
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import write_volume_mesh
+from taichisoft import Control, Simulation, write_volume_mesh
 
 SIZE = 20.0
 STEP = 0.01

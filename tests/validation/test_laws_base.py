@@ -8,9 +8,8 @@ import pytest
 from conftest import Figures
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Control, Simulation
+from taichisoft.scene import scene_from_dict
 
 STEP = 0.01
 BOUND = 1e-6

@@ -7,7 +7,7 @@ from blocks import make_block
 from conftest import Figures
 from scenes import GRAVITY, silicone, simulate
 
-from taichisoft.meshes.files import write_volume_mesh
+from taichisoft import write_volume_mesh
 
 LENGTH, WIDTH = 60.0, 10.0
 DENSITY, E = 1e-9, 500.0

@@ -6,7 +6,7 @@ from blocks import make_block
 from conftest import Figures
 
 import taichisoft
-from taichisoft.meshes.thin_walls import BENDS, GROWS
+from taichisoft.mesh.volume_mesh import BENDS, GROWS
 from taichisoft_benchmarks.regular_meshes import hollow_sphere
 from taichisoft_benchmarks.studies.bending import (
     cook_deflection,

@@ -9,11 +9,9 @@ from actuator_geometry import measured
 from conftest import Figures
 from scenes import advance, silicone, simulate
 
-from taichisoft.actuators.model_actuators import ActuatorGeometry
-from taichisoft.bodies.elasticity import internal_force
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.model import Model
+from taichisoft import Control, Model, Simulation
+from taichisoft.mechanics import ActuatorGeometry
+from taichisoft.mechanics.elasticity import internal_force
 
 SIZE = (40.0, 10.0, 10.0)
 ROOT = {"box": [[-20, -5, -5], [-20, 5, 5]]}

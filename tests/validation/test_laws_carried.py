@@ -7,11 +7,10 @@ import pytest
 from conftest import Figures
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft.meshes.surface_files import write_stl
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.mesh import write_stl
+from taichisoft.scene import scene_from_dict
 
 STEP, MASS = 0.01, 0.05
 WEIGHT = 9810.0 * MASS

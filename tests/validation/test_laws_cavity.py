@@ -8,9 +8,7 @@ from actuator_geometry import measured
 from conftest import Figures
 from scenes import advance, silicone, simulate
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.model import Model
+from taichisoft import Control, Model, Simulation
 
 SIZE = (30.0, 20.0, 20.0)
 CAVITY = "block.cavity"

@@ -9,7 +9,7 @@ import pytest
 from conftest import Figures
 from scenes import CONTACT_DISTANCE, rigid_momentum, silicone, simulate, soft_momentum
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 
 STEP = 0.005
 SPEED = 200.0

@@ -11,9 +11,7 @@ from blocks import make_block
 from conftest import Figures
 
 import taichisoft
-from taichisoft.building.scene_files import load_scene
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft import VolumeMesh, load_scene, write_volume_mesh
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 Box = Callable[[tuple[float, ...], tuple[float, ...], tuple[int, ...]], str]

@@ -9,8 +9,9 @@ from blocks import make_block
 from scenes import silicone, simulate
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.elasticity import ElasticSystem, internal_force
-from taichisoft.meshes.files import write_volume_mesh
+from taichisoft import write_volume_mesh
+from taichisoft.mechanics import ElasticSystem
+from taichisoft.mechanics.elasticity import internal_force
 
 SIZE = (10.0, 8.0, 6.0)
 DAMPING = 0.5

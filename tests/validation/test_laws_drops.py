@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, silicone, simulate
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 
 STEPS_ABOVE = 1.7
 """How far above the floor bodies begin, in steps of their speed: the second step leads them into it."""
@@ -93,7 +93,7 @@ def _lowest(simulation: Simulation) -> float:
     state = simulation.state
     if len(state.position):
         return float(state.position[:, 2].min())
-    from taichisoft.bodies.rotations import matrices_from_quaternions
+    from taichisoft.base import matrices_from_quaternions
 
     turn = matrices_from_quaternions(state.rigid_rotation)[0]
     return float((simulation.model.rigid_bodies[0].vertices @ turn.T + state.rigid_position[0])[:, 2].min())
@@ -104,7 +104,7 @@ def soft_block(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A block of 10 mm."""
     from blocks import make_block
 
-    from taichisoft.meshes.files import write_volume_mesh
+    from taichisoft import write_volume_mesh
 
     path = tmp_path_factory.mktemp("soft") / "block.msh"
     write_volume_mesh(make_block((2, 2, 2), (10.0, 10.0, 10.0)), path)

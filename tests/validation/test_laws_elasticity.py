@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from scenes import silicone, simulate
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.elasticity import internal_force
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft.model import Model
+from taichisoft import Model, VolumeMesh, write_volume_mesh
+from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.mesh import boundary_triangles
 
 SIZE = (30.0, 20.0, 10.0)
 INNER = 8

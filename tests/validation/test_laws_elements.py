@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 from scenes import advance, silicone, simulate, soft_momentum
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.elasticity import ElasticSystem, internal_force
-from taichisoft.bodies.hexahedral_domains import hexahedral_masses
+from taichisoft import Model, VolumeMesh, read_volume_mesh, write_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft.model import Model
+from taichisoft.mechanics import ElasticSystem
+from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.mechanics.element_kinds import hexahedral_masses
+from taichisoft.mesh import boundary_triangles, with_middle_nodes
 
 SIZE = (30.0, 20.0, 10.0)
 ELEMENTS = ("linear", "smoothed", "quadratic")

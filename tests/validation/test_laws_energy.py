@@ -24,7 +24,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, silicone, simulate
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 
 SECONDS = 0.15
 """Long enough to fall by 110 mm, to strike with several corners, and to slide or roll."""
@@ -167,7 +167,7 @@ def soft_mesh(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A block of 3 x 2 x 2 cells, 20 x 15 x 15 mm."""
     from blocks import make_block
 
-    from taichisoft.meshes.files import write_volume_mesh
+    from taichisoft import write_volume_mesh
 
     path = tmp_path_factory.mktemp("soft") / "block.msh"
     write_volume_mesh(make_block((3, 2, 2), (20.0, 15.0, 15.0)), path)

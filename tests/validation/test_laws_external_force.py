@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 SCENE = {
     "gravity": [0, 0, 0],

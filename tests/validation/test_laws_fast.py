@@ -8,7 +8,7 @@ import trimesh
 from conftest import Figures
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, simulate
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 
 SIDE = 20.0
 HEIGHT = SIDE / 2 + CONTACT_DISTANCE

@@ -9,10 +9,9 @@ from conftest import Figures
 from scenes import silicone
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation
 from taichisoft.errors import ControlError, SceneError
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 STEP = 0.01
 WEIGHT = 9810.0

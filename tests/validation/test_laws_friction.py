@@ -7,7 +7,7 @@ import pytest
 from conftest import Figures
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, advance, simulate
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 
 FRICTION = 0.5
 CRITICAL = math.degrees(math.atan(FRICTION))

@@ -7,7 +7,7 @@ import pytest
 from conftest import Figures
 from scenes import CONTACT_DISTANCE, FLOOR, simulate
 
-from taichisoft.bodies.rotations import rotation_from_degrees
+from taichisoft.base.rotations import rotation_from_degrees
 
 SIZE = np.array([30.0, 20.0, 10.0])
 MASS = 0.01

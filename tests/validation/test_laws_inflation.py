@@ -12,7 +12,7 @@ import pytest
 from conftest import Figures
 from scenes import simulate
 
-from taichisoft.control.control import Control
+from taichisoft import Control
 
 PRESSURE, RISE, DURATION = 25.0, 0.1, 0.2
 FAR = 5.0

@@ -16,14 +16,10 @@ from conftest import Figures
 from scenes import simulate
 from test_laws_reduced import chamber, write_modes
 
-from taichisoft.building.scene_files import load_scene, scene_from_dict
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.control.observation import Observation
-from taichisoft.control.observed_figures import find_figure
+from taichisoft import Control, Observation, Simulation, equilibrium, load_scene, scene_from_dict
+from taichisoft.control import find_figure
 from taichisoft.errors import ControlError, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.statics import equilibrium
 
 EXACT = "contact.tolerance=1e-11"
 NONLINEAR = ("time.newton=30", "time.newton_tolerance=1e-12", "contact.depth='velocity'")

@@ -7,9 +7,9 @@ import pytest
 from blocks import make_block
 from scenes import silicone, simulate
 
+from taichisoft import write_volume_mesh
 from taichisoft.errors import SceneError
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft.mesh import boundary_triangles
 
 LENGTH, WIDTH, E = 20.0, 10.0, 500.0
 UNDAMPED = {"rayleigh_mass": 0.0, "rayleigh_stiffness": 0.0}

@@ -8,8 +8,8 @@ import pytest
 from conftest import Figures
 from scenes import advance, silicone, simulate, soft_momentum
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
+from taichisoft.base import matrices_from_quaternions
 
 SPIN = np.array([3.0, 1.0, 2.0])
 

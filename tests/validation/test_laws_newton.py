@@ -12,11 +12,9 @@ from conftest import Figures
 from scenes import FLOOR, GRAVITY, silicone, soft_momentum
 from scipy.optimize import brentq, root
 
-from taichisoft.bodies.elasticity import internal_force
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Control, Simulation, write_volume_mesh
+from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.scene import scene_from_dict
 
 SIZE = (30.0, 20.0, 10.0)
 ELEMENTS = ("linear", "smoothed", "quadratic")

@@ -8,11 +8,8 @@ import pytest
 from conftest import Figures
 from scenes import FLOOR, GRAVITY, advance, silicone
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Control, Simulation, VolumeMesh, write_volume_mesh
+from taichisoft.scene import scene_from_dict
 
 DOWN = [0.0, 0.0, -GRAVITY]
 CUBE = (20.0, 20.0, 20.0)

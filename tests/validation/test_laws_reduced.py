@@ -10,12 +10,8 @@ from conftest import Figures
 from energy import total_energy
 from scenes import GRAVITY, silicone, simulate
 
-from taichisoft.bodies.modes import Modes
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.state import State
-from taichisoft.statics import equilibrium
+from taichisoft import Control, Simulation, State, equilibrium, write_volume_mesh
+from taichisoft.mechanics import Modes
 
 SIZE = (40.0, 20.0, 20.0)
 ROUND_OFF = 1e-9  # [mm], of anchors' springs with 1e12 mN/mm beside an elastic stiffness of 1e4
@@ -72,7 +68,7 @@ def lowest_modes(simulation: Simulation, body: int, count: int) -> np.ndarray:
 
 
 def frame(angles: tuple[float, float, float]) -> np.ndarray:
-    from taichisoft.bodies.rotations import rotation_from_degrees
+    from taichisoft.base.rotations import rotation_from_degrees
 
     return rotation_from_degrees(angles)
 
@@ -280,7 +276,7 @@ def test_few_modes_follow_a_frame_exactly(tmp_path: Path, figures: Figures, carr
 
 
 def frame_of(vector: np.ndarray) -> np.ndarray:
-    from taichisoft.bodies.rotations import rotation_from_vector
+    from taichisoft.base.rotations import rotation_from_vector
 
     return rotation_from_vector(vector)
 

@@ -13,15 +13,14 @@ from scenes import silicone, simulate
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.elasticity import ElasticSystem, internal_force
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, VolumeMesh, write_volume_mesh
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.reinforcement_settings import Helix
-from taichisoft.scenes.time_stepping import LEAST_NEWTON_OF_WRINKLES
+from taichisoft.mechanics import ElasticSystem
+from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.mesh import boundary_triangles
+from taichisoft.scene import scene_from_dict
+from taichisoft.scene.scene import LEAST_NEWTON_OF_WRINKLES
+from taichisoft.scene.soft_body import Helix
 
 SIZE = (40.0, 10.0, 2.0)
 STATIC = {"step": 0.01, "dynamics": "static"}

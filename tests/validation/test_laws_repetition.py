@@ -9,10 +9,8 @@ import falling_finger
 import pytest
 from conftest import PATIENCE
 
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.model import Model
+from taichisoft import Model, Simulation, State, make_model
 from taichisoft.runtime.language import THREADS
-from taichisoft.state import State
 
 
 @pytest.fixture(scope="module")

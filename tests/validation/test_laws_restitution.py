@@ -10,8 +10,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, simulate
 
-from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_degrees
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
+from taichisoft.base import matrices_from_quaternions
+from taichisoft.base.rotations import rotation_from_degrees
 
 BOX = {"box": [10.0, 10.0, 10.0], "mass": 0.01}
 

@@ -8,8 +8,7 @@ import pytest
 from conftest import Figures
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, advance, simulate
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation
 
 RADIUS, LENGTH = 20.0, 50.0
 SPHERE = {"sphere": {"radius": RADIUS}}

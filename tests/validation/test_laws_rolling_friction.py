@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, advance, simulate
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 from taichisoft.errors import SceneError
 
 RADIUS, MASS = 20.0, 0.05

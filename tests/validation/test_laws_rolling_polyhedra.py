@@ -11,7 +11,7 @@ from conftest import Figures
 from energy import total_energy
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, simulate
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 
 RADIUS = 20.0
 SPEED = 100.0

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from conftest import Figures
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.shipped import find_file
+from taichisoft import Control, Simulation, VolumeMesh, read_volume_mesh, write_volume_mesh
+from taichisoft.scene import find_file, scene_from_dict
 
 EVEN = [order for order in permutations(range(4)) if np.linalg.det(np.eye(4)[list(order)]) > 0]
 

@@ -10,9 +10,9 @@ from blocks import make_block
 from scenes import advance, silicone, simulate
 from scipy.spatial.transform import Rotation
 
-from taichisoft.bodies.elasticity import ElasticSystem, internal_force
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.model import Model
+from taichisoft import Model, write_volume_mesh
+from taichisoft.mechanics import ElasticSystem
+from taichisoft.mechanics.elasticity import internal_force
 
 SIZE = (30.0, 20.0, 10.0)
 ELEMENTS = ("linear", "smoothed", "quadratic")

@@ -9,9 +9,7 @@ from blocks import make_block
 from conftest import Figures
 from scenes import silicone, simulate, soft_momentum
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft import Simulation, VolumeMesh, write_volume_mesh
 
 GAP = {"contact_distance": 0.5, "alarm_distance": 4.0}
 PULL = 29430.0

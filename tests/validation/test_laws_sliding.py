@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import FLOOR, GRAVITY, simulate
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.base import matrices_from_quaternions
 
 MASS, DISTANCE = 0.01, 1.0
 SIGNS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])

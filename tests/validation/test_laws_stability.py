@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 from conftest import Figures
 
-from taichisoft.building.scene_files import scene_from_dict
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.statics import equilibrium
+from taichisoft import Control, Simulation, equilibrium, scene_from_dict
 
 LENGTH, DEPTH, WIDTH, MODULUS = 100.0, 4.0, 6.0, 500.0  # wider than deep: it buckles along z
 GREENHILL = 7.837 * MODULUS * DEPTH**2 / 12.0 / LENGTH**3 / 9810.0  # critical density: w L^3 = 7.837 E I [kg/mm^3]

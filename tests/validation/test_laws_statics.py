@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from conftest import Figures
 
-from taichisoft.building.scene_files import load_scene, scene_from_dict
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, equilibrium, load_scene, scene_from_dict
 from taichisoft.errors import ControlError, EquilibriumNotFound, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.statics import equilibrium
 
 WALL = (
     "rigid_bodies={}",

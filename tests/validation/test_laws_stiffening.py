@@ -8,9 +8,7 @@ import pytest
 from conftest import Figures
 from scenes import GRAVITY, advance, silicone, simulate
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.state import State
+from taichisoft import Control, Simulation, State
 
 LENGTH = 40.0
 AGREEMENT = 1e-9

@@ -4,7 +4,7 @@ import numpy as np
 from conftest import Figures
 from scenes import FLOOR, GRAVITY, advance, simulate
 
-from taichisoft.step.report import StepReport
+from taichisoft import StepReport
 
 
 def test_a_cube_at_rest_stands_on_all_corners_and_shows_no_friction(figures: Figures) -> None:

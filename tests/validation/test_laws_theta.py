@@ -14,11 +14,10 @@ from conftest import Figures
 from energy import total_energy
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, advance, rigid_momentum, silicone
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation
+from taichisoft.base import matrices_from_quaternions
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scene import scene_from_dict
 
 DOWN = [0.0, 0.0, -GRAVITY]
 STEPS = (0.01, 0.005, 0.0025, 0.00125, 0.000625)

@@ -14,9 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import silicone
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Simulation, write_volume_mesh
+from taichisoft.scene import scene_from_dict
 
 SIZE = (20.0, 20.0, 20.0)
 GONE_INTO = "may have gone into each other"

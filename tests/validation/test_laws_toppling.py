@@ -8,7 +8,7 @@ import pytest
 from conftest import Figures
 from scenes import FLOOR, GRAVITY, simulate
 
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
 
 CLOSE = {"contact_distance": 0.1, "alarm_distance": 1.0}
 

@@ -9,8 +9,8 @@ import trimesh
 from conftest import Figures
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, simulate
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
+from taichisoft.base import matrices_from_quaternions
 
 RADIUS, SPEED, MASS = 20.0, 100.0, 0.01
 

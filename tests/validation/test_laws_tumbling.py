@@ -8,8 +8,8 @@ from conftest import Figures
 from energy import total_energy
 from scenes import FLOOR, GRAVITY, simulate
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.building.simulation import Simulation
+from taichisoft import Simulation
+from taichisoft.base import matrices_from_quaternions
 
 DISTANCE = 0.1
 CLOSE = {"contact_distance": DISTANCE, "alarm_distance": 1.0}

@@ -7,10 +7,8 @@ import pytest
 from conftest import Figures
 from scipy.spatial.transform import Rotation
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.state import State
+from taichisoft import Control, Simulation, State
+from taichisoft.scene import scene_from_dict
 
 STEP = 0.01
 GRAVITY = np.array([-9810.0, 0.0, 0.0])

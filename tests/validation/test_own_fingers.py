@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from conftest import Figures
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Control, Simulation
+from taichisoft.scene import scene_from_dict
 
 FINGER = {
     "body": {"length": 76.0, "width": 28.0, "height": 26.0},

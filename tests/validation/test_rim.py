@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Simulation
+from taichisoft.scene import scene_from_dict
 
 
 def test_a_block_that_sank_into_the_rim_of_a_table_comes_out_upwards(tmp_path: Path) -> None:

@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 from conftest import Figures
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft import Control, Simulation, VolumeMesh, write_volume_mesh
+from taichisoft.scene import scene_from_dict
 
 TOLERANCE = 1e-6
 

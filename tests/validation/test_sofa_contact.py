@@ -9,11 +9,8 @@ import pytest
 import tutorial
 from conftest import Figures
 
-from taichisoft.building.simulation import Simulation
-from taichisoft.control.control import Control
-from taichisoft.solver.contact_solver import ContactSolver
-from taichisoft.solver.kernels.actuator_bounds import BOUND_COLUMNS
-from taichisoft.solver.kernels.constraint_problem import Problem
+from taichisoft import Control, Simulation
+from taichisoft.contact import BOUND_COLUMNS, ContactSolver, Problem
 
 FRICTION = 0.6
 

@@ -12,9 +12,8 @@ import pytest
 import tutorial
 from conftest import Figures
 
-from taichisoft.bodies.elasticity import internal_force
-from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.control.control import Control
+from taichisoft import Control, Simulation, make_model
+from taichisoft.mechanics.elasticity import internal_force
 
 TOLERANCE = 1e-6
 

@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.scene import Scene
+from taichisoft import Scene
+from taichisoft.scene import scene_from_dict
 
 COARSE, FINE = "pneunetCutCoarse.vtk", "pneunetCut.vtk"
 

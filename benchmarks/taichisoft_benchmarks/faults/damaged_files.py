@@ -24,9 +24,9 @@ Run = tuple[Any, Any, Sequence[tuple[Any, Any]]]
 
 def tiny_run(steps: int) -> Run:
     """The fixture's tiny gripper, which closes on its cube."""
-    from taichisoft.building import Simulation, load_scene
     from taichisoft.control import Control
     from taichisoft.pytest_fixtures import TINY_GRIPPER
+    from taichisoft.running import Simulation, load_scene
 
     simulation = Simulation(load_scene(TINY_GRIPPER))
     first, made = simulation.state, []

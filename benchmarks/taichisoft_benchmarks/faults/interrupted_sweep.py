@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from taichisoft.child_process import PYTHON
+from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 PLUGIN = """
@@ -156,7 +156,7 @@ def _workers_of(pid: int) -> Sequence[int]:
             words = " ".join(child.cmdline())
         except psutil.Error:  # it has just ended
             continue
-        if "spawn_main" in words or "taichisoft_studies.run_process" in words:
+        if "spawn_main" in words or "taichisoft_studies.worker_task" in words:
             found.append(child.pid)
     return sorted(found)
 

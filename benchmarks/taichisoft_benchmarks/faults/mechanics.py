@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from taichisoft.child_process import PYTHON
+from taichisoft.base import PYTHON
 from taichisoft_benchmarks.regular_meshes import bar, hollow_sphere
 from taichisoft_benchmarks.studies.one_body import simulation_of
 
@@ -81,7 +81,7 @@ def turned_meshes(tries: int) -> list[str]:
 
 def exploded_scenes(tries: int) -> list[str]:
     """Balloons of soft silicone under 1 to 100 kPa: a run that ends far beyond its law has not completed."""
-    from taichisoft.meshes import write_volume_mesh
+    from taichisoft.mesh import write_volume_mesh
 
     failures = []
     for number in range(tries):

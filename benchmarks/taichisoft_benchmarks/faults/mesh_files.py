@@ -16,7 +16,7 @@ def write_files() -> None:
     import tomli_w
     import trimesh
 
-    from taichisoft.meshes import read_volume_mesh, write_volume_mesh
+    from taichisoft.mesh import read_volume_mesh, write_volume_mesh
 
     document = base_scene()
     shutil.copy(document["soft_bodies"]["left"]["mesh"], "whole.msh")

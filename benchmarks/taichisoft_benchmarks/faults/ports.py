@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from taichisoft.child_process import PYTHON
+from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_benchmarks.faults.interrupted_sweep import PLUGIN
 

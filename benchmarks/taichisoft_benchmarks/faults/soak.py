@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from taichisoft.child_process import PYTHON
+from taichisoft.base import PYTHON
 
 SCENE = "finger-inflated"
 ROOM = 0.3

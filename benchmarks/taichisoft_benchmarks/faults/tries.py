@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from taichisoft.child_process import run_python
+from taichisoft.base import run_python
 from taichisoft_benchmarks.faults import command_lines, mesh_files, mistaken_scenes
 
 SECONDS = 60.0

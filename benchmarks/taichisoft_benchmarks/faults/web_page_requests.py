@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import urlsplit
 
-from taichisoft.child_process import PYTHON
+from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_benchmarks.measures.web_viewer import CAMERA, Viewer
 

@@ -24,8 +24,8 @@ DENSE_MFLOP = 2.0 * machine.DENSE_SIZE**3 / 1e6
 
 def measure_factorisation(case: FactorisationCase, scene: Scene) -> Measured:
     """Median times to factorise the matrix of the first step."""
-    from taichisoft.bodies import ElasticSystem
-    from taichisoft.building import make_model
+    from taichisoft.mechanics import ElasticSystem
+    from taichisoft.running import make_model
 
     model = make_model(scene)
     assert model.elasticity is not None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from taichisoft import Scene
 
 if TYPE_CHECKING:
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
     from taichisoft.step import StepReport
 
 
@@ -41,7 +41,7 @@ def peak_memory() -> float:
 
 def controlled_step(simulation: "Simulation", scene: Scene) -> "Callable[[], StepReport]":
     """A function that makes one step, driven by a new controller of the scene."""
-    from taichisoft.building import make_controller
+    from taichisoft.running import make_controller
 
     controller = make_controller(scene)
     controller.reset(simulation.model)

@@ -16,8 +16,8 @@ from taichisoft_benchmarks.cases import RecordingCase, RenderingCase, WebCase
 from taichisoft_benchmarks.measures.measured import Measured, controlled_step, peak_memory
 
 if TYPE_CHECKING:
-    from taichisoft.building import Simulation
-    from taichisoft.state import State
+    from taichisoft.mechanics import State
+    from taichisoft.running import Simulation
 
 SIZE = (1280, 720)
 LONG_VIDEO = 20 * 30
@@ -33,7 +33,7 @@ def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
     pairs is taken. The time with the output includes the writing of its last frames. `output_ms` is the time within the
     output: it leaves out the effect on the caches of the steps, and scatters far less on a busy machine.
     """
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
 
     simulation = Simulation(scene)
     start = simulation.state
@@ -67,7 +67,7 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
     The start of the renderer, up to the first frame, is a figure of its own. The time of a frame includes its encoding,
     which runs beside the drawing of the next one. The figure of the long video follows from the two.
     """
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
     from taichisoft_outputs.drawing.style import Style
     from taichisoft_outputs.rendering.video import render_video
 
@@ -100,7 +100,7 @@ def measure_web(case: WebCase, scene: Scene) -> Measured:
 
     The times of steps are compared in the second half of the run, when the viewer is connected.
     """
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
 
     simulation = Simulation(scene)
     plain: list[float] = []
@@ -176,9 +176,7 @@ def _watched_run(
     Returns:
         Wall time of every step [s], and simulated over wall-clock time [-].
     """
-    from taichisoft.building import make_controller
-    from taichisoft.running import run_session
-    from taichisoft.session import Session
+    from taichisoft.running import Session, make_controller, run_session
     from taichisoft_outputs.web.web_output import WebOutput
 
     outputs: Any = [] if seen is None else [WebOutput(Path(), "127.0.0.1:0")]

@@ -14,7 +14,7 @@ from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 from taichisoft_benchmarks.measures.steps import window_medians
 
 if TYPE_CHECKING:
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
 
 
 class Peer(Protocol):
@@ -56,7 +56,7 @@ def set_up_peer(scene: Scene, name: str) -> tuple["Model", Peer]:
     Raises:
         PeerMissing: the program is not installed, or cannot do the scene.
     """
-    from taichisoft.building import make_model
+    from taichisoft.running import make_model
 
     model = make_model(scene)
     return model, _factory(name)(model)
@@ -67,7 +67,7 @@ def controlled_peer_step(scene: Scene, model: "Model", peer: Peer) -> Callable[[
 
     The pressure acts as forces on the nodes; the time to compute these is not counted.
     """
-    from taichisoft.building import Simulation, make_controller
+    from taichisoft.running import Simulation, make_controller
 
     observation = Simulation(model).observe()  # at the start: the scripts look at the time only
     controller = make_controller(scene)
@@ -93,7 +93,7 @@ def pressure_forces(model: "Model", position: np.ndarray, pressure: Mapping[str,
         position: positions of the nodes [mm], shape (node_count, 3).
         pressure: pressure [kPa] by cavity name.
     """
-    from taichisoft.actuators import ActuatorGeometry
+    from taichisoft.mechanics import ActuatorGeometry
 
     actuators, start = model.actuators, model.initial_state()
     geometry = ActuatorGeometry(actuators, model.node_count)

@@ -2,7 +2,7 @@
 
 import time
 
-from taichisoft.scenes import find_file
+from taichisoft.scene import find_file
 from taichisoft_benchmarks.case_scenes import FINGER, Meshes, scene_of
 from taichisoft_benchmarks.cases import MeshingCase, StartCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
@@ -11,7 +11,7 @@ from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 def measure_start(case: StartCase, meshes: Meshes) -> Measured:
     """Import, model and first step; a cold case runs with an empty folder for compiled kernels."""
     started = time.perf_counter()
-    from taichisoft.building import Simulation, make_model
+    from taichisoft.running import Simulation, make_model
 
     imported = time.perf_counter()
     model = make_model(scene_of(case, meshes))
@@ -34,7 +34,7 @@ def measure_meshing(case: MeshingCase) -> Measured:
 
     from taichisoft_meshing.geometry_file import read_geometry
     from taichisoft_meshing.mesh_job import mesh_as_asked
-    from taichisoft_meshing.quality.tetrahedra import radius_ratios
+    from taichisoft_meshing.wall_quality import radius_ratios
 
     file = find_file(FINGER, "fingers", ())
     started = time.perf_counter()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.plugin_system import hookimpl
+from taichisoft.running import hookimpl
 from taichisoft_benchmarks.cases import PluginsCase, Simulated
 from taichisoft_benchmarks.measures.measured import Measured, controlled_step, peak_memory
 
@@ -22,8 +22,7 @@ def measure_steps(case: Simulated, scene: Scene) -> Measured:
     the steps with phases.
     """
     started = time.perf_counter()
-    from taichisoft.building import Simulation
-    from taichisoft.running import TOTAL, profiled
+    from taichisoft.running import TOTAL, Simulation, profiled
 
     simulation = Simulation(scene)
     step = controlled_step(simulation, scene)
@@ -75,9 +74,8 @@ def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
     The figures by part are of the last window. The summary of the contacts is counted apart: the report of a step
     needs it in any case, and the observation reuses it.
     """
-    from taichisoft.building import Simulation, make_controller
     from taichisoft.control import summarise_contacts
-    from taichisoft.plugin_system import notify, register_plugin, unregister_plugin
+    from taichisoft.running import Simulation, make_controller, notify, register_plugin, unregister_plugin
 
     simulation = Simulation(scene)
     controller = make_controller(scene)

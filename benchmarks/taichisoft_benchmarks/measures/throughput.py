@@ -40,7 +40,7 @@ def measure_throughput(case: ThroughputCase, scene: Scene) -> Measured:
 
 def prepare_ours(scene: Scene) -> Callable[[], Any]:
     """A function that makes one step in taichisoft."""
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
 
     return controlled_step(Simulation(scene), scene)
 

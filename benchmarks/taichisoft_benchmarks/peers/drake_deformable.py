@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.meshes import tetrahedron_volumes
+from taichisoft.mesh import tetrahedron_volumes
 from taichisoft_benchmarks.errors import PeerMissing
 
 if TYPE_CHECKING:
-    from taichisoft.bodies import SoftBody
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import SoftBody
 
 METRE = 1e-3
 """Metres in a millimetre: Drake's tolerances are meant for SI units."""

@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.meshes import linear_parts
+from taichisoft.mesh import linear_parts
 from taichisoft_benchmarks.errors import PeerMissing
 
 if TYPE_CHECKING:
-    from taichisoft.bodies import SoftBody
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import SoftBody
 
 NEEDS = "pip install 'taichisoft[peers]'"
 PLANE_SIZE = 1000.0

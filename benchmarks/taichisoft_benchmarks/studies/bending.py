@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
-from taichisoft.meshes import VolumeMesh
+from taichisoft.mesh import VolumeMesh
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.measures.factorisation_times import system_matrix
 from taichisoft_benchmarks.program import run_program
@@ -23,7 +23,7 @@ from taichisoft_benchmarks.studies.cook_membrane import corner_rise
 from taichisoft_benchmarks.studies.one_body import WEAK, at_rest, simulation_of
 
 if TYPE_CHECKING:
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
 
 LENGTH, HEIGHT = 100.0, 4.0
 """Of the bar [mm]; it is square, and clamped at one end."""
@@ -111,7 +111,7 @@ def critical_load_error(element: str) -> float:
 
 def frequency_error(element: str) -> float:
     """Relative error of the bar's first frequency, 1.8751^2 / (2 pi) sqrt(EI / (rho A L^4)), by the matrices."""
-    from taichisoft.bodies import ElasticSystem
+    from taichisoft.mechanics import ElasticSystem
 
     keys: dict[str, Any] = {
         "density": DENSITY,

@@ -16,8 +16,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from taichisoft.meshes import VolumeMesh
-from taichisoft.scenes import find_file
+from taichisoft.mesh import VolumeMesh
+from taichisoft.scene import find_file
 from taichisoft_benchmarks.case_scenes import FINGER, TUTORIAL_MESHES, tutorial_surfaces
 from taichisoft_benchmarks.growth_plots import svg_axes
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
@@ -25,8 +25,8 @@ from taichisoft_benchmarks.program import run_program
 from taichisoft_benchmarks.studies.extrapolation import Limit, limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
 from taichisoft_meshing.geometry_file import read_geometry
-from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.scene_meshes import mesh_for_scene
+from taichisoft_meshing.mesh_command import mesh_for_scene
+from taichisoft_meshing.mesh_quality import measure
 
 SIZES = "18,12,10,7.75,6,5,4"
 """Largest elements of the graded meshes [mm]."""

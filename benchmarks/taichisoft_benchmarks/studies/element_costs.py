@@ -59,9 +59,9 @@ def measure_costs(meshes: Sequence[Any] = MESHES) -> list[Cost]:
 
 def _step_time(mesh: Any, body: dict[str, Any]) -> tuple[int, float]:
     """Number of nodes, and processor time of a step while the shipped finger inflates [ms]."""
-    from taichisoft.building import Simulation, load_scene
     from taichisoft.control import Control
-    from taichisoft.scenes import scene_from_dict
+    from taichisoft.running import Simulation, load_scene
+    from taichisoft.scene import scene_from_dict
 
     tables = load_scene("finger-inflated").model_dump(mode="json", exclude_none=True)
     tables["soft_bodies"]["finger"] |= {"mesh": mesh, **body}

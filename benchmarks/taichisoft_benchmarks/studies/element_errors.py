@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from taichisoft.meshes import VolumeMesh
+from taichisoft.mesh import VolumeMesh
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.program import run_program
 from taichisoft_benchmarks.regular_meshes import bar, hollow_sphere, rounded, tube
@@ -25,8 +25,8 @@ from taichisoft_benchmarks.studies.finger_at_rest import bend
 from taichisoft_benchmarks.studies.one_body import WEAK, at_rest, simulation_of
 
 if TYPE_CHECKING:  # a simulation brings Taichi
-    from taichisoft.building import Simulation
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
+    from taichisoft.running import Simulation
 
 POISSON_RATIOS = (0.3, 0.45, 0.49, 0.499)
 

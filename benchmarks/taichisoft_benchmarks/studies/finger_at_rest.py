@@ -48,8 +48,8 @@ def bend(
     Raises:
         TaichisoftError: the mesh or the simulation failed, or the finger does not come to rest.
     """
-    from taichisoft.building import Simulation
-    from taichisoft.scenes import scene_from_dict
+    from taichisoft.running import Simulation
+    from taichisoft.scene import scene_from_dict
 
     finger = {
         "mesh": mesh,
@@ -73,8 +73,8 @@ def silicone_bend(mesh: str, silicone: str, layer: str, pressure: float) -> tupl
 
     Steps of 10 s with up to 20 linearisations lead to rest; the answer does not depend on their length.
     """
-    from taichisoft.bodies import Stretches
-    from taichisoft.building import Simulation, load_scene
+    from taichisoft.mechanics import Stretches
+    from taichisoft.running import Simulation, load_scene
 
     body = "soft_bodies.finger"
     changes = [f"{body}.mesh={mesh}", f"{body}.material={silicone}", f"{body}.regions.0.material={layer}"]

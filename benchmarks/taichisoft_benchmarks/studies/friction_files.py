@@ -19,7 +19,7 @@ import numpy as np
 from scipy.sparse import bmat, coo_matrix, csc_matrix, csr_matrix, spmatrix
 from scipy.sparse.linalg import splu
 
-from taichisoft.input_file import read_arrays
+from taichisoft.base import read_arrays
 from taichisoft_benchmarks.errors import BenchmarkError
 
 DENSE, BLOCKS = 0, 1

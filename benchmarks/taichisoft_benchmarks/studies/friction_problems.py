@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
-from taichisoft.solver import BOUND_COLUMNS, SWEEPS, ContactSolver, Iterate, Problem, sweep_repeatedly
+from taichisoft.contact import BOUND_COLUMNS, SWEEPS, ContactSolver, Iterate, Problem, sweep_repeatedly
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.program import run_program

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.base import WorkerLost, call_apart
 from taichisoft.errors import TaichisoftError
-from taichisoft.worker import WorkerLost, call_apart
 from taichisoft_benchmarks.studies.grasped_objects import OBJECTS
 
 if TYPE_CHECKING:  # a simulation brings Taichi
-    from taichisoft.building import Simulation
     from taichisoft.control import Control
+    from taichisoft.running import Simulation
 
 CLOSED, STILL = 1.2, 1.7
 """When the pressure is reached that rises from 0.2 s on, and when the lift begins [s]."""
@@ -82,7 +82,7 @@ def measure(grasp: MeasuredGrasp) -> dict[str, Any]:
     Raises:
         TaichisoftError: the scene is refused, or the simulation diverged.
     """
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
 
     with TemporaryDirectory(prefix="taichisoft-grasp-") as folder:
         simulation = Simulation(scene_of(grasp, Path(folder)))
@@ -143,8 +143,8 @@ def scene_of(grasp: MeasuredGrasp, folder: Path, step: float = 0.01, damping: fl
         step: time step [s].
         damping: Rayleigh's factor of the stiffness of the fingers [s]; theirs if None.
     """
-    from taichisoft.building import load_scene
-    from taichisoft.scenes import scene_from_dict
+    from taichisoft.running import load_scene
+    from taichisoft.scene import scene_from_dict
 
     overrides = [f"contact.friction={grasp.friction}", f"limits.base_speed={10 * SPEED}", f"time.step={step}"]
     tables = load_scene("gripper", overrides).model_dump(mode="json", exclude_none=True)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from taichisoft.meshes import write_volume_mesh
+from taichisoft.mesh import write_volume_mesh
 from taichisoft_benchmarks.regular_meshes import bar
 
 AXIS = (70.0, 0.0)

@@ -22,13 +22,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.meshes import VolumeMesh, write_volume_mesh
+from taichisoft.mesh import VolumeMesh, write_volume_mesh
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.program import run_program
 from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
 
 if TYPE_CHECKING:  # a simulation brings Taichi
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
 
 RADIUS = 20.0
 """Radius of the balls [mm]."""
@@ -133,7 +133,7 @@ def press(mesh: VolumeMesh, approaches: Sequence[float], two: bool = False) -> l
     Raises:
         TaichisoftError: the simulation failed, or the ball did not come to rest.
     """
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
 
     with TemporaryDirectory(prefix="taichisoft-hertz-") as folder:
         path = Path(folder) / "half-ball.msh"
@@ -143,7 +143,7 @@ def press(mesh: VolumeMesh, approaches: Sequence[float], two: bool = False) -> l
 
 
 def _scene(mesh: str, two: bool) -> Any:
-    from taichisoft.scenes import scene_from_dict
+    from taichisoft.scene import scene_from_dict
 
     gap = CONTACT_DISTANCE / 2 if two else CONTACT_DISTANCE
     ball = {

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.meshes import VolumeMesh, write_volume_mesh
+from taichisoft.mesh import VolumeMesh, write_volume_mesh
 
 if TYPE_CHECKING:  # a simulation brings Taichi
-    from taichisoft.building import Simulation
+    from taichisoft.contact import Model
     from taichisoft.control import Control
-    from taichisoft.model import Model
+    from taichisoft.running import Simulation
 
 WEAK = 1e-6
 """Stiffness of springs so long that they pull with a constant force [mN/mm]."""
@@ -35,8 +35,8 @@ def simulation_of(mesh: VolumeMesh, time: dict[str, Any], gravity: tuple[float, 
         gravity: [mm/s^2].
         body: keys of the soft body.
     """
-    from taichisoft.building import Simulation
-    from taichisoft.scenes import scene_from_dict
+    from taichisoft.running import Simulation
+    from taichisoft.scene import scene_from_dict
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "body.msh"

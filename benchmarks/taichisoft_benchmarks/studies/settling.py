@@ -60,7 +60,7 @@ def measure(hold: Hold) -> tuple[list[float], float]:
     Raises:
         TaichisoftError: the simulation diverged.
     """
-    from taichisoft.building import Simulation
+    from taichisoft.running import Simulation
 
     with TemporaryDirectory(prefix="taichisoft-settling-") as folder:
         simulation = Simulation(scene_of(hold.grasp, Path(folder), hold.step, hold.damping))

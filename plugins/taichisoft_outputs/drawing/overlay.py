@@ -5,22 +5,26 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS
-from taichisoft.meshes import SectionPlane
-from taichisoft_outputs.drawing.arrows import AXIS_COLOURS, ON_DARK, ForceArrows, paint_axes, paint_body_axes
+from taichisoft.mechanics import ACTUATOR_KINDS
+from taichisoft.mesh import SectionPlane
 from taichisoft_outputs.drawing.camera import PictureCamera, project
 from taichisoft_outputs.drawing.colouring import body_colours
 from taichisoft_outputs.drawing.painting import (
+    AXIS_COLOURS,
+    ON_DARK,
     SMALLEST_LETTERS,
     Colour,
+    ColourScale,
+    ForceArrows,
     as_bytes,
     font,
     is_dark,
+    paint_axes,
+    paint_body_axes,
     paint_polygon,
     paint_text,
     text_colour,
 )
-from taichisoft_outputs.drawing.scales import ColourScale
 from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.recording.reader import Recording
 

@@ -104,7 +104,7 @@ class Style:
         if self.font_size is not None and not SMALLEST_LETTERS <= self.font_size <= 200.0:
             raise StyleError(f"font size {self.font_size:g}: letters must be {SMALLEST_LETTERS:g} to 200 pixels high")
         if self.section is not None:
-            from taichisoft.meshes import SectionPlane  # which --help need not wait for
+            from taichisoft.mesh import SectionPlane  # which --help need not wait for
 
             SectionPlane.parse(self.section)
         if self.background is not None:
@@ -207,7 +207,7 @@ def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...
 
 def _colour(value: Sequence[float] | str) -> tuple[float, ...]:
     if isinstance(value, str):
-        from taichisoft.scenes import red_green_blue  # which brings pydantic, and --help need not wait for it
+        from taichisoft.scene import red_green_blue  # which brings pydantic, and --help need not wait for it
 
         try:
             return red_green_blue(f"#{value.removeprefix('#')}")  # in a shell, # may have begun a comment

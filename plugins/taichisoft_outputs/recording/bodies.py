@@ -11,15 +11,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import taichisoft
-from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Line
-from taichisoft.bodies import BodySurface, MovingFrames, Plane, Surface, SurfaceKind, soft_surface
-from taichisoft.meshes import MappedSurface, VolumeMesh, linear_parts
-from taichisoft.scenes import scene_to_toml
+from taichisoft.mechanics import (
+    ACTUATOR_KINDS,
+    ActuatorKind,
+    BodySurface,
+    Line,
+    MovingFrames,
+    Plane,
+    Surface,
+    SurfaceKind,
+    soft_surface,
+)
+from taichisoft.mesh import MappedSurface, VolumeMesh, linear_parts
+from taichisoft.scene import scene_to_toml
 from taichisoft_outputs.recording.layout import LAYOUT
 
 if TYPE_CHECKING:
-    from taichisoft.bodies import SoftBody
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import SoftBody
 
 
 PACKAGES = ("taichi", "numpy", "scipy", "h5py")
@@ -155,7 +164,7 @@ SOFT_KINDS: dict[SurfaceKind, str] = {"cavity": "cavities", "membrane": "membran
 
 
 def read_surfaces(file: Any) -> Iterator[BodySurface]:
-    """The surfaces in the order of `taichisoft.bodies.body_geometry.body_surfaces`."""
+    """The surfaces in the order of `taichisoft.mechanics.body_geometry.body_surfaces`."""
     for group in _numbered(file, "soft_bodies"):
         yield soft_surface(group.attrs["name"], "soft", _read_surface(group["surface"]), _nodes(group))
         for kind, plural in SOFT_KINDS.items():

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind
 from taichisoft.errors import TaichisoftError
+from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind
 
 if TYPE_CHECKING:
-    from taichisoft.actuators import Actuators
-    from taichisoft.state import State
+    from taichisoft.mechanics import Actuators, State
 
 FILE_NAME = "recording.h5"
 LAYOUT = 12

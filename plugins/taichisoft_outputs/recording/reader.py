@@ -1,21 +1,34 @@
 """Reading a recording: what was simulated, and what was in every frame."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.actuators import ACTUATOR_KINDS, CABLES, CAVITIES, ActuatorKind, ActuatorNames, Line, segment_efforts
-from taichisoft.bodies import BodyAxes, BodySurface, axes_of_bodies
 from taichisoft.control import Pair
-from taichisoft.meshes import MappedSurface
-from taichisoft.scenes import scene_from_toml
-from taichisoft.state import State
+from taichisoft.mechanics import (
+    ACTUATOR_KINDS,
+    CABLES,
+    CAVITIES,
+    ActuatorKind,
+    ActuatorNames,
+    BodyAxes,
+    BodySurface,
+    Line,
+    State,
+    anchor_stiffness,
+    axes_of_bodies,
+    segment_efforts,
+    select_nodes,
+)
+from taichisoft.mesh import MappedSurface
+from taichisoft.scene import scene_from_toml
 from taichisoft_outputs.recording.bodies import (
     RecordedSoftBody,
     RecordedSurface,
@@ -25,10 +38,49 @@ from taichisoft_outputs.recording.bodies import (
     read_soft_bodies,
     read_surfaces,
 )
-from taichisoft_outputs.recording.finished_file import FinishedRecording, copy_constants, open_recording
 from taichisoft_outputs.recording.layout import CONTROLS, LAYOUT, QUANTITIES, RecordingError, group_of
-from taichisoft_outputs.recording.refusal import WHAT_DAMAGE_RAISES, one_line, other_layout, why_refused
-from taichisoft_outputs.recording.running_file import RunningRecording
+from taichisoft_outputs.recording.recording_file import (
+    FinishedRecording,
+    RunningRecording,
+    copy_constants,
+    open_recording,
+)
+
+if TYPE_CHECKING:
+    from taichisoft.control import Fingertips
+
+# What is said of a file that cannot be read as a recording: of another layout, damaged, or something else.
+
+WHAT_DAMAGE_RAISES = (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, OverflowError)
+"""By h5py, and where its answers are used."""
+
+
+def why_refused(path: Path, advice: str) -> str:
+    """What is wrong with a file that begins like no recording of this layout."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            layout = file.attrs.get("layout", "none")
+            version = file.attrs["taichisoft_version"]
+            version = version if isinstance(version, str) else bytes(version).decode(errors="replace")
+    except KeyError as error:
+        return f"not a recording of taichisoft: {one_line(error)}"
+    except WHAT_DAMAGE_RAISES as error:
+        return f"not readable as HDF5: {one_line(error)}; {advice}"
+    if layout == LAYOUT:
+        return f"damaged: its beginning is not what was written; {advice}"
+    return other_layout(version, layout)
+
+
+def other_layout(version: str, layout: Any) -> str:
+    """That another version wrote a file, and what to do."""
+    return f"taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; run the scene again"
+
+
+def one_line(error: BaseException) -> str:
+    """What an error says, or its kind where it says nothing."""
+    return " ".join(str(error).split()).strip("'\"") or type(error).__name__
 
 
 class Recording:
@@ -392,3 +444,33 @@ def read_recording(path: str | Path) -> Recording:
         RecordingError: the file is missing or damaged, not a recording, or has another layout than this version reads.
     """
     return Recording(Path(path))
+
+
+# The tips of the fingers of a recording, as the controller of its run observed them.
+
+
+def recorded_fingertips(recording: Recording, bodies: Sequence[RecordedSoftBody]) -> "Fingertips":
+    """What observes the tips of some bodies of a recording; `tip_state` is what it looks at."""
+    from taichisoft.control import Fingertips
+
+    fingers: Any = tuple(_finger(recording, body) for body in bodies)
+    return Fingertips(fingers, recording.frames)
+
+
+def _finger(recording: Recording, body: RecordedSoftBody) -> SimpleNamespace:
+    """The part of the engine's `SoftBody` that shows where the tip is."""
+    settings, mesh = recording.scene.soft_bodies[body.name], body.mesh(str(recording.path))
+    return SimpleNamespace(
+        name=body.name,
+        settings=settings,
+        nodes=body.nodes,
+        rest_position=body.rest_position,
+        anchored=anchor_stiffness(mesh, settings.anchors, f"{body.name}.anchors").any(axis=1),
+        tip_nodes=None if settings.tip is None else select_nodes(mesh, settings.tip, f"{body.name}.tip"),
+    )
+
+
+def tip_state(recording: Recording, frame: int) -> Any:
+    """The part of a `State` that shows where the tips are; velocities are not used."""
+    position, frame_pose = recording.row("position", frame), recording.row("frame_pose", frame)
+    return SimpleNamespace(position=position, velocity=np.zeros_like(position), frame_pose=frame_pose)

@@ -1,15 +1,290 @@
 """The commands `taichisoft resume` and `taichisoft recording repair`."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
-from taichisoft.plugin_system import GoalOption, OutputsOption, SpeedOption, requested, takes_run_options
-from taichisoft.terminal_text import say
+from taichisoft import Scene
+from taichisoft.base import say
+from taichisoft.contact import Model
+from taichisoft.errors import StateError, TaichisoftError
+from taichisoft.mechanics import ACTUATOR_KINDS, State, body_surfaces
+from taichisoft.running import GoalOption, OutputsOption, Simulation, SpeedOption, requested, takes_run_options
+from taichisoft.scene import scene_from_toml
+from taichisoft_outputs.motion_figures import last_at_rest
+from taichisoft_outputs.recording.layout import RecordingError, group_of
+from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_file import RunningFile, constants_image, finish
 
-if TYPE_CHECKING:
-    from taichisoft_outputs.recording.reader import Recording
+# Rescuing the whole frames of a damaged recording; that of a killed run becomes an HDF5 file.
+
+
+@dataclass(frozen=True)
+class Rescue:
+    """What was rescued.
+
+    Attributes:
+        frame_count: frames that the damaged recording says it has.
+        whole: numbers of those that are whole.
+        damage: what is wrong with the first one that is not; empty where all are whole.
+    """
+
+    frame_count: int
+    whole: list[int]
+    damage: str
+
+
+def rescue(run: Path, new: Path) -> Rescue:
+    """Write a new recording with every frame of `run` that is whole.
+
+    Args:
+        run: a damaged recording, or that of a killed run; it is only read.
+        new: place of the new one; what is there is replaced.
+
+    Raises:
+        RecordingError: nothing can be rescued, or the new file cannot be written.
+    """
+    if new.resolve() == run.resolve():
+        raise RecordingError(f"--output {new}: is the damaged recording; name another file")
+    whole: list[int] = []
+    damage, file = "", None
+    with read_recording(run) as recording:
+        for frame in range(recording.frame_count):
+            try:
+                rows = _rows(recording, frame)
+            except RecordingError as error:
+                damage = damage or f"frame {frame}: {error.__cause__ or error}"
+                continue
+            if file is None:
+                constants = constants_image(recording.copy_constants)
+                file = RunningFile(new, constants, rows, recording.signals)
+            else:
+                file.append(rows)
+            whole.append(frame)
+        count, outcome = recording.frame_count, recording.outcome
+    if file is None:
+        raise RecordingError(f"{run}: none of its {count} frames is whole: {damage}")
+    file.close(outcome if len(whole) == count else f"repaired: {len(whole)} of {count} frames were whole")
+    finish(new)
+    return Rescue(count, whole, damage)
+
+
+def _rows(recording: Recording, frame: int) -> dict[str, np.ndarray]:
+    rows = recording.rows_of_frames(frame, frame + 1)
+    return {path: values[0] if group_of(path) == "steps" else values for path, values in rows.items()}
+
+
+# Going on from a frame of a recording: scene, meshes and state from the file, so that the bits are the same.
+
+SAME_PLACE = 1e-6
+"""Positions [mm] that differ by less are the same: another machine rounds in another order."""
+SAME_FRAME = 1e-3
+"""Repeated steps lead at most so far from a recorded frame [mm], which is in single precision."""
+REQUESTS = ("frame_request", "frame_velocity", "actuator_request")
+"""What was asked for in a step, before limits: of no effect on the step itself."""
+
+
+class ResumeError(TaichisoftError):
+    """A run cannot go on from a recording."""
+
+
+def recorded_scene(
+    recording: Recording, overrides: Sequence[str], controller: str | None, goal: str | None = None
+) -> Scene:
+    """The scene of the recording, with changes as in `taichisoft run`.
+
+    Raises:
+        SceneError: something is not valid; the message begins with the recording's path.
+    """
+    source = " with --set ".join([str(recording.path), *overrides])
+    return scene_from_toml(recording.scene_text, source, overrides, controller, goal)
+
+
+def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simulation:
+    """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene.
+
+    Raises:
+        ResumeError: a body is not the one that was recorded, or the time step is another.
+        TaichisoftError: the model cannot be made.
+    """
+    path, now = recording.path, _names(scene)
+    for kind, recorded in _names(recording.scene).items():
+        if recorded != now[kind]:
+            raise ResumeError(
+                f"{path}: has {_listed(kind, recorded)}, the scene {_listed(kind, now[kind])}; a run goes on with what "
+                "it had"
+            )
+    simulation = _simulation(recording, scene)
+    _check_bodies(recording, simulation.model)
+    as_recorded = simulation if scene == recording.scene else None
+    try:
+        state = state_at(recording, frame, as_recorded)
+        simulation.restore(_as_changed(state, recording.scene, simulation.model))
+    except StateError as error:
+        raise ResumeError(f"{path}: {error}") from error
+    return simulation
+
+
+def state_at(recording: Recording, frame: int, simulation: Simulation | None = None) -> State:
+    """The state in any frame to the bit: from the last recorded one before it, the steps in between are made again.
+
+    Args:
+        recording: an open recording.
+        frame: index of the frame.
+        simulation: of the recorded scene, to make the steps in; one is made where it is needed and not given.
+
+    Raises:
+        ResumeError: the steps do not lead to the recorded frame.
+        TaichisoftError: the model cannot be made.
+    """
+    first = frame
+    while not recording.has_state(first):
+        first -= 1
+    state = recording.state(first)
+    if first == frame:
+        return state
+    simulation = simulation or _simulation(recording, recording.scene)
+    simulation.restore(state)
+    for control in (control for number in range(first + 1, frame + 1) for control in recording.controls(number)):
+        _repeat_step(simulation, control)
+    state = simulation.state.changed(**{name: recording.field(name, frame) for name in REQUESTS})
+    off = float(np.abs(state.position - recording.row("position", frame)).max(initial=0.0))
+    if state.step != recording.row("step", frame) or off > SAME_FRAME:
+        raise ResumeError(
+            f"{recording.path}: the steps from {recording.row('time', first):g} s on do not lead to "
+            f"{recording.row('time', frame):g} s as it was recorded, by another version or with frames that are lost; "
+            f"go on from {recording.row('time', first):g} s"
+        )
+    return state
+
+
+def _repeat_step(simulation: Simulation, control: dict[str, np.ndarray]) -> None:
+    """Make a step with what a controller acted through: asked for as it became, no limit changes it."""
+    asked = {
+        "frame_request": control["frame_pose"],
+        "frame_velocity": np.zeros_like(control["frame_pose"]),
+        "actuator_request": control["actuator_target"],
+    }
+    simulation.restore(simulation.state.changed(**control, **asked))
+    simulation.step()
+
+
+def _simulation(recording: Recording, scene: Scene) -> Simulation:
+    """A simulation of a scene with the recorded meshes."""
+    return Simulation(
+        Model(scene, {body.name: body.mesh(f"{recording.path}: {body.name}") for body in recording.soft_bodies})
+    )
+
+
+def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
+    """Time from a frame to the end that the scene gives a run [s].
+
+    Raises:
+        ResumeError: no time is left.
+    """
+    time, end = float(recording.row("time", frame)), scene.time.duration
+    if end - time < 0.5 * scene.time.step:
+        raise ResumeError(
+            f"{recording.path}: at {time:g} s the run of {end:g} s is over; say with --duration how much longer it "
+            "shall go on, or with --at from where"
+        )
+    return end - time
+
+
+def saved_controller(recording: Recording, frame: int, scene: Scene) -> tuple[dict[str, Any] | None, str]:
+    """What the scene's controller remembers in a frame, and a remark where it has to begin again.
+
+    Raises:
+        RecordingError: it is damaged.
+    """
+    before, now = recording.scene.controller, scene.controller
+    if before is None or now is None or before.name != now.name:
+        return None, ""
+    saved = recording.controller_state(frame)
+    if saved is None:
+        return None, f"; the controller '{now.name}' begins again, since it does not save what it remembers"
+    return saved, ""
+
+
+def base_has_moved(recording: Recording, frame: int) -> bool:
+    """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
+    base = recording.base_translation
+    return last_at_rest(base[recording.last_start : frame + 1]) is not None
+
+
+def _as_changed(state: State, before: Scene, model: Model) -> State:
+    """The state with gravity, anchors and Young's moduli as in the model, where its scene is not as it was before."""
+    changes = {}
+    if model.scene.gravity != before.gravity:
+        changes["gravity"] = model.gravity.copy()
+    if _anchors(model.scene) != _anchors(before):
+        changes["anchor_position"] = model.initial_state().anchor_position
+    if model.scene.young_moduli != before.young_moduli:
+        changes["young_modulus"] = _young_modulus(state, before.young_moduli, model.scene.young_moduli)
+    return state.changed(**changes)
+
+
+def _young_modulus(state: State, before: dict[str, float], now: dict[str, float]) -> np.ndarray:
+    """Young's moduli of the materials [kPa]: the state's values wherever the scene has left them unchanged."""
+    of_state = dict(zip(before, state.young_modulus.tolist(), strict=True))
+    return np.array([of_state[name] if before.get(name) == modulus else modulus for name, modulus in now.items()])
+
+
+def _anchors(scene: Scene) -> list[list[dict[str, Any]]]:
+    """What is anchored, however stiffly."""
+    bodies = scene.soft_bodies.values()
+    return [[anchor.model_dump(exclude={"stiffness"}) for anchor in body.anchors] for body in bodies]
+
+
+def _names(scene: Scene) -> dict[str, list[str]]:
+    """Names of what a recorded state belongs to, by kind."""
+    return {
+        "soft body": list(scene.soft_bodies),
+        **{kind.name: list(scene.actuators(kind.plural)) for kind in ACTUATOR_KINDS},
+        "rigid body": list(scene.rigid_bodies),
+        "obstacle": list(scene.obstacles),
+        "frame": list(scene.frames),
+    }
+
+
+def _listed(kind: str, names: list[str]) -> str:
+    return f"{kind} {', '.join(names)}" if names else f"no {kind}"
+
+
+def _check_bodies(recording: Recording, model: Model) -> None:
+    """Refuse bodies and actuators that are not those recorded: the state would make no sense in them."""
+    for recorded, body in zip(recording.soft_bodies, model.soft_bodies, strict=True):
+        _check_positions(recording.path, body.name, "rest positions", recorded.rest_position, body.rest_position)
+    first = recording.state(0)
+    recorded_at = {surface.name: surface.vertices(0) for surface in recording.surfaces}
+    for surface in body_surfaces(model.soft_bodies, model.rigid_bodies, obstacles=()):
+        _check_positions(
+            recording.path, surface.name, "surface points", recorded_at[surface.name], surface.vertices(first)
+        )
+    for kind in ACTUATOR_KINDS:
+        for line, now in zip(recording.lines(kind), model.actuators.sets[kind.name].lines, strict=True):
+            _check_positions(recording.path, line.name, "places", line.place, now.place)
+            points = [one.points(first, frames) for one, frames in ((line, recording.frames), (now, model.frames))]
+            _check_positions(recording.path, line.name, "points", *points)
+    for name, before, now_at in zip(recording.frames.names, recording.frames.pivot, model.frames.pivot, strict=True):
+        _check_positions(recording.path, name, "pivots", before[None], now_at[None])
+
+
+def _check_positions(path: Path, name: str, what: str, recorded: np.ndarray, present: np.ndarray) -> None:
+    if recorded.shape != present.shape:
+        raise ResumeError(
+            f"{path}: '{name}' is not as it was recorded: its {what} were {len(recorded)}, now {len(present)}"
+        )
+    moved = float(np.abs(recorded - present).max(initial=0.0))
+    if moved > SAME_PLACE:
+        raise ResumeError(
+            f"{path}: '{name}' is not as it was recorded: its {what} differ by up to {moved:.3g} mm; undo what "
+            "--set or its file changed"
+        )
 
 
 @takes_run_options
@@ -47,13 +322,6 @@ def resume(
         from taichisoft.running import RunRequest, run_simulation
     from taichisoft_outputs.recording.layout import FILE_NAME, RecordingError
     from taichisoft_outputs.recording.reader import read_recording
-    from taichisoft_outputs.recording.resume import (
-        base_has_moved,
-        recorded_scene,
-        remaining_time,
-        resumed_simulation,
-        saved_controller,
-    )
 
     asked = requested(context, outputs)
     with read_recording(run) as recording:
@@ -87,7 +355,6 @@ def repair(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.h5", help="The new recording.")],
 ) -> None:
     """Rescue the frames of a damaged recording that are whole; make an HDF5 file of that of a killed run."""
-    from taichisoft_outputs.recording.repair import repair as rescue
 
     rescued = rescue(run, output)
     say(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")

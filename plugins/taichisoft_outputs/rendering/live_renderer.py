@@ -6,28 +6,97 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.caller_warnings import warn_caller
+from taichisoft.base import Link, Worker, WorkerLost, warn_caller
 from taichisoft.errors import TaichisoftError
-from taichisoft.plugin_system import CameraFrame, CameraView, Renderer
-from taichisoft.worker import Worker, WorkerLost
+from taichisoft.mechanics import Actuators, State
+from taichisoft.running import CameraFrame, CameraView, Renderer
 from taichisoft_outputs.drawing.camera import PictureCamera, focal_length, picture_up
+from taichisoft_outputs.drawing.drawer import Drawer
 from taichisoft_outputs.drawing.style import Style, StyleError
+from taichisoft_outputs.recording.layout import QUANTITIES, group_of
+from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.live_recording import live_values
-from taichisoft_outputs.rendering.render import (
-    FRAME_LIMIT,
-    FRAMES_PER_PROCESS,
-    START_LIMIT,
-    RenderError,
-    require_open3d,
-)
+from taichisoft_outputs.rendering.video import FRAME_LIMIT, FRAMES_PER_PROCESS, START_LIMIT, RenderError, require_open3d
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
 if TYPE_CHECKING:
-    from taichisoft.model import Model
-    from taichisoft.state import State
+    from taichisoft.contact import Model
 
-WORKER = "taichisoft_outputs.rendering.draw_process:draw_states"
+# A state of a running simulation in the place of a recording, for what draws recordings.
+
+
+class LiveRecording(Recording):
+    """The recording of a single frame whose quantities are replaced by one state after the other."""
+
+    def show(self, values: dict[str, np.ndarray]) -> None:
+        """Take over a state: its fields by the paths of `layout.QUANTITIES`, in `steps` as a row of one frame."""
+        self._values = values
+
+    def _rows(self, path: str, first: int, end: int) -> np.ndarray:
+        return self._values[path]
+
+
+def live_values(state: State, actuators: Actuators) -> dict[str, np.ndarray]:
+    """What `LiveRecording.show` takes, of a state of the model with these actuators."""
+    values = {"steps/state_count": np.zeros(1, dtype=int)}
+    for path, quantity in QUANTITIES.items():
+        if quantity.state_field and group_of(path) in ("steps", "contacts"):
+            value = np.asarray(quantity.of(state, actuators))
+            values[path] = value if group_of(path) == "contacts" else value[None]
+    return values
+
+
+# The functions of the worker processes that draw: frames of a recording, or a run's states as they come.
+
+ROOM = 0.4
+"""Room around the first state for what moves later, in parts of its extent [-]."""
+
+
+def draw_frames(link: Link) -> None:
+    """Draw the frames of a recording.
+
+    The first message is its path, a `Style`, and all frames that belong together; each further one is a frame, answered
+    by its image, shape (height, width, 3), dtype uint8.
+
+    Raises:
+        TaichisoftError: the recording or frame does not exist, or cannot be drawn in this style.
+        OSError: Open3D finds no way to draw.
+        RuntimeError: Open3D failed.
+    """
+    path, style, frames = link.receive()
+    with read_recording(path) as recording:
+        drawer = Drawer(recording, style, frames)
+        while True:
+            link.send(_checked(drawer.image(link.receive()), style))
+
+
+def draw_states(link: Link) -> None:
+    """Draw one state after the other.
+
+    The first message is the path of a recording of one frame, a `Style`, and the values of that frame (`live_values`);
+    each further one is the values of a state, the points that get a mark, and None, answered by an image as above; or
+    in the place of None a camera, answered by image, depth and numbers of bodies, see `Drawer.measure`.
+
+    Raises: what `draw_frames` raises.
+    """
+    path, style, first = link.receive()
+    with LiveRecording(Path(path)) as recording:
+        recording.show(first)
+        drawer = Drawer(recording, style, [0], ROOM)
+        while True:
+            values, marks, camera = link.receive()
+            recording.show(values)
+            image = _checked(drawer.image(0, marks, camera), style)
+            link.send(image if camera is None else (image, *drawer.measure(0, camera)))
+
+
+def _checked(image: np.ndarray, style: Style) -> np.ndarray:
+    if image.shape != (style.size[1], style.size[0], 3) or image.dtype != np.uint8:
+        raise RuntimeError(f"drew {image.shape} of {image.dtype}, not {style.size} pixels")
+    return np.ascontiguousarray(image)
+
+
+WORKER = "taichisoft_outputs.rendering.live_renderer:draw_states"
 
 
 class LiveRenderer(Renderer):

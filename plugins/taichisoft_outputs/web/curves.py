@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind
 from taichisoft.control import Pair
-from taichisoft_outputs.web.frame import PageFrame, PageScene
+from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind
+from taichisoft_outputs.web.page_messages import PageFrame, PageScene
 
 WINDOW = 20.0
 """The plots of a run show its last seconds [s]."""

@@ -1,13 +1,84 @@
 """Messages between a run and the worker process of its page."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from taichisoft.bodies import BodySurface
+from taichisoft import Scene
 from taichisoft.control import Slider
-from taichisoft_outputs.web.frame import LinesShown, PageScene
+from taichisoft.mechanics import ActuatorNames, BodyAxes, BodySurface, Plane, Surface
+
+# What a page draws: surfaces and planes that stay the same, and frames that say where everything is.
+
+
+class LinesShown(NamedTuple):
+    """Lines from point to point of all actuators of a kind, such as cables.
+
+    Attributes:
+        ends: [mm], shape (line_count, 2, 3).
+        efforts: such as tensions [mN], shape (line_count,).
+    """
+
+    ends: np.ndarray
+    efforts: np.ndarray
+
+
+@dataclass(frozen=True)
+class PageScene:
+    """What stays the same while a page shows one frame after the other.
+
+    Attributes:
+        scene: the scene that was or is simulated.
+        surfaces: surfaces in the order of `PageFrame.vertices`.
+        planes: infinite obstacles.
+        actuators: names of the actuators.
+        axes: by name, the axes of bodies that are shown, in the order of `PageFrame.axes`.
+    """
+
+    scene: Scene
+    surfaces: Sequence[Surface]
+    planes: Sequence[Plane]
+    actuators: ActuatorNames
+    axes: Mapping[str, BodyAxes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PageFrame:
+    """What a page shows at one time of a run.
+
+    Attributes:
+        time: time of the run [s].
+        vertices: positions [mm] of each surface's vertices, each of shape (vertex_count, 3).
+        lines: of each kind of actuators drawn as lines, by its name.
+        contact_points: points of contact [mm], shape (contact_count, 3).
+        contact_forces: forces on the second body of each contact [mN], shape (contact_count, 3).
+        plotted: a row of `curves.plotted_row`, which begins with the efforts of all actuators.
+        axes: origin [mm] and unit vectors along x, y and z of the bodies' axes, shape (axes_count, 4, 3).
+        signals: numbers of the controller by name.
+    """
+
+    time: float
+    vertices: Sequence[np.ndarray]
+    lines: Mapping[str, LinesShown]
+    contact_points: np.ndarray
+    contact_forces: np.ndarray
+    plotted: np.ndarray
+    axes: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    signals: Mapping[str, float] = field(default_factory=dict)
+
+
+def lines_shown(points: Sequence[np.ndarray], efforts: Sequence[np.ndarray]) -> LinesShown:
+    """The lines of a kind of actuators.
+
+    Args:
+        points: points of each actuator [mm], each of shape (point_count, 3).
+        efforts: efforts between these points, such as tensions [mN], each of shape (point_count - 1,).
+    """
+    lines = [np.stack([one[:-1], one[1:]], axis=1) for one in points]
+    return LinesShown(np.concatenate([np.zeros((0, 2, 3)), *lines]), np.concatenate([np.zeros(0), *efforts]))
+
 
 SHOWN_ONLY = "actuators"
 """Group of sliders that show something and cannot be moved."""

@@ -1,12 +1,242 @@
 """The command `taichisoft view`."""
 
 import contextlib
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
-from taichisoft.optional_packages import extra, require
+from taichisoft.base import extra, require
+from taichisoft.errors import MeshError
+from taichisoft.mechanics import ACTUATOR_KINDS
+from taichisoft.mesh import SectionPlane
+from taichisoft_outputs.drawing.painting import SAMPLES, sample_frames
+from taichisoft_outputs.drawing.surface_painter import cut_open
+from taichisoft_outputs.recording.layout import UNFINISHED
+from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.web.address import Address
+from taichisoft_outputs.web.curves import MOST_POINTS, plotted_row
+from taichisoft_outputs.web.page import SPEEDS, Page, clamped
+from taichisoft_outputs.web.page_messages import PageFrame, PageScene, lines_shown
+
+# The page of a recording: to play, to scrub, and to follow while its run goes on.
+
+FRAMES_PER_SECOND = 30.0
+SECONDS_BETWEEN_LOOKS = 1.0
+"""The file of a run that goes on is looked at again after so many seconds."""
+PLOTTED = (
+    "normal_force",
+    "peak_pressure",
+    "frame_wrench",
+    "rigid_position",
+    *(kind.effort.name for kind in ACTUATOR_KINDS),
+)
+"""The quantities of a recording that `plotted_row` needs."""
+
+
+class Playback:
+    """A position in the frames of a recording.
+
+    Attributes:
+        clock: time at which each frame is shown [s], from 0; a new start of the run takes none, shape (frame_count,).
+        position: time of the viewers on that clock [s].
+        playing: whether it moves on.
+        speed: recorded over wall-clock time.
+    """
+
+    def __init__(self, times: np.ndarray):
+        """Begin to play at the first frame; times [s] of all frames, shape (frame_count,)."""
+        self.position = 0.0
+        self.playing = True
+        self.speed = 1.0
+        self.extend(times)
+
+    def extend(self, times: np.ndarray) -> None:
+        """Set the times of all frames, after more were recorded."""
+        self.clock = np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(times), 0.0))])
+
+    @property
+    def length(self) -> float:
+        """Time that the whole recording takes [s]."""
+        return float(self.clock[-1])
+
+    @property
+    def frame(self) -> int:
+        """Index of the last frame that is not later than the position."""
+        return int(np.searchsorted(self.clock, self.position + 1e-9, side="right")) - 1
+
+    def advance(self, seconds: float) -> None:
+        """Move on by a wall-clock time [s]; stands still at the end, and goes on when more is recorded."""
+        if self.playing:
+            self.position = min(self.position + seconds * self.speed, self.length)
+
+    def play_or_pause(self) -> None:
+        """Stop, or go on: at the end from the start."""
+        self.playing = not self.playing
+        if self.playing and self.position >= self.length:
+            self.position = 0.0
+
+
+class RecordingPage:
+    """Serves a recording; all viewers see the same moment, and each may choose it.
+
+    Attributes:
+        playback: where the viewers are.
+        page: what they see.
+    """
+
+    def __init__(self, path: Path, address: Address, section: str = ""):
+        """Serve the first frame, cut open by a section (see `SectionPlane.parse`) that viewers can change.
+
+        Raises:
+            MeshError: the section is written otherwise.
+            RecordingError: the file is not a recording.
+            WebError: nothing can listen at the address.
+        """
+        self._plane, self._problem = SectionPlane.parse(section) if section else None, ""
+        self._recording = recording = read_recording(path)
+        self.playback = Playback(recording.times)
+        self._shown = -1
+        self._last_look = time.monotonic()
+        self._read_curves()
+        axes = recording.axes_of_bodies
+        content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.actuators, axes)
+        self.page = Page(address.host, address.port, address.token, content, frame_of(recording, 0))
+        self._show_whole_scales()
+        self._add_controls(self.page.server.gui, section)
+
+    def tick(self, seconds: float) -> None:
+        """Show what is due; `seconds` of wall-clock time have passed since the last call."""
+        playback = self.playback
+        if self._recording.outcome == UNFINISHED and time.monotonic() - self._last_look > SECONDS_BETWEEN_LOOKS:
+            self._look_for_more()
+        playback.advance(seconds)
+        frame = playback.frame
+        if frame != self._shown:
+            self._shown = frame
+            self._show(frame)
+
+    def serve(self) -> None:
+        """Serve until Ctrl and c."""
+        last = time.monotonic()
+        while True:
+            now = time.monotonic()
+            self.tick(now - last)
+            last = now
+            time.sleep(max(0.0, 1.0 / FRAMES_PER_SECOND - (time.monotonic() - now)))
+
+    def close(self) -> None:
+        """End the page."""
+        self.page.server.stop()
+        self._recording.close()
+
+    def _show(self, frame: int) -> None:
+        shown = frame_of(self._recording, frame)
+        section = None
+        if self._plane is not None:
+            plane = self._plane.facing(self.page.view.eye)
+            section = cut_open(self._recording, self._recording.surfaces, frame, plane)
+        self.page.view.show(shown, section)
+        status = f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}"
+        self.page.set_status(self._problem or status)
+        self._slider.value = self.playback.position
+        past = self._plotted <= frame
+        signals = {name: values[past] for name, values in self._signals.items()}
+        self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past], signals)
+
+    def _look_for_more(self) -> None:
+        self._last_look = time.monotonic()
+        self._recording.refresh()
+        self._shown = -1
+        self.playback.extend(self._recording.times)
+        self._read_curves()
+        self._slider.max = max(self.playback.length, self._slider.step)
+
+    def _show_whole_scales(self) -> None:
+        """Let the scales reach over the whole run, as in its pictures; later frames widen them."""
+        recording = self._recording
+        frames = sample_frames(range(recording.frame_count), SAMPLES)
+        forces = [np.linalg.norm(recording.contacts(frame)[1], axis=1).max(initial=0.0) for frame in frames]
+        efforts = {}
+        for kind in ACTUATOR_KINDS:
+            along = recording.segment_efforts(kind, np.array(frames)) if kind.drawn == "lines" else []
+            own = [recording.column(kind.effort.name)] if kind.drawn == "walls" else along
+            efforts[kind.name] = np.concatenate([np.zeros(1), *(one.ravel() for one in own)])
+        self.page.view.reach_to(efforts, max(forces, default=0.0))
+
+    def _read_curves(self) -> None:
+        """Read what the plots show, of as many frames as they can hold."""
+        count = self._recording.frame_count
+        self._plotted = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
+        columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
+        self._rows = np.array([_plotted_row(self._recording, *values) for values in zip(*columns, strict=True)])
+        self._rows[:, -1] -= self._rows[0, -1]
+        signals = self._recording.column("signals")[self._plotted]
+        self._signals = {name: signals[:, number] for number, name in enumerate(self._recording.signals)}
+
+    def _add_controls(self, gui: Any, section: str) -> None:
+        playback = self.playback
+        step = max(self._recording.step_size * self._recording.every, 1e-3)
+        with gui.add_folder("playback", order=1.0):
+            self._slider = gui.add_slider("time [s]", 0.0, max(playback.length, step), step, 0.0)
+            play = gui.add_button("play, and pause")
+            speed = gui.add_slider("speed [x real time]", *SPEEDS, 0.05, 1.0)
+            plane = gui.add_text("section", section, hint="a plane that cuts bodies open [mm]: y=0, z<12.5, x+2*y=30")
+        gui.add_command("space: play, and pause", hotkey="space").on_trigger(lambda _: playback.play_or_pause())
+        play.on_click(lambda _: playback.play_or_pause())
+
+        @self._slider.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:  # otherwise it followed the playback
+                playback.playing = False
+                playback.position = clamped(self._slider.value, (0.0, playback.length))
+
+        @plane.on_update
+        def _(event: Any) -> None:
+            try:
+                self._plane, self._problem = SectionPlane.parse(plane.value) if plane.value.strip() else None, ""
+            except MeshError as error:  # most often of a plane that is still being written
+                self._problem = str(error)
+            self._shown = -1
+
+        @speed.on_update
+        def _(event: Any) -> None:
+            playback.speed = clamped(speed.value, SPEEDS)
+
+
+def frame_of(recording: Recording, index: int) -> PageFrame:
+    """A frame of a recording."""
+    vertices = [surface.vertices(index) for surface in recording.surfaces]
+    plotted = _plotted_row(recording, *(recording.row(name, index) for name in PLOTTED))
+    lines = {
+        kind.name: lines_shown(recording.line_points(kind, index), recording.segment_efforts(kind, index))
+        for kind in ACTUATOR_KINDS
+        if kind.drawn == "lines"
+    }
+    return PageFrame(
+        float(recording.row("time", index)),
+        vertices,
+        lines,
+        *recording.contacts(index),
+        plotted,
+        recording.body_axes(index),
+    )
+
+
+def _plotted_row(
+    recording: Recording,
+    forces: np.ndarray,
+    peaks: np.ndarray,
+    wrench: np.ndarray,
+    places: np.ndarray,
+    *efforts: np.ndarray,
+) -> np.ndarray:
+    forces_by_pair, peaks_by_pair = (dict(zip(recording.pairs, one.tolist(), strict=True)) for one in (forces, peaks))
+    return plotted_row(
+        recording.scene, np.concatenate(efforts).tolist(), forces_by_pair, peaks_by_pair, wrench[0], places
+    )
 
 
 def view(
@@ -23,7 +253,6 @@ def view(
     from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
 
     require("a web page", "viser", install=extra("web"))
-    from taichisoft_outputs.web.recording_page import RecordingPage
 
     found = find_address(address)
     with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way

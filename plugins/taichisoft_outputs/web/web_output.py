@@ -1,18 +1,196 @@
 """The output "web": a live page of a run, and what is done on it."""
 
+import math
+import threading
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichisoft.caller_warnings import warn_caller
-from taichisoft.optional_packages import extra, require
-from taichisoft.session import Output
-from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
+import numpy as np
+
+from taichisoft.base import Worker, WorkerLost, extra, require, warn_caller
+from taichisoft.control import ContactPatches, KeyEvent, Slider, summarise_contacts
+from taichisoft.errors import TaichisoftError
+from taichisoft.mechanics import (
+    ACTUATOR_KINDS,
+    ActuatorKind,
+    ActuatorNames,
+    axes_of_bodies,
+    body_surfaces,
+    planes_of,
+    segment_efforts,
+)
+from taichisoft.running import BINDINGS, Output
+from taichisoft_outputs.web.address import NOT_ENCRYPTED, Address, WebError, find_address
+from taichisoft_outputs.web.curves import plotted_row
+from taichisoft_outputs.web.page_messages import (
+    SHOWN_ONLY,
+    LinesShown,
+    PageScene,
+    PageSetup,
+    RunEnded,
+    Snapshot,
+    SpeedWanted,
+    lines_shown,
+)
 
 if TYPE_CHECKING:
-    from taichisoft.session import Session
-    from taichisoft.state import State
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import State
+    from taichisoft.running import Session
     from taichisoft.step import StepReport
-    from taichisoft_outputs.web.page_link import PageLink
+
+# The run's end of its page: starts the process, sends it the newest state, and hands on what viewers want.
+
+SNAPSHOTS_PER_SECOND = 30.0
+SECONDS_BETWEEN_UNCHANGED = 0.2
+"""Time between snapshots of a paused run [s], which are sent because its status may change."""
+START_LIMIT = 60.0
+"""Longest time until the process serves the page [s]; usually 2."""
+END_LIMIT = 5.0
+"""Longest time until the process ends [s]; usually 1."""
+
+
+class PageLink:
+    """A page beside a run. The run itself only sets `newest`; two threads do the rest.
+
+    Attributes:
+        newest: state that the page shall show.
+        port: port at which the page listens.
+    """
+
+    def __init__(self, session: "Session", address: Address):
+        """Start the process and wait until it serves.
+
+        Raises:
+            WebError: it does not.
+        """
+        self._session = session
+        self.newest: State = session.simulation.state
+        self._patches = ContactPatches(session.simulation.model)
+        self._ended = threading.Event()
+        self._worker = Worker("taichisoft_outputs.web.page_process:serve")
+        try:
+            first = page_setup(session, address, snapshot(session, self.newest))
+            self.port: int = self._worker.ask(first, START_LIMIT)
+        except (WorkerLost, TaichisoftError) as error:
+            self._worker.end()
+            raise WebError(f"no page at {address.url}: {error}") from error
+        self._sender = threading.Thread(target=self._send_all, name="page", daemon=True)
+        self._sender.start()
+        threading.Thread(target=self._take_wishes, name="viewers", daemon=True).start()
+
+    def end(self, outcome: str) -> None:
+        """Let the page say how the run ended, and close it."""
+        self._ended.set()
+        self._sender.join(END_LIMIT)
+        reads = not self._sender.is_alive()
+        if reads:
+            self._worker.send(RunEnded(outcome))
+        self._worker.end(END_LIMIT if reads else 0.0)
+
+    def _send_all(self) -> None:
+        """Send until the run ends; what goes wrong is a warning, since a thread has nobody above it."""
+        try:
+            self._send_newest()
+        except Exception as error:  # a controller's `sliders` or `status` failed
+            warn_caller(f"the web page stands still; the run goes on: {error}")
+
+    def _send_newest(self) -> None:
+        """Look for news now and then, so that a step costs nothing and a pause shows as well."""
+        sent: object = None
+        last = -math.inf
+        while not self._ended.wait(1.0 / SNAPSHOTS_PER_SECOND) and self._worker.alive:
+            newest = self.newest
+            if newest is sent and time.monotonic() - last < SECONDS_BETWEEN_UNCHANGED:
+                continue
+            sent, last = newest, time.monotonic()
+            self._worker.send(snapshot(self._session, newest, self._patches))
+        self._worker.send(snapshot(self._session, self.newest, self._patches))
+
+    def _take_wishes(self) -> None:
+        """Hand on what viewers want, until the page is gone."""
+        try:
+            while True:
+                message = self._worker.receive()
+                if isinstance(message, KeyEvent):
+                    self._session.keys.put(message)
+                elif isinstance(message, SpeedWanted):
+                    self._session.pace.speed = message.speed
+        except (WorkerLost, TaichisoftError) as error:
+            if not self._ended.is_set():
+                warn_caller(f"the web page is gone; the run goes on: {error}")
+
+
+def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSetup:
+    """The page of a run, to be served at an address."""
+    model, controller = session.simulation.model, session.controller
+    surfaces = body_surfaces(model.soft_bodies, model.rigid_bodies, model.obstacles)
+    return PageSetup(
+        host=address.host,
+        port=address.port,
+        token=address.token,
+        content=PageScene(
+            model.scene,
+            surfaces,
+            planes_of(model.obstacles),
+            ActuatorNames({kind.name: model.actuators.names_of(kind) for kind in ACTUATOR_KINDS}),
+            axes_of_bodies(model.scene, model.soft_bodies),
+        ),
+        surfaces=surfaces,
+        first=first,
+        run_bindings=BINDINGS,
+        controller_bindings={} if session.replaying else dict(controller.bindings),
+    )
+
+
+def snapshot(session: "Session", state: "State", patches: ContactPatches | None = None) -> Snapshot:
+    """A run as it is now, in one of its states; `patches` of its model, if they are at hand."""
+    model, efforts = session.simulation.model, state.actuator_effort.tolist()
+    forces, report = summarise_contacts(model, state).normal_forces, session.simulation.report
+    peaks = {pair: one.peak for pair, one in (patches or ContactPatches(model)).patches(state).items()}
+    lines = {kind.name: _lines(model, kind, state) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
+    return Snapshot(
+        time=state.time,
+        position=state.position.astype(np.float32),
+        rigid_position=state.rigid_position,
+        rigid_rotation=state.rigid_rotation,
+        lines=lines,
+        contact_points=state.contact_point,
+        contact_forces=state.contact_impulse / model.scene.time.step,
+        plotted=plotted_row(model.scene, efforts, forces, peaks, state.frame_wrench[0], state.rigid_position),
+        signals=dict(report.signals) if report is not None else {},
+        sliders=_sliders(session, state),
+        paused=session.paused,
+        speed=session.pace.speed,
+        real_time_factor=session.pace.real_time_factor,
+        status=" · ".join(filter(None, (session.controller.status, session.notice))),
+    )
+
+
+def _lines(model: "Model", kind: ActuatorKind, state: "State") -> LinesShown:
+    lines, actuators = model.actuators.sets[kind.name].lines, model.actuators
+    effort, loss = actuators.of(kind, state.actuator_effort), actuators.losses_of(kind, state.actuator_loss)
+    return lines_shown([line.points(state, model.frames) for line in lines], segment_efforts(lines, effort, loss))
+
+
+def _sliders(session: "Session", state: "State") -> dict[str, Slider]:
+    """The sliders of the session; of a controller without its own, such that show efforts, such as the pressures."""
+    model, sliders = session.simulation.model, dict(session.sliders)
+    if session.replaying:
+        sliders = {name: replace(one, group=SHOWN_ONLY) for name, one in sliders.items()}
+    if session.controller.sliders:
+        return sliders
+    for kind in ACTUATOR_KINDS:
+        if kind.always_driven:
+            effort, limits = kind.effort, model.scene.limits
+            lowest, highest = (getattr(limits, f"{end}_{effort.name}", None) for end in ("lowest", "highest"))
+            low, high = 0.0 if lowest is None else lowest, effort.furthest if highest is None else highest
+            values = model.actuators.of(kind, state.actuator_effort).tolist()
+            for name, value in zip(model.actuators.names_of(kind), values, strict=True):
+                sliders[name] = Slider(value, low, high, 0.1, effort.unit, SHOWN_ONLY)
+    return sliders
 
 
 class WebOutput(Output):
@@ -47,7 +225,6 @@ class WebOutput(Output):
         Raises:
             WebError: the page cannot be served.
         """
-        from taichisoft_outputs.web.page_link import PageLink
 
         self._link = PageLink(session, self._address)
         self.url = self._address.at(self._link.port).url

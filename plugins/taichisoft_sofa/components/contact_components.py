@@ -8,8 +8,8 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftPlane, DraftSurface
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.loaded_mesh import split_quads
 from taichisoft_sofa.components.typed_values import computed, described, flag, number, numbers, text, vector
-from taichisoft_sofa.meshes.loaded_mesh import split_quads
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,18 +1,23 @@
 """Declarations of the data that are read: kinds, SOFA's defaults, and valid ranges."""
 
-from taichisoft_sofa.components import older_names as older_names  # declared under the present names
 from taichisoft_sofa.components.graph import STATE, nearest, node_of
 from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.components.typed_values import text
-from taichisoft_sofa.tree.bounds import ABOVE_0, FINITE, FROM_0, LIMIT, LIMIT_FROM_0, RATIO
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import (
+    ABOVE_0,
+    ALIASES,
     ANY,
     BOOL,
     BOOLS,
+    FINITE,
+    FROM_0,
     INDICES,
     INTEGER,
+    LIMIT,
+    LIMIT_FROM_0,
     LINK,
+    RATIO,
     SCALAR,
     TEXT,
     VECTOR,
@@ -21,6 +26,40 @@ from taichisoft_sofa.tree.value_kinds import (
     fixed,
     index_rows,
     vectors,
+)
+
+# Names that components had in older versions of SOFA.
+
+ALIASES.update(
+    {
+        "EulerImplicit": "EulerImplicitSolver",
+        "CollisionResponse": "RuleBasedContactManager",
+        "DefaultContactManager": "RuleBasedContactManager",
+        "DefaultPipeline": "CollisionPipeline",
+        "FixedConstraint": "FixedProjectiveConstraint",
+        "PartialFixedConstraint": "PartialFixedProjectiveConstraint",
+        "GenericConstraintSolver": "BlockGaussSeidelConstraintSolver",
+        "FreeMotionMasterSolver": "FreeMotionAnimationLoop",
+        "LinearMovementConstraint": "LinearMovementProjectiveConstraint",
+        "Sphere": "SphereCollisionModel",
+        "SphereModel": "SphereCollisionModel",
+        "SphereSet": "SphereCollisionModel",
+        "RegularGrid": "RegularGridTopology",
+        "SparseGrid": "SparseGridTopology",
+        "HexahedralFEMForceField": "HexahedronFEMForceField",
+        "RigidRigidMapping": "RigidMapping",
+        "Mesh": "MeshTopology",
+        "MeshObjLoader": "MeshOBJLoader",
+        "Triangle": "TriangleCollisionModel",
+        "TriangleModel": "TriangleCollisionModel",
+        "TriangleSet": "TriangleCollisionModel",
+        "Line": "LineCollisionModel",
+        "LineModel": "LineCollisionModel",
+        "LineSet": "LineCollisionModel",
+        "Point": "PointCollisionModel",
+        "PointModel": "PointCollisionModel",
+        "PointSet": "PointCollisionModel",
+    }
 )
 
 

@@ -1,16 +1,17 @@
 """Time integration, solvers, masses, elasticity and supports of bodies."""
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes import divided_hexahedra
+from taichisoft.mesh import divided_hexahedra
 from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
-from taichisoft_sofa.components.hyperelastic_energies import MATERIALS
 from taichisoft_sofa.components.joints import hold_joint, weigh_joint
 from taichisoft_sofa.components.regular_grids import divided, hexahedra_of
 from taichisoft_sofa.components.states import start_position
@@ -20,6 +21,131 @@ from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft
+
+# SOFA's energies of hyperelastic materials, the native laws of the same moduli at rest, and how far they differ.
+#
+# Energies are by volume [kPa], of principal stretches a, b, c. SOFA's are those of its folder hyperelastic/material
+# since pull request 4603 of 2024; before, the second parameter of NeoHookean was a bulk modulus, and is Lame's lambda
+# now.
+
+STRETCH = 1.3
+"""At which the pull of a bar is compared [-]."""
+STEP = 1e-4
+"""Step of the differences by which the pull is found [-]."""
+
+Energy = Callable[[np.ndarray], float]
+"""Energy [kPa] of principal stretches, shape (3,)."""
+
+
+@dataclass(frozen=True)
+class SofaMaterial:
+    """A material of SOFA with its native law.
+
+    Attributes:
+        law: the native law.
+        shear, dilation: Lame's mu and lambda at rest [kPa].
+        energy: SOFA's energy.
+        coefficients: of the native law, for laws that take them.
+    """
+
+    law: str
+    shear: float
+    dilation: float
+    energy: Energy
+    coefficients: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def ratio(self) -> float:
+        """Poisson's ratio at rest [-]; NaN without a positive shear modulus."""
+        return self.dilation / (2.0 * (self.dilation + self.shear)) if self.shear > 0.0 else np.nan
+
+    def pull_ratio(self) -> float:
+        """The pull of a bar that is free at its sides, at STRETCH, in SOFA over that of the native law [-]."""
+        return _pull(self.energy) / _pull(self._native)
+
+    def _native(self, stretches: np.ndarray) -> float:
+        volume = stretches.prod() - 1.0
+        by_volume = 0.5 * self.dilation * volume**2
+        first, second = (stretches**2).sum(), (stretches**2).prod() * (stretches**-2).sum()
+        by_first, by_second = first - 3.0 - 2.0 * volume + volume**2, second - 3.0 - 4.0 * volume
+        if self.law == "hooke":
+            strains = stretches - 1.0
+            return float(self.shear * (strains**2).sum() + 0.5 * self.dilation * strains.sum() ** 2)
+        if self.law == "neo-hookean":
+            return float(0.5 * self.shear * by_first + by_volume)
+        if self.law == "mooney-rivlin":
+            return float(self.coefficients["c10"] * by_first + self.coefficients["c01"] * by_second + by_volume)
+        mu, alpha = self.coefficients["mu1"], self.coefficients["alpha1"]
+        return float(mu / alpha * ((stretches**alpha).sum() - 3.0) + mu * (0.5 * volume**2 - volume) + by_volume)
+
+
+def _saint_venant(mu: float, lame: float) -> SofaMaterial:
+    def energy(s: np.ndarray) -> float:
+        strain = 0.5 * (s**2 - 1.0)
+        return float(0.5 * lame * strain.sum() ** 2 + mu * (strain**2).sum())
+
+    return SofaMaterial("hooke", mu, lame, energy)
+
+
+def _neo_hookean(mu: float, lame: float) -> SofaMaterial:
+    def energy(s: np.ndarray) -> float:
+        log = np.log(s.prod())
+        return float(0.5 * mu * ((s**2).sum() - 3.0) - mu * log + 0.5 * lame * log**2)
+
+    return SofaMaterial("neo-hookean", mu, lame, energy)
+
+
+def _stable_neo_hookean(mu: float, lame: float) -> SofaMaterial:
+    alpha = 1.0 + mu / (lame + mu)
+    return SofaMaterial(
+        "neo-hookean",
+        mu,
+        lame,
+        lambda s: float(0.5 * (mu * ((s**2).sum() - 3.0) + (lame + mu) * (s.prod() - alpha) ** 2)),
+    )
+
+
+def _mooney_rivlin(c1: float, c2: float, bulk: float) -> SofaMaterial:
+    def energy(s: np.ndarray) -> float:
+        j, first, second = s.prod(), (s**2).sum(), (s**2).prod() * (s**-2).sum()
+        shape = c1 * (first * j ** (-2 / 3) - 3.0) + c2 * (second * j ** (-4 / 3) - 3.0)
+        return float(shape + 0.5 * bulk * np.log(j) ** 2)
+
+    shear = 2.0 * (c1 + c2)
+    return SofaMaterial("mooney-rivlin", shear, bulk - 2.0 * shear / 3.0, energy, {"c10": c1, "c01": c2})
+
+
+def _ogden(mu: float, alpha: float, bulk: float) -> SofaMaterial:
+    def energy(s: np.ndarray) -> float:
+        j = s.prod()
+        return float(mu / alpha**2 * (j ** (-alpha / 3) * (s**alpha).sum() - 3.0) + 0.5 * bulk * np.log(j) ** 2)
+
+    if alpha == 0.0:
+        return SofaMaterial("ogden", np.nan, np.nan, energy)  # no law: it has no shear modulus
+    return SofaMaterial("ogden", 0.5 * mu, bulk - mu / 3.0, energy, {"mu1": mu / alpha, "alpha1": alpha})
+
+
+MATERIALS: dict[str, tuple[int, Callable[..., SofaMaterial]]] = {
+    "StVenantKirchhoff": (2, _saint_venant),
+    "NeoHookean": (2, _neo_hookean),
+    "StableNeoHookean": (2, _stable_neo_hookean),
+    "MooneyRivlin": (3, _mooney_rivlin),
+    "Ogden": (3, _ogden),
+}
+"""Number of parameters of each material of SOFA, and the material made of them."""
+
+
+def _pull(energy: Energy) -> float:
+    """dW/da [kPa] where the sides of a bar are free: the least energy over their stretch."""
+
+    def least(stretch: float) -> float:
+        found = minimize_scalar(
+            lambda side: energy(np.array([stretch, side, side])), bounds=(0.5, 1.2), options={"xatol": 1e-9}
+        )
+        return float(found.fun)
+
+    return (least(STRETCH + STEP) - least(STRETCH - STEP)) / (2.0 * STEP)
+
 
 HELD = 1e12
 """Stiffness for points fixed by a constraint [mN/mm]."""

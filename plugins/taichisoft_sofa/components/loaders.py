@@ -1,23 +1,246 @@
 """Data computed by loaders and topology containers: transformed points, and cells."""
 
+import contextlib
+import functools
+import io
+import itertools
+import re
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichisoft.errors import MeshError, SceneError
+from taichisoft.mesh import existing_file, is_msh41, read_msh41, unreadable
 from taichisoft_sofa.components.graph import LOADERS, in_node, node_of
+from taichisoft_sofa.components.loaded_mesh import LoadedMesh, no_cells, placed_by_loader
 from taichisoft_sofa.components.regular_grids import mapped_cells
 from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
-from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh
-from taichisoft_sofa.meshes.placement import placed_by_loader
-from taichisoft_sofa.meshes.reading import read_mesh
-from taichisoft_sofa.meshes.stock import find_mesh
 from taichisoft_sofa.tree.modules import running
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
+
+# Stand-ins, with the same names and sizes, for meshes of SOFA itself that scenes use.
+
+
+def _box(lower: tuple[float, float, float], upper: tuple[float, float, float], pieces: int) -> LoadedMesh:
+    """Surface of a box, facing outward, with pieces x pieces squares of two triangles on each face."""
+    grid = np.linspace(0.0, 1.0, pieces + 1)
+    points = np.array([[x, y, z] for x in grid for y in grid for z in grid])
+    number = np.arange(len(points)).reshape(pieces + 1, pieces + 1, pieces + 1)
+    on_surface = ((points == 0.0) | (points == 1.0)).any(axis=1)
+    quads = []
+    for axis in range(3):
+        for end, turned in ((0, True), (-1, False)):
+            face = np.take(number, end, axis=axis)
+            corners = np.stack([face[:-1, :-1], face[1:, :-1], face[1:, 1:], face[:-1, 1:]], axis=-1).reshape(-1, 4)
+            # The cross product of the two other axes points along the third axis, or against it if that is y.
+            quads.append(corners[:, ::-1] if turned != (axis == 1) else corners)
+    renumbered = np.cumsum(on_surface) - 1
+    quad = renumbered[np.vstack(quads)]
+    triangles = quad[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    return LoadedMesh(np.array(lower) + points[on_surface] * np.subtract(upper, lower), triangles=triangles)
+
+
+def _plate(half_width: float) -> LoadedMesh:
+    """A square in the plane y = 0, facing upward."""
+    w = half_width
+    corners = [[-w, 0.0, -w], [-w, 0.0, w], [w, 0.0, w], [w, 0.0, -w]]
+    return LoadedMesh(np.array(corners), quads=np.array([[0, 1, 2, 3]]))
+
+
+def _ball() -> LoadedMesh:
+    """A sphere of radius 1, facing outward."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    return LoadedMesh(np.array(ball.vertices), triangles=np.array(ball.faces, dtype=np.int64))
+
+
+STOCK_MESHES: dict[str, Callable[[], LoadedMesh]] = {
+    "mesh/smCube27.obj": lambda: _box((-3.5, -3.5, -3.5), (3.5, 3.5, 3.5), 2),
+    "mesh/ball.obj": _ball,
+    "mesh/cube.obj": lambda: _box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1),
+    "mesh/floorFlat.obj": lambda: _plate(20.0),
+    "mesh/floor.obj": lambda: _box((-74.67, -5.33, -74.67), (74.67, -1.33, 74.67), 1),
+}
+"""Functions that make the meshes, by name."""
+
+
+def find_mesh(name: str, find_file: Callable[[str], Path | None]) -> Path:
+    """Path of a mesh: a file found by `find_file`, or the name of one of SOFA's meshes known to `read_mesh`.
+
+    Raises:
+        MeshError: the mesh was not found.
+    """
+    found = find_file(str(Path(name).expanduser()))
+    if found is not None:
+        return found.resolve()
+    if Path(name).as_posix() not in STOCK_MESHES:
+        known = ", ".join(STOCK_MESHES)
+        raise MeshError(f"{name}: no such file beside the scene or in its folders; SOFA's own that are known: {known}")
+    return Path(name)
+
+
+# Readers for the files of SOFA's loaders: VTK, STL, OBJ, Gmsh and GiD, in the order of the file.
+
+# meshio's names of the cells of a loader.
+CELLS = {"edges": "line", "triangles": "triangle", "quads": "quad", "tetrahedra": "tetra", "hexahedra": "hexahedron"}
+
+
+def read_mesh(path: Path) -> LoadedMesh:
+    """Read a mesh found by `find_mesh`, or make the stand-in for a mesh of SOFA's by its name.
+
+    Raises:
+        MeshError: the file is missing or unreadable, or its format is unknown.
+    """
+    if path.as_posix() in STOCK_MESHES:
+        return STOCK_MESHES[path.as_posix()]()
+    path = existing_file(path, "mesh", tuple(READERS))
+    return _read_file(path, path.stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=64)
+def _read_file(path: Path, stamp: int) -> LoadedMesh:
+    """Read a file; `stamp` is its time of modification, as a key of the cache."""
+    try:
+        # Suppress meshio's unescaped messages; errors are reported below.
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            mesh = READERS[path.suffix.lower()](path)
+    except (Exception, SystemExit) as error:  # broken files make the parsers raise any exception
+        raise error if isinstance(error, MeshError) else unreadable(path, error) from error
+    for array in vars(mesh).values():
+        array.flags.writeable = False  # shared by all readers of the file
+    return mesh
+
+
+def _read_vtk(path: Path) -> LoadedMesh:
+    """Read a file of VTK's older format or in XML, with decimal coordinates in double precision."""
+    import meshio
+
+    content = path.read_bytes()
+    xml = content.lstrip().startswith((b"<?xml", b"<VTKFile"))
+    if xml and not re.search(rb"<VTKFile[^>]*type\s*=\s*[\"']UnstructuredGrid", content):
+        raise MeshError(f"{path}: is XML of VTK, but not an UnstructuredGrid; save the mesh as one")
+    doubles = re.sub(ASCII_ARRAY if xml else ASCII_POINTS, _in_doubles, content)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / f"mesh{'.vtu' if xml else '.vtk'}"
+        copy.write_bytes(doubles)
+        return _from_meshio(meshio.read(copy))
+
+
+# Head of decimal arrays, with the precision in which they are read.
+ASCII_ARRAY = rb"<DataArray[^>]*format\s*=\s*[\"']ascii[\"'][^>]*>|<DataArray(?![^>]*format)[^>]*>"
+ASCII_POINTS = rb"\A[^\n]*\n[^\n]*\n\s*ASCII\b[\s\S]*?\bPOINTS\s+\d+\s+float\b"
+
+
+def _in_doubles(head: re.Match[bytes]) -> bytes:
+    """Replace the precision in the head of an array by double precision."""
+    return re.sub(rb"Float32", b"Float64", re.sub(rb"\bfloat\Z", b"double", head[0]))
+
+
+def _read_gmsh(path: Path) -> LoadedMesh:
+    if is_msh41(path):
+        content = read_msh41(path)
+        return LoadedMesh(content.nodes, triangles=content.triangles, tetrahedra=content.tetrahedra)
+    import meshio
+
+    return _from_meshio(meshio.read(path))
+
+
+def _from_meshio(mesh: Any) -> LoadedMesh:
+    cells = {name: mesh.cells_dict[kind].astype(np.int64) for name, kind in CELLS.items() if kind in mesh.cells_dict}
+    points = np.zeros((len(mesh.points), 3))
+    points[:, : mesh.points.shape[1]] = mesh.points
+    return LoadedMesh(points, **cells)
+
+
+def _read_stl(path: Path) -> LoadedMesh:
+    """Read triangles; equal corners become one point, in the order of their first occurrence."""
+    import trimesh
+
+    soup = trimesh.load_mesh(path, process=False)
+    _, first, same = np.unique(np.array(soup.vertices), axis=0, return_index=True, return_inverse=True)
+    kept = np.sort(first)
+    triangles = np.searchsorted(kept, first[same.ravel()])[np.array(soup.faces)]
+    return LoadedMesh(np.array(soup.vertices, dtype=np.float64)[kept], triangles=triangles.astype(np.int64))
+
+
+def _read_obj(path: Path) -> LoadedMesh:
+    """Read all vertices, with or without faces, and faces; faces of more than four corners become triangles."""
+    points: list[list[float]] = []
+    faces: dict[int, list[list[int]]] = {2: [], 3: [], 4: []}
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        word, *values = line.split() or [""]
+        if word == "v":
+            points.append([float(value) for value in values[:3]])
+        elif word in ("f", "l"):
+            corners = [int(value.partition("/")[0]) for value in values]
+            corners = [corner - 1 if corner > 0 else len(points) + corner for corner in corners]
+            if word == "l":
+                faces[2] += [list(pair) for pair in itertools.pairwise(corners)]
+            elif len(corners) <= 4:
+                faces[len(corners)].append(corners)
+            else:
+                faces[3] += [[corners[0], *corners[i : i + 2]] for i in range(1, len(corners) - 1)]
+    cells = [np.array(faces[count], dtype=np.int64) if faces[count] else no_cells(count) for count in (2, 3, 4)]
+    for cell in cells:
+        if cell.size and (cell.min() < 0 or cell.max() >= len(points)):
+            raise MeshError(f"{path}: a face names a vertex outside 1..{len(points)}")
+    return LoadedMesh(np.array(points, dtype=np.float64).reshape(-1, 3), *cells)
+
+
+def _read_gid(path: Path) -> LoadedMesh:
+    """Read a mesh of GiD: one kind of element of straight edges, whose numbers of nodes begin at 1."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    head = re.search(r"ElemType\s+(\w+)\s+Nnode\s+(\d+)", text, re.IGNORECASE)
+    cells = GID_CELLS.get((head[1].lower(), int(head[2]))) if head else None
+    if head is None or cells is None:
+        kinds = ", ".join(f"{kind.capitalize()} of {count} nodes" for kind, count in GID_CELLS)
+        raise MeshError(f"{path}: {head[0] if head else 'has no ElemType and Nnode'}; known are {kinds}")
+    points, elements = (_gid_rows(path, text, block) for block in ("Coordinates", "Elements"))
+    place = {int(number): index for index, number in enumerate(points[:, 0])}
+    corners = elements[:, 1 : 1 + int(head[2])].astype(np.int64)
+    if missing := sorted(set(corners.ravel().tolist()) - place.keys()):
+        raise MeshError(f"{path}: an element names node {missing[0]}, which is not among the coordinates")
+    position = np.zeros((len(points), 3))
+    position[:, : min(points.shape[1] - 1, 3)] = points[:, 1:4]
+    return LoadedMesh(position, **{cells: np.vectorize(place.__getitem__, otypes=[np.int64])(corners)})
+
+
+GID_CELLS = {
+    ("linear", 2): "edges",
+    ("triangle", 3): "triangles",
+    ("quadrilateral", 4): "quads",
+    ("tetrahedra", 4): "tetrahedra",
+    ("hexahedra", 8): "hexahedra",
+}
+"""Cells of a loader by GiD's type of element and number of nodes."""
+
+
+def _gid_rows(path: Path, text: str, block: str) -> np.ndarray:
+    """Numbers between the lines BLOCK and End BLOCK, a row for each line."""
+    found = re.search(rf"^\s*{block}\s*$(.*?)^\s*End\s+{block}", text, re.IGNORECASE | re.MULTILINE | re.DOTALL)
+    if found is None or not found[1].strip():
+        raise MeshError(f"{path}: has no lines between '{block}' and 'End {block}'")
+    rows: np.ndarray = np.loadtxt(io.StringIO(found[1]), ndmin=2)
+    return rows
+
+
+READERS: dict[str, Callable[[Path], LoadedMesh]] = {
+    ".vtk": _read_vtk,
+    ".vtu": _read_vtk,
+    ".stl": _read_stl,
+    ".obj": _read_obj,
+    ".msh": _read_gmsh,
+    ".gmsh": _read_gmsh,
+    ".gidmsh": _read_gid,
+    ".gid": _read_gid,
+}
+
 
 CORNERS = {"edges": 2, "triangles": 3, "quads": 4, "tetrahedra": 4, "hexahedra": 8}
 """Number of corners of each kind of cell."""

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft.meshes import SIX_TETRAHEDRA, boundary_quads, boundary_triangles
+from taichisoft.mesh import SIX_TETRAHEDRA, boundary_quads, boundary_triangles
 from taichisoft_sofa.components.graph import TOPOLOGIES, in_node, nearest, node_of
+from taichisoft_sofa.components.loaded_mesh import no_cells, split_quads
 from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, number, numbers, text, vector
-from taichisoft_sofa.meshes.loaded_mesh import no_cells, split_quads
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, inputs_of, nearest, node_of
+from taichisoft_sofa.components.loaded_mesh import multiply_quaternions, placed, quaternion
 from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
-from taichisoft_sofa.meshes.placement import multiply_quaternions, placed, quaternion
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component

@@ -10,12 +10,11 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.contact_components import surface_triangles
 from taichisoft_sofa.components.graph import LOADERS, TOPOLOGIES, in_node, independent_state, node_of
+from taichisoft_sofa.components.loaded_mesh import placed, split_quads
 from taichisoft_sofa.components.loaders import read_loader
 from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.components.typed_values import computed, described, flag, number, text, value_of, vector
 from taichisoft_sofa.components.typed_values import numbers as numbers_of
-from taichisoft_sofa.meshes.loaded_mesh import split_quads
-from taichisoft_sofa.meshes.placement import placed
 from taichisoft_sofa.tree.value_kinds import WrongValue, numbers
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.caller_warnings import warn_caller
+from taichisoft.base import warn_caller
 from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_sofa.components.graph import STATE
@@ -18,7 +18,7 @@ from taichisoft_sofa.tree.loading import SceneTree, load_tree
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
 
 KEY_EVENTS = ("KeypressedEvent", "KeyreleasedEvent")
 

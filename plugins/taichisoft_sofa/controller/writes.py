@@ -1,6 +1,7 @@
 """Writes of a scene's controllers during a run, converted to requests."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,12 +9,14 @@ import numpy as np
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuator_components import VOLUME, is_driven_by_force, value_type
+from taichisoft_sofa.components.draft import DraftMaterial
+from taichisoft_sofa.components.dynamics import young_modulus
 from taichisoft_sofa.components.frames import base_frames
 from taichisoft_sofa.components.typed_values import described, flag, is_given, number
 from taichisoft_sofa.components.without_effect import is_without_effect
 from taichisoft_sofa.controller.driven_frames import DrivenFrames
-from taichisoft_sofa.controller.stiffness import PartStiffness
 from taichisoft_sofa.translation.parts import SoftPart, Translation
+from taichisoft_sofa.translation.soft_bodies import add_moduli
 from taichisoft_sofa.tree.base import TreeObject
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
@@ -22,7 +25,75 @@ from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.value_kinds import canonical, numbers
 
 if TYPE_CHECKING:
-    from taichisoft.model import Model
+    from taichisoft.contact import Model
+
+# Changes of Young's moduli by a scene's controllers, which take effect at `reinit()`, as in SOFA.
+
+ROUND_OFF = 1e-9
+"""Largest difference of equal Young's moduli, relative, and of equal Poisson's ratios [-]."""
+
+
+class PartStiffness:
+    """The force fields of a soft body, whose sum gives the moduli of its native materials."""
+
+    def __init__(self, name: str, part: SoftPart):
+        """Store the initial stiffness of the scene.
+
+        Args:
+            name: the body's native name.
+            part: the body.
+        """
+        regions = range(part.material.max(initial=0))
+        self._names = [name, *(f"{name}.regions.{index}" for index in regions)]
+        self._tetrahedra = part.points[part.elements]
+        self._material = part.material
+        # One element represents its material.
+        self._first = np.array([np.argmax(part.material == number) for number in range(len(self._names))])
+        self._fields = tuple(part.body.materials)
+        self._young, self._poisson = add_moduli(self._tetrahedra, self._fields)
+
+    def begin(self) -> None:
+        """Take the requests up to now as the initial state of the scene."""
+        for field in self._fields:
+            field.component.reinit_requested = False
+
+    def take(self) -> dict[str, float]:
+        """The moduli [kPa] that have changed since the last call, by native material.
+
+        Raises:
+            SceneError: no modulus of a native material is equivalent to the force fields.
+        """
+        fields = tuple(map(_present_stiffness, self._fields))
+        changed = [new for new, old in zip(fields, self._fields, strict=True) if new is not old]
+        if not changed:
+            return {}
+        young, poisson = add_moduli(self._tetrahedra, fields)
+        where = described(changed[0].component)
+        if np.abs(poisson - self._poisson).max() > ROUND_OFF:
+            raise SceneError(
+                f"{where}: its new youngModulus changes Poisson's ratio where force fields of other ratios overlap; "
+                "give all of them the same poissonRatio"
+            )
+        if (np.abs(young - young[self._first][self._material]) > ROUND_OFF * np.abs(young)).any():
+            raise SceneError(
+                f"{where}: its new youngModulus makes tetrahedra of one stiffness differ; give tetrahedra that "
+                "will change another youngModulus from the start"
+            )
+        before = self._young[self._first]
+        self._fields, self._young = fields, young
+        after = young[self._first]
+        return {self._names[number]: float(after[number]) for number in np.flatnonzero(after != before)}
+
+
+def _present_stiffness(field: DraftMaterial) -> DraftMaterial:
+    """A force field with its present moduli; the same object if unchanged."""
+    component = field.component
+    if not component.reinit_requested and not flag(component, "updateStiffness", False):
+        return field
+    component.reinit_requested = False
+    young = young_modulus(component, len(field.tetrahedra))
+    return field if np.array_equal(young, field.young_modulus) else replace(field, young_modulus=young)
+
 
 USED = {
     "SurfacePressureConstraint": {"value", "valueIndex", "maxPressureVariation", "maxVolumeGrowthVariation"},

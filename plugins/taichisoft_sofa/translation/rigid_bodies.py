@@ -1,20 +1,178 @@
 """Rigid bodies and obstacles: poses, masses, inertias, surfaces."""
 
 import warnings
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import Delaunay, QhullError
 from scipy.spatial.transform import Rotation
 
-from taichisoft_sofa.components.anchor_targets import PointsTarget
-from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
-from taichisoft_sofa.components.dynamics import SPRING
-from taichisoft_sofa.components.graph import node_of
-from taichisoft_sofa.components.states import start_velocity
+from taichisoft.mesh import tetrahedron_volumes
+from taichisoft_sofa.components.anchor_targets import DrivenFrameTarget, PointsTarget
+from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
+from taichisoft_sofa.components.dynamics import HELD, SPRING
+from taichisoft_sofa.components.frames import base_frames, bases_of, index_pairs, rigid_indices
+from taichisoft_sofa.components.graph import inputs_of, is_assembled, mapping_of, node_of
+from taichisoft_sofa.components.states import start_position, start_velocity, width_of
 from taichisoft_sofa.components.typed_values import number
-from taichisoft_sofa.translation.contact import collides
-from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.parts import Translation, collides
 from taichisoft_sofa.tree.value_kinds import canonical
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
+
+# Rigid parts of soft bodies: points that follow a frame, which joints drive, or which moves with the body.
+
+STIFFENING = 1e4
+"""Young's modulus of a rigid part over that of the body [-]."""
+STIFF = 1e6
+"""Stiffness of springs that hold a frame of a soft body as if it were fixed [mN/mm]."""
+FLATTEST = 1e-4
+"""Volume over the cube of the longest edge, below which a tetrahedron is left out of a rigid part [-]."""
+
+
+@dataclass(frozen=True)
+class RigidPart:
+    """Points of a body that follow one frame.
+
+    Attributes:
+        state: mechanical object of the frame.
+        index: index of the frame.
+        points: indices of the points, shape (count,).
+    """
+
+    state: "Component"
+    index: int
+    points: np.ndarray
+
+
+def rigid_parts(state: "Component") -> list[RigidPart]:
+    """The rigid parts of a mechanical object that a SubsetMultiMapping puts together; none for another one."""
+    mapping = mapping_of(state)
+    if mapping is None or canonical(mapping.type_name) != "SubsetMultiMapping":
+        return []
+    inputs = inputs_of(mapping)
+    pairs = index_pairs(mapping, len(inputs))
+    parts = []
+    for which, source in enumerate(inputs):
+        carrier = mapping_of(source)
+        if carrier is None or canonical(carrier.type_name) != "RigidMapping":
+            continue
+        frames = rigid_indices(carrier, len(start_position(source)))
+        points = np.flatnonzero(pairs[:, 0] == which)
+        frame_of_point = frames[pairs[points, 1]]
+        for frame in np.unique(frame_of_point).tolist():
+            parts.append(RigidPart(inputs_of(carrier)[0], frame, points[frame_of_point == frame]))
+    return parts
+
+
+def parts_of_bodies(draft: "SceneDraft") -> "dict[int, DraftBody]":
+    """Bodies of which other mechanical objects are parts, by the identity of these."""
+    found: dict[int, DraftBody] = {}
+    for body in draft.bodies.values():
+        if is_assembled(body.state) and not body.rigid:
+            for base in bases_of(body.state):
+                found[id(base)] = body
+    return found
+
+
+def is_driven(state: "Component", index: int, draft: "SceneDraft") -> bool:
+    """Whether the scene says where a frame is: joints turn it, it is held, or nothing moves it."""
+    return all(
+        width_of(base) == 1
+        or draft.above(node_of(base), draft.solvers) is None
+        or any(anchor.directions == "xyz" and own in (None, *anchor.points) for anchor in _anchors(base, draft))
+        for base, own in base_frames(state, index)
+    )
+
+
+def note_springs(state: "Component", index: int, draft: "SceneDraft") -> None:
+    """Record frames that springs hold to their rest pose, which stiff ones alone do here."""
+    for base, own in base_frames(state, index):
+        for anchor in _anchors(base, draft):
+            if not anchor.follows_rest or own not in (None, *anchor.points):
+                continue
+            if anchor.stiffness < STIFF:
+                draft.refuse(
+                    anchor.component,
+                    f"stiffness = {anchor.stiffness:g} on a frame that others follow; {STIFF:g} or more holds it here",
+                )
+            draft.sprung[base] = None
+            draft.depart(
+                f"{base.getPathName()}: springs hold its frames where their rest poses are; in SOFA they give way"
+            )
+
+
+def _anchors(state: "Component", draft: "SceneDraft") -> list[DraftAnchor]:
+    body = draft.bodies.get(id(state))
+    return [] if body is None else body.anchors
+
+
+def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
+    """Give a body anchors that follow driven frames, and stiff tetrahedra in place of frames that are free.
+
+    A free frame has no inertia but that of its points, so points that keep their distances move as SOFA's do.
+    """
+    mapping = mapping_of(body.state)
+    if mapping is None or canonical(mapping.type_name) != "SubsetMultiMapping" or not body.materials:
+        return
+    first, stiffness = body.materials[0], STIFFENING * max(one.young_modulus.max() for one in body.materials)
+    _take_anchors(body, mapping, draft)
+    for part in rigid_parts(body.state):
+        where = f"{part.state.getPathName()}, frame {part.index}"
+        if is_driven(part.state, part.index, draft):
+            note_springs(part.state, part.index, draft)
+            target = DrivenFrameTarget.carrying(part.state, part.index, body.position[part.points])
+            body.anchors.append(DraftAnchor(mapping, part.points, HELD, follows_rest=False, target=target))
+            continue
+        for base, _ in base_frames(part.state, part.index):
+            if (own := draft.bodies.get(id(base))) is not None and own.mass is not None:
+                draft.refuse(own.mass.component, "gives mass to a frame of a soft body; give it to the body's points")
+        tetrahedra = _filled(body.position, part.points)
+        if len(np.unique(tetrahedra)) < len(part.points):
+            draft.refuse(
+                part.state, f"frame {part.index} moves freely, and its {len(part.points)} points fill no volume"
+            )
+            continue
+        young, poisson = np.full(len(tetrahedra), stiffness), np.full(len(tetrahedra), first.poisson_ratio[0])
+        body.materials.append(DraftMaterial(mapping, tetrahedra, young, poisson, first.corotation, first.law))
+        draft.depart(f"{where}: its points are joined by an elastic solid, {STIFFENING:g} times stiffer than the body")
+
+
+def _take_anchors(body: "DraftBody", mapping: "Component", draft: "SceneDraft") -> None:
+    """Take over the anchors of the mechanical objects with the points that move freely."""
+    inputs = inputs_of(mapping)
+    pairs = index_pairs(mapping, len(inputs))
+    for which, source in enumerate(inputs):
+        other = draft.bodies.get(id(source))
+        if other is None or other.rigid:
+            continue
+        acting: list[Any] = [*other.materials, *other.cavities, *other.cables, *other.surfaces.values()]
+        for component in (one.component for one in acting):
+            draft.refuse(component, f"acts on a part of {body.node.getPathName()}; let it act on the whole")
+        for anchor in other.anchors:
+            whole = np.full(len(other.position), -1)
+            whole[pairs[pairs[:, 0] == which, 1]] = np.flatnonzero(pairs[:, 0] == which)
+            points = whole[anchor.points]
+            if (points < 0).any():
+                draft.refuse(anchor.component, f"holds points that are not in {body.node.getPathName()}")
+                continue
+            body.anchors.append(replace(anchor, points=points, follows_rest=False))
+
+
+def _filled(position: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Tetrahedra that fill the hull of points, as indices of points, shape (count, 4); none for points of a plane."""
+    try:
+        corners = points[Delaunay(position[points]).simplices] if len(points) > 3 else np.zeros((0, 4), dtype=np.int64)
+    except QhullError:
+        return np.zeros((0, 4), dtype=np.int64)
+    volumes = tetrahedron_volumes(position, corners)
+    corners[volumes < 0.0] = corners[volumes < 0.0][:, [1, 0, 2, 3]]
+    edges = position[corners[:, [0, 0, 0, 1, 1, 2]]] - position[corners[:, [1, 2, 3, 2, 3, 3]]]
+    longest = np.linalg.norm(edges, axis=2).max(axis=1, initial=0.0)
+    return corners[np.abs(volumes) > FLATTEST * longest**3]
+
 
 LONGEST = 1e9
 """Duration of a force that never ends [s]."""

@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.meshes import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
-from taichisoft.scenes import lame_parameters
+from taichisoft.mesh import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
+from taichisoft.scene import lame_parameters
 from taichisoft_sofa.components.actuator_components import PRESSURE, is_driven_by_force, value_type
 from taichisoft_sofa.components.anchor_targets import DrivenFrameTarget, MotionTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.states import start_velocity
 from taichisoft_sofa.components.typed_values import computed, flag, is_given, number, vector
-from taichisoft_sofa.translation.contact import collides
-from taichisoft_sofa.translation.distinct_names import actuator_names, clean, unique
-from taichisoft_sofa.translation.parts import SoftPart, Translation
+from taichisoft_sofa.translation.parts import SoftPart, Translation, actuator_names, clean, collides, unique
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
 

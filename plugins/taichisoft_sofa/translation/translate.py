@@ -1,41 +1,359 @@
-"""Translation of a scene."""
+"""Translation of a scene graph to a scene, part by part, with remarks and refusals."""
 
+import difflib
+import functools
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components import computed as computed  # registers computed data
+from taichisoft.mesh import boundary_triangles
+from taichisoft_sofa.components import computed as computed
+from taichisoft_sofa.components.anchor_targets import PointsTarget
 from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
-from taichisoft_sofa.components.graph import node_of
+from taichisoft_sofa.components.frames import FramePoses, base_frames, composed, local_position, start_values
+from taichisoft_sofa.components.graph import independent_state, node_of
 from taichisoft_sofa.components.joints import check_joints
-from taichisoft_sofa.components.refusals import INVERSE, refuse_inverse, refuse_unknown
-from taichisoft_sofa.components.remarks import remarks
+from taichisoft_sofa.components.states import start_position
 from taichisoft_sofa.components.typed_values import described, flag
+from taichisoft_sofa.components.visuals import visible_shapes
 from taichisoft_sofa.components.without_effect import instead_of, is_without_effect
-from taichisoft_sofa.translation.contact import collides, contact_table
-from taichisoft_sofa.translation.distinct_names import body_names
-from taichisoft_sofa.translation.driven_bodies import (
-    add_driven_body,
-    add_picture,
-    driven_frames,
-    is_placed,
-    placed_frame,
+from taichisoft_sofa.translation.parts import Joint, Translation, body_names, clean, collides, contact_table
+from taichisoft_sofa.translation.rigid_bodies import (
+    add_obstacle,
+    add_rigid_body,
+    add_rigid_parts,
+    degrees,
+    groups_of,
+    is_driven,
+    joined_surfaces,
+    note_springs,
+    only_sphere,
+    parts_of_bodies,
 )
-from taichisoft_sofa.translation.own_bodies import moved_by, own_bodies
-from taichisoft_sofa.translation.parts import Joint, Translation
-from taichisoft_sofa.translation.penalty_planes import add_planes
-from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body, only_sphere
-from taichisoft_sofa.translation.rigid_parts import add_rigid_parts
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
-from taichisoft_sofa.translation.spring_cables import add_springs
-from taichisoft_sofa.tree.own_components import OwnComponent
-from taichisoft_sofa.tree.value_kinds import canonical
+from taichisoft_sofa.tree.component import OF_COMPONENTS
+from taichisoft_sofa.tree.scene_controller import OwnComponent
+from taichisoft_sofa.tree.value_kinds import Declared, canonical, declared
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.loading import SceneTree
     from taichisoft_sofa.tree.node import Node
+
+# Springs between points as native cables that stretch, push as well as pull, and are held at their rest length.
+
+
+def add_springs(draft: "SceneDraft", translation: "Translation") -> None:
+    """Add all springs of a scene to its soft bodies; a spring needs a soft body at one end at least."""
+    for number, spring in enumerate(draft.springs):
+        ends = [_end(state, point, translation) for state, point in zip(spring.ends, spring.points, strict=True)]
+        if ends[0][0] not in translation.soft:
+            ends.reverse()
+        (owner, first), (other, second) = ends
+        if owner not in translation.soft:
+            draft.refuse(spring.component, "joins no soft body; springs between rigid bodies are not there")
+            continue
+        cable: dict[str, Any] = {"axial_stiffness": spring.modulus, "rod": spring.pushes}
+        if other is None:  # a place that nothing moves
+            cable |= {"points": [first], "pull_point": second, "pull_point_moves": False}
+        else:
+            cable["points"] = [first, second if other == owner else {"body": other, "point": second}]
+        name = f"spring{number}"
+        translation.tables["soft_bodies"][owner].setdefault("cables", {})[name] = cable
+        translation.springs[f"{owner}.{name}"] = spring.pull
+
+
+def _end(state: "Component", point: int, translation: "Translation") -> "tuple[str | None, list[float]]":
+    """Name of the body that has a point, or None, and the point in the coordinates of the body [mm]."""
+    base = independent_state(node_of(state))
+    name = translation.names.get(base) if base is not None else None
+    if name in translation.soft:
+        return name, start_position(state)[point, :3].tolist()
+    if name in translation.rigid:
+        return name, ([0.0, 0.0, 0.0] if state is base else local_position(state)[point, :3].tolist())
+    return None, start_position(state)[point, :3].tolist()
+
+
+# Planes of penalty forces as native planes, which do not give way, without friction.
+
+DISTANCE, ALARM = 0.01, 0.05
+"""Contact distance and alarm distance of a scene without contacts, as shares of its smallest body's size [-]."""
+
+
+def add_planes(draft: "SceneDraft", translation: "Translation") -> None:
+    """Add the planes of a scene; they stand a contact distance behind where bodies stop."""
+    if not draft.planes:
+        return
+    tables = translation.tables
+    names = [translation.names.get(plane.body.state) for plane in draft.planes]
+    if not collides(draft):
+        sizes = [np.ptp(plane.body.position[:, :3], axis=0).min() for plane in draft.planes if not plane.body.rigid]
+        size = float(min(sizes, default=100.0)) or 1.0
+        tables["contact"] = {"friction": 0.0, "contact_distance": DISTANCE * size, "alarm_distance": ALARM * size}
+    distance = tables.get("contact", {}).get("contact_distance", 1.0)
+    group = 1 + max(
+        (one for body in draft.bodies.values() for s in body.surfaces.values() for one in s.groups), default=0
+    )
+    for number, (plane, name) in enumerate(zip(draft.planes, names, strict=True)):
+        body: dict[str, Any] = tables.get("soft_bodies", {}).get(name) or tables.get("rigid_bodies", {}).get(name, {})
+        part = translation.soft.get(name or "")
+        if name is None or (part is None and not body.get("collides")):
+            draft.refuse(plane.component, "acts on a body without a surface; give it collision models")
+            continue
+        if part is not None and not body.get("collides", True):
+            points = plane.body.position[part.points]
+            skin = translation.files.surface(f"{name}-skin", points, boundary_triangles(part.elements))
+            body |= {"collides": True, "collision_surface": [{"file": skin, "groups": [group + draft.own_groups]}]}
+        own = f"plane{number}"
+        place = ((plane.offset - distance) * plane.normal).tolist()
+        tables.setdefault("obstacles", {})[own] = {"plane": {"point": place, "normal": plane.normal.tolist()}}
+        tables["contact"].setdefault("pairs", []).append({"bodies": [name, own], "friction": 0.0})
+        draft.depart(f"{plane.component.getPathName()}: does not give way; in SOFA by force over stiffness")
+    if len(tables.get("soft_bodies", {})) + len(tables.get("rigid_bodies", {})) > len(set(names)):
+        draft.depart("planes: are there for all bodies that collide")
+
+
+# The bodies of a scene that move or collide by themselves.
+
+
+def own_bodies(draft: SceneDraft) -> list[DraftBody]:
+    """Bodies that are not parts of others, and not mere points: these touch nothing and nothing joins them.
+
+    Raises:
+        SceneError: the parts of a body cannot be found.
+    """
+    parts = parts_of_bodies(draft)
+    bodies = [body for key, body in draft.bodies.items() if key not in parts]
+    left_out: set[int] = set()
+    for body in filter(_is_mere_points, bodies):
+        moves, path = moved_by(body, draft) is not None, body.node.getPathName()
+        if body.surfaces and not moves:
+            continue  # an obstacle
+        left_out.add(id(body))
+        if body.surfaces:
+            draft.depart(f"{path}: has no mass, so that the scene alone moves it; its spheres touch nothing")
+        elif body.mass is not None and moves:
+            draft.depart(f"{path}: its points are not joined and touch nothing; they are left out")
+    kept = [body for body in bodies if id(body) not in left_out]
+    return kept
+
+
+def _is_mere_points(body: DraftBody) -> bool:
+    """Whether nothing joins the points of a body and they touch nothing, but for spheres of a goal without mass."""
+    touches = body.mass is not None or any(not len(surface.spheres) for surface in body.surfaces.values())
+    if body.materials or body.cavities or body.cables or body.shapes or (body.surfaces and touches):
+        return False
+    return body.mass is None if body.rigid else not len(body_tetrahedra(body))
+
+
+def moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
+    """The solver that moves a body; None if it stands still."""
+    solver = draft.above(body.node, draft.solvers)
+    if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:
+        return solver
+    path = body.node.getPathName()
+    if draft.exact:
+        draft.depart(f"{path}: stands still, since it has no constraint correction")
+        return None
+    draft.depart(
+        f"{path}: moves and collides, though it has no constraint correction, without which SOFA moves nothing"
+    )
+    return solver
+
+
+# Rigid bodies that follow frames: joints turn these, the scene places them, or springs lead them without inertia.
+
+
+def is_placed(body: DraftBody, solver: "Component | None") -> bool:
+    """Whether the scene places a moving rigid body: it has no mass, or springs lead it in overdamped dynamics."""
+    if not body.rigid or solver is None:
+        return False
+    held = any(anchor.follows_rest or anchor.target for anchor in body.anchors)
+    return body.mass is None or (held and flag(solver, "firstOrder", False))
+
+
+def driven_frames(draft: "SceneDraft") -> list[DraftFrame]:
+    """Frames that become bodies of their own; surfaces on frames that a soft body moves are given to that body."""
+    parts, found = parts_of_bodies(draft), []
+    for key in parts.keys() & draft.bodies.keys():
+        if (own := draft.bodies[key]).rigid and (own.surfaces or own.shapes):
+            frame = DraftFrame(own.state, 0, own.surfaces, own.colours, own.shapes)
+            draft.frames.setdefault((key, 0), frame)
+    for frame in draft.frames.values():
+        soft = [parts[id(base)] for base, _ in base_frames(frame.state, frame.index) if id(base) in parts]
+        if is_driven(frame.state, frame.index, draft):
+            note_springs(frame.state, frame.index, draft)
+            found.append(frame)
+        elif soft and frame.surfaces:
+            _give_surfaces(frame, soft[0], draft)
+        else:
+            for surface in frame.surfaces.values():
+                draft.refuse(surface.component, "is on a frame that neither joints, the scene nor a soft body move")
+    return found
+
+
+def _give_surfaces(frame: DraftFrame, body: DraftBody, draft: "SceneDraft") -> None:
+    """Let a soft body carry the surfaces of a frame that moves with it."""
+    pose = FramePoses(start_values).of(frame.state)[[frame.index]]
+    for path, surface in frame.surfaces.items():
+        surface.points = composed(np.repeat(pose, len(surface.points), axis=0), surface.points)
+        surface.is_carried = True
+        body.surfaces[path] = surface
+        draft.depart(f"{path}: follows the elastic solid that stands for frame {frame.index} of its body")
+
+
+def placed_frame(body: DraftBody, draft: "SceneDraft") -> DraftFrame:
+    """The frame of a rigid body that the scene places; springs lead it to its rest pose."""
+    state, index = body.state, 0
+    for anchor in body.anchors:
+        if isinstance(anchor.target, PointsTarget):
+            state, index = anchor.target.frame_of(0)
+        elif anchor.follows_rest:
+            draft.sprung[body.state] = None
+            draft.depart(f"{body.node.getPathName()}: is where its rest pose is; in SOFA its springs give way")
+    return DraftFrame(state, index, body.surfaces, body.colours, body.shapes)
+
+
+def add_driven_body(name: str, frame: DraftFrame, draft: "SceneDraft", translation: "Translation") -> None:
+    """Add a rigid body that follows a frame: with its surfaces, or else with the shapes of its visual models."""
+    points, triangles = joined_surfaces(frame)
+    touches, ball = bool(len(triangles)) and collides(draft), only_sphere(frame)
+    if not len(triangles):
+        points, triangles = _joined(frame.shapes)
+    shape: dict[str, Any] = {"box": [1.0, 1.0, 1.0]}
+    if ball is not None and not ball[:3].any():
+        shape = {"sphere": {"radius": float(ball[3])}}
+    elif len(triangles):
+        shape = {"surface": translation.files.surface(name, points, triangles)}
+    pose = FramePoses(start_values).of(frame.state)[frame.index]
+    translation.tables.setdefault("rigid_bodies", {})[name] = {
+        **shape,
+        "follows": name,
+        "collides": touches,
+        "groups": groups_of(frame),
+        "position": pose[:3].tolist(),
+        "rotation": degrees(pose[3:]),
+        **({"colour": frame.colours[0]} if frame.colours else {}),
+        **({"axes": True} if flag(frame.state, "showObject", False) else {}),
+    }
+    translation.add_frame(name, frame.state, frame.index)
+    if touches:
+        draft.depart(f"{node_of(frame.state).getPathName()}: pushes what it touches, and does not give way")
+
+
+def add_picture(draft: "SceneDraft", translation: "Translation") -> None:
+    """Let a scene in which nothing moves or touches show its visual models, as one body that does neither."""
+    points, triangles = _joined(visible_shapes(draft.visuals))
+    if translation.tables.keys() & {"soft_bodies", "rigid_bodies"} or not len(triangles) or draft.refused:
+        return
+    name = clean(node_of(draft.visuals[0]).getName())
+    table = {"surface": translation.files.surface(name, points, triangles), "follows": "base", "collides": False}
+    translation.tables["rigid_bodies"] = {name: table}
+    draft.depart("nothing moves or touches anything; the run shows the visual models")
+
+
+def _joined(shapes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Points and triangles of all shapes together."""
+    first = np.cumsum([0, *(len(points) for points, _ in shapes)])
+    points = np.vstack([np.zeros((0, 3)), *(points for points, _ in shapes)])
+    triangles = [triangles + start for (_, triangles), start in zip(shapes, first[:-1], strict=True)]
+    return points, np.vstack([np.zeros((0, 3), dtype=np.int64), *triangles])
+
+
+# Data of a scene without effect: data with an effect in SOFA only, and unknown data.
+
+LONGEST = 60
+"""Largest number of characters of a value in a line."""
+
+
+def remarks(component: "Component") -> Iterator[str]:
+    """One line for each data of the scene without effect, unless it has no effect in SOFA either."""
+    known = {**OF_COMPONENTS, **declared(component.type_name)}
+    for name, data in component.data_by_name.items():
+        if not data.is_set() or data.is_own():
+            continue
+        if name not in known:
+            said = f"{described(component)}: {name} = {_shown(data.written_text())}"
+            yield f"{said}: no such data is known here{_hint(component.type_name, name)}"
+        elif known[name].unused and not _is_default(data.given(), known[name]):
+            yield f"{described(component)}: {name} = {_shown(data.written_text())} has no effect here"
+
+
+@functools.cache
+def _hint(type_name: str, name: str) -> str:
+    near = difflib.get_close_matches(name, [*OF_COMPONENTS, *declared(type_name)], n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""
+
+
+def _is_default(value: Any, known: Declared) -> bool:
+    """Whether a value is SOFA's default, for vectors an empty one or zeros."""
+    if isinstance(value, np.ndarray):
+        return not value.any()
+    return bool(value == (known.default if known.default is not None else value))
+
+
+def _shown(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
+
+
+# Reasons for which components are refused: the inverse solver, and types that are not known here.
+
+INVERSE = {
+    "QPInverseProblemSolver",
+    *("PositionEffector", "BarycentricCenterEffector", "CableEffector", "VolumeEffector", "ForceEffector"),
+    *("JointActuator", "CableActuator", "SurfacePressureActuator", "ForcePointActuator", "ForceSurfaceActuator"),
+    *("SlidingActuator", "YoungModulusActuator", "ForceLocalizationActuator", "AffineActuator"),
+    *("CableEquality", "PositionEquality", "SurfacePressureEquality", "ForcePointEquality", "SlidingEquality"),
+    *("CableSensor", "PositionSensor", "SurfacePressureSensor", "ForceSurfaceSensor", "BarycentricCenterSensor"),
+}
+"""Types of SoftRobots.Inverse."""
+
+PURPOSES = {
+    "ForceField": "forces on the bodies",
+    "Mass": "the mass of a body",
+    "Solver": "how bodies move in time",
+    "ConstraintCorrection": "how constraints move a body",
+    "Constraint": "what bodies must not do, or an actuator",
+    "CollisionModel": "a surface that touches others",
+    "Intersection": "how contacts are found",
+    "Mapping": "points that follow a body",
+    "Loader": "a mesh",
+    "Container": "the topology of a body",
+    "Topology": "the topology of a body",
+    "ROI": "a selection of points",
+    "Engine": "data that other components read",
+    "Controller": "what happens while the scene runs",
+    "Actuator": "an actuator",
+}
+"""Purpose of a type of component, by the end of its name."""
+
+
+def refuse_unknown(component: "Component") -> str:
+    """Reason for which a component of a type that is not known here is refused."""
+    kind = component.type_name
+    purpose = next((what for ending, what in PURPOSES.items() if kind.endswith(ending)), "an unknown purpose")
+    near = difflib.get_close_matches(kind, UNDERSTOOD, n=1, cutoff=0.9)  # a misspelt name, not another component
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    return f"{described(component)}: is not known here; it would be needed for {purpose}{hint}"
+
+
+def refuse_inverse(components: "Sequence[Component]") -> str:
+    """Reason for which a scene with components of the inverse solver is refused, in one line for all of them."""
+    others = sorted({component.type_name for component in components} - {components[0].type_name})
+    beside = f", beside {', '.join(others)}" if others else ""
+    return (
+        f"{described(components[0])}: belongs to the inverse solver of SoftRobots.Inverse{beside}, whose method is "
+        "patented and not built here; a controller of the scene's own, or `taichisoft study optimise`, can find what "
+        "reaches a goal"
+    )
+
+
+# Translation of a scene.
 
 MOST_BODIES = 1000
 """Largest number of bodies of a scene."""

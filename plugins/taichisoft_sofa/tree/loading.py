@@ -8,14 +8,11 @@ from typing import Any
 
 from taichisoft.errors import ControllerFailed, SceneError, TaichisoftError
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.key_characters import character
 from taichisoft_sofa.tree.modules import SceneModules
-from taichisoft_sofa.tree.moment import frozen_time
 from taichisoft_sofa.tree.node import Node
-from taichisoft_sofa.tree.place import ORIGIN, ModuleOrigin, Place
-from taichisoft_sofa.tree.scene_controller import PythonComponent
-from taichisoft_sofa.tree.scene_modules import LIBRARIES
-from taichisoft_sofa.tree.xml_scenes import is_xml
+from taichisoft_sofa.tree.place import ORIGIN, ModuleOrigin, Place, frozen_time
+from taichisoft_sofa.tree.scene_controller import PythonComponent, character
+from taichisoft_sofa.tree.scene_modules import LIBRARIES, is_xml
 
 # Sources of libraries that scenes import.
 SOURCES = {

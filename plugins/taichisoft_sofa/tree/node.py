@@ -4,13 +4,11 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from taichisoft_sofa.tree.base import COMMON, TreeObject
-from taichisoft_sofa.tree.bounds import ABOVE_0
+from taichisoft_sofa.tree.base import COMMON, TreeObject, follow
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.links import follow
 from taichisoft_sofa.tree.place import here
-from taichisoft_sofa.tree.value_kinds import ALIASES, BOOL, INTEGER, SCALAR, Declared, canonical, fixed
+from taichisoft_sofa.tree.value_kinds import ABOVE_0, ALIASES, BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 
 LOG = logging.getLogger(__name__)
 OF_NODES = {

@@ -1,5 +1,6 @@
 """Controllers defined by a scene: components that receive events of keys and steps."""
 
+import string
 from abc import abstractmethod
 from typing import Any
 
@@ -7,6 +8,36 @@ import numpy as np
 
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
+
+# SOFA's characters of keys.
+
+# The names of Sofa.constants.Key, and the characters passed to controllers.
+KEYS = {
+    "leftarrow": chr(18),
+    "uparrow": chr(19),
+    "rightarrow": chr(20),
+    "downarrow": chr(21),
+    "space": " ",
+    "plus": "+",
+    "minus": "-",
+    "star": "*",
+    "slash": "/",
+    "equal": "=",
+    **{letter: letter for letter in string.ascii_uppercase},
+    **{f"KP_{digit}": digit for digit in string.digits},
+}
+
+
+def character(key: str) -> str | None:
+    """The character passed to controllers for a key, given by name (`uparrow` or `up`) or as typed; None if unknown.
+
+    Letters are passed as capitals, however they were typed. SOFA has no character for some keys.
+    """
+    for name in (key, f"{key}arrow"):
+        if name in KEYS:
+            return KEYS[name]
+    return key.upper() if len(key) == 1 else None
+
 
 # Method of the older generation for each event, and its arguments.
 OLDER = {
@@ -103,3 +134,33 @@ class PythonScriptController(PythonComponent):
         for method in ("createGraph", "initGraph", "bwdInitGraph"):
             if hasattr(type(self), method):
                 getattr(self, method)(self._context)
+
+
+# Classes from which a scene derives force fields and engines of its own, which are refused by name.
+
+
+class OwnComponent(SceneController):
+    """A component whose computation is a program of the scene.
+
+    Attributes:
+        refusal: why it is refused, and a way out.
+    """
+
+    refusal = ""
+
+
+class ForceField(OwnComponent):
+    """A force field of the scene's own."""
+
+    refusal = (
+        "is a force field of the scene's own, whose stiffness the solver here does not take; forces that are known "
+        "come from ConstantForceField, springs from RestShapeSpringsForceField, other laws from a native scene"
+    )
+
+
+class DataEngine(OwnComponent):
+    """An engine of the scene's own."""
+
+    refusal = (
+        "is an engine of the scene's own; compute its data in createScene, or in every step by a Sofa.Core.Controller"
+    )

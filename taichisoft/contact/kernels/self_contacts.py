@@ -11,18 +11,18 @@ Inside and outside follow as for two surfaces; besides, a vertex touches only wh
 from typing import NamedTuple
 
 from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets, meets_beam, squared_distance
-from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
-from taichisoft.contact.kernels.local_distance import (
+from taichisoft.contact.kernels.contacts import Contacts, MovedSurfaces, SearchSpace, Surfaces, append, ivec3, set_side
+from taichisoft.contact.kernels.vertex_contacts import (
+    COINCIDENT,
     closest_on_triangle,
     edge_pseudonormal,
     in_normal_cone,
     is_local_minimum,
     normal_cone,
+    on_triangle,
     outward_normal,
     vertex_pseudonormal,
 )
-from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Surfaces
-from taichisoft.contact.kernels.vertex_contacts import COINCIDENT, on_triangle
 from taichisoft.runtime.language import Integers, Scalars, ScalarTable, Vectors, func, ti, vec3
 from taichisoft.runtime.launch import kernel
 

@@ -6,29 +6,46 @@ soft surface within reach. A penetrating contact keeps its normal and has a nega
 """
 
 from taichisoft.contact.kernels.box_trees import Trees, find_leaves
-from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
-from taichisoft.contact.kernels.local_distance import (
-    closest_on_triangle,
-    edge_pseudonormal,
-    face_normal,
-    in_normal_cone,
-    is_local_minimum,
-    outward_normal,
+from taichisoft.contact.kernels.contacts import (
+    Contacts,
+    MovedSurfaces,
+    Planes,
+    SearchSpace,
+    Surfaces,
+    append,
+    ivec3,
+    set_side,
 )
-from taichisoft.contact.kernels.round_shapes import IS_SOFT, SHAPE, SURFACE, MovedShapes, RoundShapes
-from taichisoft.contact.kernels.shape_distance import (
+from taichisoft.contact.kernels.shape_contacts import (
     END,
+    IS_SOFT,
     RIM,
+    SHAPE,
     SIDE,
+    SURFACE,
+    MovedShapes,
+    RoundShapes,
     ball,
     ball_count,
     lowest_along,
+    shapes_against_planes,
+    shapes_against_shapes,
     side_by_side,
     signed_distance,
 )
-from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Surfaces
-from taichisoft.contact.kernels.vertex_contacts import COINCIDENT, find_triangles, on_triangle
+from taichisoft.contact.kernels.vertex_contacts import (
+    COINCIDENT,
+    closest_on_triangle,
+    edge_pseudonormal,
+    face_normal,
+    find_triangles,
+    in_normal_cone,
+    is_local_minimum,
+    on_triangle,
+    outward_normal,
+)
 from taichisoft.runtime.language import ScalarTable, func, ti, vec3
+from taichisoft.runtime.launch import kernel
 
 vec2 = ti.types.vector(2, ti.f64)
 vec4 = ti.types.vector(4, ti.f64)
@@ -377,3 +394,45 @@ def store_face(
     c = store_shape(pair, group + FACES, t, k, foot, -out, distance, surfaces, shapes, space, found)
     corners = ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
     set_side(c, mesh_side(pair, surfaces, shapes), corners, weights, foot, found)
+
+
+# Search for contacts of round shapes, in kernels that only scenes with such shapes compile and launch.
+
+# First groups, larger than all groups of `find_contacts`, whose numbers grow with the pairs of surfaces.
+ON_SURFACES, ON_PLANES, ON_SHAPES = 1 << 28, 1 << 29, 1 << 30
+
+
+@kernel
+def find_on_surfaces(
+    reach: ScalarTable,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    shapes: RoundShapes,
+    there: MovedShapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Add the contacts of shapes with surfaces, see `shapes_against_surfaces`; the count may exceed the capacity."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_surfaces(reach, depth, ON_SURFACES, surfaces, trees, moved, shapes, there, space, found)
+
+
+@kernel
+def find_on_planes(
+    reach: ScalarTable, planes: Planes, shapes: RoundShapes, there: MovedShapes, space: SearchSpace, found: Contacts
+):
+    """Add the contacts of shapes with planes within their reach [mm]; the count may exceed the capacity."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_planes(reach, ON_PLANES, planes, shapes, there, space, found)
+
+
+@kernel
+def find_on_shapes(reach: ScalarTable, shapes: RoundShapes, there: MovedShapes, space: SearchSpace, found: Contacts):
+    """Add the contacts of two shapes within their reach [mm]; the count may exceed the capacity."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_shapes(reach, ON_SHAPES, shapes, there, space, found)

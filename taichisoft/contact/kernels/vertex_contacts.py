@@ -1,14 +1,193 @@
-"""Narrow phase: vertices of one surface against the triangles of another, and against planes.
+"""Narrow phase: vertices and edges of one surface against the triangles and edges of another, and planes.
 
 A contact is a local minimum of the distance. A penetrating contact has a negative distance and keeps its normal.
 Contact normals point from the first surface of the pair to the second.
 """
 
-from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets, squared_distance
-from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
-from taichisoft.contact.kernels.local_distance import closest_on_triangle, is_local_minimum, outward_normal
-from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
-from taichisoft.runtime.language import ScalarTable, Vectors, func, ti, vec3
+import math
+
+from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets, meets_beam, squared_distance
+from taichisoft.contact.kernels.contacts import (
+    Contacts,
+    MovedSurfaces,
+    Planes,
+    SearchSpace,
+    Surfaces,
+    append,
+    ivec3,
+    put_in_order,
+    set_side,
+)
+from taichisoft.runtime.language import Scalars, ScalarTable, Vectors, func, ti, vec3
+from taichisoft.runtime.launch import kernel
+
+# Where the distance from a point or edge to a triangulated surface is a local minimum, and on which side.
+#
+# The side follows from pseudo-normals (Baerentzen and Aanaes 2005, Signed Distance Computation Using the Angle Weighted
+# Pseudonormal), which separate inside from outside at edges and corners too.
+
+# Edges of a deformed flat patch are slightly convex or concave at random: normals may leave an edge's normal cone
+# by this much (sine of the angle).
+CONE_TOLERANCE = 0.1
+CONE_CHORD = 2.0 * math.sin(0.5 * math.asin(CONE_TOLERANCE))  # distance of unit vectors at this angle
+
+
+@func
+def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
+    """Barycentric weights of the point closest to p; exactly 0 for other corners (Ericson 2005, section 5.1.5)."""
+    ab, ac = b - a, c - a
+    d1, d2 = ab.dot(p - a), ac.dot(p - a)
+    d3, d4 = ab.dot(p - b), ac.dot(p - b)
+    d5, d6 = ab.dot(p - c), ac.dot(p - c)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    weights = vec3(0.0)
+    if d1 <= 0.0 and d2 <= 0.0:
+        weights[0] = 1.0
+    elif d3 >= 0.0 and d4 <= d3:
+        weights[1] = 1.0
+    elif d6 >= 0.0 and d5 <= d6:
+        weights[2] = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        weights[1] = d1 / (d1 - d3)
+        weights[0] = 1.0 - weights[1]
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        weights[2] = d2 / (d2 - d6)
+        weights[0] = 1.0 - weights[2]
+    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        weights[2] = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        weights[1] = 1.0 - weights[2]
+    else:
+        weights[1] = vb / (va + vb + vc)
+        weights[2] = vc / (va + vb + vc)
+        weights[0] = 1.0 - weights[1] - weights[2]
+    return weights
+
+
+@func
+def face_normal(t: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
+    """Unit normal of triangle t."""
+    a = position[surfaces.triangles[t, 0]]
+    normal = (position[surfaces.triangles[t, 1]] - a).cross(position[surfaces.triangles[t, 2]] - a)
+    return normal / ti.max(normal.norm(), 1e-300)
+
+
+@func
+def edge_pseudonormal(e: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
+    """Sum of the normals of the triangles at an edge."""
+    normal = face_normal(surfaces.edge_triangles[e, 0], surfaces, position)
+    if surfaces.edge_triangles[e, 1] >= 0:
+        normal += face_normal(surfaces.edge_triangles[e, 1], surfaces, position)
+    return normal
+
+
+@func
+def vertex_pseudonormal(v: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
+    """Sum of the normals of the triangles around a vertex, weighted by their angles at the vertex."""
+    normal = vec3(0.0)
+    for k in range(surfaces.fan_start[v], surfaces.fan_start[v + 1]):
+        t = surfaces.fan[k] // 3
+        corner = surfaces.fan[k] % 3
+        first = position[surfaces.triangles[t, (corner + 1) % 3]] - position[v]
+        second = position[surfaces.triangles[t, (corner + 2) % 3]] - position[v]
+        normal += ti.atan2(first.cross(second).norm(), first.dot(second)) * face_normal(t, surfaces, position)
+    return normal
+
+
+@func
+def outward_normal(t: ti.i32, weights: vec3, surfaces: Surfaces, position: Vectors) -> vec3:
+    """Unit pseudo-normal of the corner, edge or face of triangle t on which a point with these weights lies."""
+    normal = vec3(0.0)
+    zeros = 0
+    corner = 0
+    opposite = 0
+    for k in ti.static(range(3)):
+        if weights[k] == 0.0:
+            zeros += 1
+            opposite = k
+        else:
+            corner = k
+    if zeros == 0:
+        normal = face_normal(t, surfaces, position)
+    elif zeros == 1:
+        normal = edge_pseudonormal(surfaces.triangle_edges[t, opposite], surfaces, position)
+    else:
+        normal = vertex_pseudonormal(surfaces.triangles[t, corner], surfaces, position)
+    return normal / ti.max(normal.norm(), 1e-300)
+
+
+@func
+def inward(t: ti.i32, start: ti.i32, end: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
+    """Unit direction in the plane of triangle t, across its edge (start, end), into the triangle."""
+    third = surfaces.triangles[t, 0] + surfaces.triangles[t, 1] + surfaces.triangles[t, 2] - start - end
+    along = (position[end] - position[start]).normalized()
+    across = position[third] - position[start]
+    across -= across.dot(along) * along
+    return across.normalized()
+
+
+@func
+def is_local_minimum(t: ti.i32, weights: vec3, away: vec3, surfaces: Surfaces, position: Vectors) -> ti.i32:
+    """Whether the distance grows in every direction from the closest point on triangle t.
+
+    `away` is the vector from the closest point. At a shared corner or edge, one triangle only has the minimum.
+    """
+    zeros = 0
+    corner = 0
+    opposite = 0
+    for k in ti.static(range(3)):
+        if weights[k] == 0.0:
+            zeros += 1
+            opposite = k
+        else:
+            corner = surfaces.triangles[t, k]
+    minimum = 1
+    if zeros == 1:
+        e = surfaces.triangle_edges[t, opposite]
+        other = surfaces.edge_triangles[e, 1]
+        if surfaces.edge_triangles[e, 0] != t:
+            minimum = 0
+        if other >= 0:
+            across = inward(other, surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces, position)
+            if away.dot(across) > 0.0:
+                minimum = 0
+    elif zeros == 2:
+        if surfaces.first_triangle[corner] != t:
+            minimum = 0
+        for k in range(surfaces.star_start[corner], surfaces.star_start[corner + 1]):
+            if away.dot(position[surfaces.star[k]] - position[corner]) > 0.0:
+                minimum = 0
+    return minimum
+
+
+@func
+def in_normal_cone(e: ti.i32, normal: vec3, surfaces: Surfaces, position: Vectors) -> ti.i32:
+    """Whether an outward direction at edge e lies between the normals of its triangles."""
+    inside = 1
+    for k in ti.static(range(2)):
+        t = surfaces.edge_triangles[e, k]
+        if t >= 0:  # nested: after `and` Taichi would always call the function
+            across = inward(t, surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces, position)
+            if normal.dot(across) > CONE_TOLERANCE:
+                inside = 0
+    return inside
+
+
+@func
+def normal_cone(e: ti.i32, surfaces: Surfaces, position: Vectors):
+    """Axis of the normal cone of edge e, and the largest distance of an outward unit vector in it from the axis."""
+    first = face_normal(surfaces.edge_triangles[e, 0], surfaces, position)
+    axis = first
+    spread = 2.0
+    if surfaces.edge_triangles[e, 1] >= 0:
+        total = first + face_normal(surfaces.edge_triangles[e, 1], surfaces, position)
+        length = total.norm()
+        if length > 1e-6:
+            axis = total / length
+            spread = (first - axis).norm() + CONE_CHORD
+    return axis, spread
+
+
+# Narrow phase: vertices of one surface against the triangles of another, and against planes.
 
 COINCIDENT = 1e-9  # [mm]
 
@@ -202,3 +381,171 @@ def vertices_against_planes(
                     node += 1
                 else:
                     node = trees.escape[node]
+
+
+# Narrow phase: edges of one surface against the edges of another.
+#
+# Where two edges cross over each other, and the direction between them leaves both surfaces, the distance has a local
+# minimum. A penetrating contact has a negative distance and keeps its normal. Contact normals point from the first
+# surface of the pair to the second.
+
+
+@func
+def edges_against_edges(
+    reaches: ScalarTable,
+    depth: ti.f64,
+    extent: Scalars,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Find crossing edges of two surfaces within their bodies' reach, or penetrating by up to the reach and `depth`.
+
+    They are no deeper than the thinner body: beyond it, edges only look as if they penetrated each other.
+
+    Crossed edges deeper than the deepest vertex inside are excluded. Where a block has sunk a little into the rim of a
+    table, its vertical edge and the table's edge also appear to penetrate each other, but sideways and by far more:
+    pushing them apart would be wrong.
+    """
+    for pair in range(surfaces.pairs.shape[0]):
+        mine, theirs = surfaces.pairs[pair, 0], surfaces.pairs[pair, 1]
+        reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
+        their_low, their_high = moved.lower[trees.root[theirs]] - reach, moved.upper[trees.root[theirs]] + reach
+        thinnest = ti.min(extent[surfaces.body[mine]], extent[surfaces.body[theirs]])
+        least = -ti.min(ti.min(depth, reach), thinnest)
+        if space.deepest[pair] < 0.0:
+            least = ti.max(least, space.deepest[pair])
+        node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])
+        while node < trees.root[mine + 1]:
+            if meets(node, their_low, their_high, moved):
+                start, end = trees.edge_start[node], trees.edge_start[node + 1]
+                if start < end:
+                    low, high = moved.lower[node] - reach, moved.upper[node] + reach
+                    near_count = find_leaves(theirs, low, high, trees, moved, space.leaf)
+                    for i in range(start, ti.select(near_count > 0, end, 0)):
+                        e = trees.edge[i]
+                        find_crossings(pair, e, near_count, reach, least, surfaces, trees, moved, space, found)
+                node += 1
+            else:
+                node = trees.escape[node]
+
+
+@func
+def find_crossings(
+    pair: ti.i32,
+    e: ti.i32,
+    near_count: ti.i32,
+    reach: ti.f64,
+    least: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contacts of edge e with the edges of the leaves nearby, at distances from `least` to `reach`."""
+    a, b = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
+    low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
+    axis, spread = normal_cone(e, surfaces, moved.position)
+    middle = 0.5 * (a + b)
+    slack = 0.5 * (b - a).norm() + reach * spread
+    for k in range(near_count):
+        leaf = space.leaf[k]
+        if meets(leaf, low, high, moved) and meets_beam(leaf, middle, axis, slack, moved):
+            for i in range(trees.edge_start[leaf], trees.edge_start[leaf + 1]):
+                f = trees.edge[i]
+                c, d = moved.position[surfaces.edges[f, 0]], moved.position[surfaces.edges[f, 1]]
+                if (ti.min(c, d) <= high).all() and (ti.max(c, d) >= low).all():
+                    cross_over(pair, e, f, reach, least, surfaces, moved.position, space, found)
+
+
+@func
+def cross_over(
+    pair: ti.i32,
+    e: ti.i32,
+    f: ti.i32,
+    reach: ti.f64,
+    least: ti.f64,
+    surfaces: Surfaces,
+    position: Vectors,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contact of edges e and f, if they cross over each other at a distance from `least` to `reach`."""
+    a, c = position[surfaces.edges[e, 0]], position[surfaces.edges[f, 0]]
+    along, other = position[surfaces.edges[e, 1]] - a, position[surfaces.edges[f, 1]] - c
+    lengths = along.norm_sqr() * other.norm_sqr()
+    cosine = along.dot(other)
+    crossing = lengths - cosine * cosine
+    r = a - c
+    s = (cosine * other.dot(r) - along.dot(r) * other.norm_sqr()) / crossing
+    q = (along.norm_sqr() * other.dot(r) - cosine * along.dot(r)) / crossing
+    if crossing > 1e-8 * lengths and s > 0.0 and s < 1.0 and q > 0.0 and q < 1.0:
+        gap = c + q * other - a - s * along
+        distance = gap.norm()
+        if distance < reach:
+            normal = along.cross(other).normalized()
+            if distance > COINCIDENT:
+                normal = gap / distance
+            leaving = normal.dot(edge_pseudonormal(e, surfaces, position))
+            meeting = -normal.dot(edge_pseudonormal(f, surfaces, position))
+            if leaving < 0.0 and meeting < 0.0:
+                normal, distance = -normal, -distance
+                leaving, meeting = -leaving, -meeting
+            if (
+                leaving > 0.0
+                and meeting > 0.0
+                and distance >= least
+                and in_normal_cone(e, normal, surfaces, position)
+                and in_normal_cone(f, -normal, surfaces, position)
+            ):
+                group = 2 * surfaces.pairs.shape[0] + pair
+                first_body, second_body = surfaces.body[surfaces.pairs[pair, 0]], surfaces.body[surfaces.pairs[pair, 1]]
+                k = append(group, e, f, first_body, second_body, normal, distance, space, found)
+                ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
+                set_side(k, 0, ends, vec3(1.0 - s, s, 0.0), a + s * along, found)
+                ends = ivec3(surfaces.edges[f, 0], surfaces.edges[f, 1], surfaces.edges[f, 1])
+                set_side(k, 1, ends, vec3(1.0 - q, q, 0.0), c + q * other, found)
+
+
+# The search for contacts: pairs of close points on two surfaces, each a local minimum of the distance.
+
+
+@kernel
+def find_contacts(
+    reach: ScalarTable,
+    depth: ti.f64,
+    extent: Scalars,
+    surfaces: Surfaces,
+    trees: Trees,
+    planes: Planes,
+    moved: MovedSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+    contacts: Contacts,
+):
+    """Find all contacts closer than the `reach` of their two bodies or penetrating by up to `depth` [mm].
+
+    Edges penetrate by no more than the smallest `extent` of both bodies [mm], shape (body_count,).
+    A negative `reach` [mm], shape (body_count, body_count), skips a pair of bodies. If the capacity of `found` does not
+    suffice, its count exceeds the capacity, and `contacts` is not filled.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        found.count[0] = 0
+        vertices_against_triangles(reach, depth, surfaces, trees, moved, space, found)
+        edges_against_edges(reach, depth, extent, surfaces, trees, moved, space, found)
+        vertices_against_planes(reach, surfaces, trees, planes, moved, space, found)
+        if found.count[0] <= found.distance.shape[0]:
+            put_in_order(space, found, contacts)
+
+
+@kernel
+def order_contacts(space: SearchSpace, found: Contacts, contacts: Contacts):
+    """Write all contacts found to `contacts` in the order of their places, if the capacity suffices."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        if found.count[0] <= found.distance.shape[0]:
+            put_in_order(space, found, contacts)

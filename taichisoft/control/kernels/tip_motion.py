@@ -1,8 +1,8 @@
 """Where the tips of the fingers are, how they move, and how far they have turned."""
 
+from taichisoft.runtime.arithmetic import fitted_rotation
 from taichisoft.runtime.language import Integers, Matrices, Scalars, Vectors, ti, vec3
 from taichisoft.runtime.launch import kernel
-from taichisoft.runtime.rotation_matrices import fitted_rotation
 
 
 @kernel

@@ -1,1 +1,0 @@
-"""The controller "closed-loop": grasps by feel."""

@@ -1,1 +1,0 @@
-"""The controller "keyboard", and the terminal as the source of its keys."""

@@ -1,1 +1,0 @@
-"""The controller "scripted": files of keyframes or steps, and the conditions that steps wait for."""

@@ -1,1 +1,0 @@
-"""The kinds `step` and `surfaces`: bodies from CAD, checked and meshed."""

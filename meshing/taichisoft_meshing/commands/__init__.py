@@ -1,1 +1,0 @@
-"""The commands `taichisoft mesh` and `taichisoft mesh info`, their options, and what they show."""

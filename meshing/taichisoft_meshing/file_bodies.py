@@ -1,0 +1,570 @@
+"""The geometry kinds `step` and `surfaces`: bodies between closed surfaces, which files describe."""
+
+import math
+import re
+from abc import abstractmethod
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from taichisoft.base import warn_caller
+from taichisoft.errors import MeshError
+from taichisoft.mesh import VolumeMesh, boundary_triangles, element_volumes
+from taichisoft.scene import BASE, Positive, Table
+from taichisoft_meshing.body_tables import BasePlane, Count, FittedSizes, Sizes, SolidSizes, preset_sizes
+from taichisoft_meshing.cad_body import CadBody, import_solids, read_step
+from taichisoft_meshing.closed_shells import (
+    NEAR,
+    Shell,
+    angles_between,
+    area_vectors,
+    diagonal,
+    joined_sides,
+    undirected_sides,
+)
+from taichisoft_meshing.geometry_file import CheckedGeometry
+from taichisoft_meshing.gmsh_session import (
+    SURFACE_ALGORITHMS,
+    TETRAHEDRON,
+    TRIANGLE,
+    CurvedSides,
+    curve_sides,
+    curved_sides,
+    first_success,
+    gmsh_session,
+    with_curved_sides,
+)
+from taichisoft_meshing.hollow_body import HollowBody, read_hollow_body
+from taichisoft_meshing.meshed_body import NO_GROUPS, compare_volumes, meshed_body, with_base
+from taichisoft_meshing.openings import Opening, with_caps
+from taichisoft_meshing.size_growth import follow_curvature, follow_walls, set_sizes
+from taichisoft_meshing.wall_quality import cavity_names
+
+# The mesher of STEP files: gmsh fills the solids that OpenCASCADE has read, and the mesh gets the drawing's names.
+
+FLAT_TOLERANCE = 1e-6
+"""Largest error of a volume between flat faces, as a share of it [-]: only rounding may be missing."""
+
+
+def mesh_step(
+    body: CadBody,
+    sizes: FittedSizes,
+    source: str,
+    *,
+    closed: Sequence[Opening] = (),
+    parts: Mapping[str, int] = NO_GROUPS,
+    faces: Mapping[str, Sequence[int]] = NO_GROUPS,
+    wall_ratio: float = 0.0,
+    curved: bool = False,
+) -> tuple[VolumeMesh, CurvedSides | None]:
+    """Mesh the body of a STEP file with elements of four nodes and some sizes.
+
+    Args:
+        body: the body.
+        sizes: of its elements.
+        source: begins every error.
+        closed: the openings that get caps; their chambers are cavities, after the voids.
+        parts: element groups, and the number of the solid of each.
+        faces: surface groups, and the numbers of the faces of each.
+        wall_ratio: longest edge in a wall over its thickness [-]; 0: as long as `sizes` say.
+        curved: whether the middles of the sides on its surfaces are computed, too.
+
+    Raises:
+        MeshError: gmsh fails, or a volume comes out wrong.
+    """
+    behind = [opening.faces for opening in closed]
+    shells = [sorted(shell) for shell in (body.outside.difference(*behind), *body.voids, *behind)]
+
+    def make(gmsh: Any, algorithm: int) -> tuple[VolumeMesh, CurvedSides | None]:
+        gmsh.option.setNumber("Mesh.Algorithm", algorithm)
+        tags = list(import_solids(gmsh, body.path))
+        set_sizes(gmsh, sizes, [face for shell in shells[1:] for face in shell])
+        gmsh.model.mesh.generate(3)
+        if wall_ratio:
+            follow_walls(gmsh, sizes, wall_ratio, source)
+            gmsh.model.mesh.generate(3)
+        mesh = meshed_body(gmsh, shells, source, {name: tags[number - 1] for name, number in parts.items()}, faces)
+        for name in cavity_names(len(shells) - 1)[len(body.voids) :]:
+            mesh = with_caps(mesh, name)
+        sides = curved_sides(gmsh, mesh.nodes, mesh.elements) if curved else None
+        shaped = mesh if sides is None else curve_sides(mesh, sides)[0]
+        volumes = [*body.void_volumes, *(opening.volume for opening in closed)]
+        volumes_of_parts = {name: body.solids[number - 1].volume for name, number in parts.items()}
+        compare_volumes(shaped, body.volume, volumes, FLAT_TOLERANCE if body.flat else None, volumes_of_parts)
+        return mesh, sides
+
+    return first_success(str(body.path), SURFACE_ALGORITHMS, make)
+
+
+# Two elements across every wall, by cuts inside a mesh that leave its surfaces unchanged.
+#
+# An edge that leads through the silicone from one point of the boundary to another makes a wall one element thick
+# there, which bends much too stiffly; so does one through a layer, from one of its faces to another. gmsh puts no node
+# into a thin wall, however small the size asked for; so such edges are cut in the middle, and all tetrahedra around
+# them with them.
+
+Edge = tuple[int, int]
+
+
+def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
+    """Cut a mesh so that no edge leads through a wall or layer, if its sizes ask for two elements across walls.
+
+    Nodes and triangles of its surfaces keep their numbers and places; triangles between element groups are cut, too.
+
+    Raises:
+        MeshError: gmsh, which then moves the new nodes to better places, fails.
+    """
+    if sizes.elements_across_walls == 1:
+        return mesh
+    part = np.zeros(len(mesh.elements), dtype=int)
+    for number, group in enumerate(mesh.element_groups.values()):  # the first has all
+        part[group] = number
+    numbers = np.unique(part)
+    layers = [mesh.elements[part == number] for number in numbers] if len(numbers) > 1 else []
+    through = np.unique(np.vstack([through_edges(its) for its in (mesh.elements, *layers)]), axis=0)
+    nodes, elements, parents = cut_edges(mesh.nodes, mesh.elements, through)
+    faces = [boundary_triangles(elements[part[parents] == number]) for number in numbers]
+    _, first = np.unique(np.sort(np.vstack(faces), axis=1), axis=0, return_index=True)
+    fixed = np.vstack(faces)[np.sort(first)]
+    nodes = without_inverted(nodes, _relocated(nodes, elements, fixed, mesh.source), elements)
+    groups = mesh.element_groups.items()
+    inherited = {name: np.flatnonzero(np.isin(parents, group)).astype(np.int32) for name, group in groups}
+    surfaces = {name: _cut_triangles(mesh.nodes, its, through) for name, its in mesh.surface_groups.items()}
+    return replace(mesh, nodes=nodes, elements=elements, surface_groups=surfaces, element_groups=inherited).check()
+
+
+def _cut_triangles(nodes: np.ndarray, triangles: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Triangles cut as `cut_edges` cuts the tetrahedra at them; those without such edges as they are."""
+    numbers = np.array([len(nodes), 1])
+    cut = np.isin(undirected_sides(triangles).astype(np.int64) @ numbers, edges.astype(np.int64) @ numbers)
+    here = cut.reshape(-1, 3).any(axis=1)
+    return np.concatenate([triangles[~here], cut_edges(nodes, triangles[here], edges)[1]]) if here.any() else triangles
+
+
+def through_edges(elements: np.ndarray) -> np.ndarray:
+    """Edges inside a body between two nodes of its boundary, shape (count, 2)."""
+    sides = np.unique(undirected_sides(boundary_triangles(elements)), axis=0)
+    pairs = np.sort(elements[:, list(combinations(range(4), 2))].reshape(-1, 2), axis=1)
+    between = np.unique(pairs[np.isin(pairs, sides).all(axis=1)], axis=0)
+    both = np.vstack([sides, between])
+    _, first, counts = np.unique(both, axis=0, return_index=True, return_counts=True)
+    inside: np.ndarray = both[np.sort(first[(counts == 1) & (first >= len(sides))])]
+    return inside
+
+
+def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Put a node in the middle of each edge, the longest first, and halve the tetrahedra, or triangles, around it.
+
+    Args:
+        nodes: [mm], shape (node_count, 3).
+        elements: tetrahedra or triangles, shape (element_count, 4 or 3).
+        edges: each between two nodes, the lower first, shape (edge_count, 2).
+
+    Returns:
+        Nodes, the new ones last, tetrahedra, and for each of these the one that it is a part of.
+    """
+    tetrahedra = dict(enumerate(elements.tolist()))
+    parents = list(range(len(elements)))
+    around: dict[Edge, set[int]] = defaultdict(set)
+    for number, corners in tetrahedra.items():
+        for edge in combinations(sorted(corners), 2):
+            around[edge].add(number)
+    lengths = np.linalg.norm(np.subtract(*nodes[edges.T]), axis=1)
+    ordered = edges[np.lexsort((edges[:, 1], edges[:, 0], -lengths))]
+    following = len(elements)
+    for middle, (begin, end) in enumerate(ordered.tolist(), len(nodes)):
+        for number in sorted(around.pop((begin, end), set())):
+            corners = tetrahedra.pop(number)
+            for edge in combinations(sorted(corners), 2):
+                around[edge].discard(number)
+            for left_out in (begin, end):
+                half = [middle if corner == left_out else corner for corner in corners]
+                tetrahedra[following] = half
+                parents.append(parents[number])
+                for edge in combinations(sorted(half), 2):
+                    around[edge].add(following)
+                following += 1
+    cut = np.array(list(tetrahedra.values()), dtype=np.int32)
+    return np.vstack([nodes, nodes[ordered].mean(axis=1)]), cut, np.array(parents)[list(tetrahedra)]
+
+
+def without_inverted(nodes: np.ndarray, moved: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """Moved nodes, but the nodes of inverted tetrahedra at their old places.
+
+    gmsh's relocation now and then moves a node past the opposite face of a flat tetrahedron, as they are beside thin
+    walls. No tetrahedron is inverted with all nodes at their old places, so this ends there at the latest.
+
+    Args:
+        nodes: old places, with which all volumes are positive [mm], shape (node_count, 3).
+        moved: new places [mm], shape (node_count, 3).
+        elements: tetrahedra, shape (element_count, 4).
+    """
+    moved = moved.copy()
+    while True:
+        corners = np.unique(elements[element_volumes(moved, elements) <= 0])
+        back = corners[(moved[corners] != nodes[corners]).any(axis=1)]
+        if len(back) == 0:
+            return moved
+        moved[back] = nodes[back]
+
+
+def _relocated(nodes: np.ndarray, elements: np.ndarray, boundary: np.ndarray, source: str) -> np.ndarray:
+    """The nodes, those not of the boundary moved to where the worst tetrahedra around them are better."""
+    on_boundary = np.unique(boundary)
+    inside = np.setdiff1d(np.arange(len(nodes)), on_boundary)
+    with gmsh_session(source) as gmsh:
+        mesh = gmsh.model.mesh
+        surface = gmsh.model.addDiscreteEntity(2)
+        volume = gmsh.model.addDiscreteEntity(3, -1, [surface])
+        for dimension, entity, some in ((2, surface, on_boundary), (3, volume, inside)):
+            mesh.addNodes(dimension, entity, some + 1, nodes[some].ravel())
+        mesh.addElementsByType(surface, TRIANGLE, [], (boundary + 1).ravel())
+        mesh.addElementsByType(volume, TETRAHEDRON, [], (elements + 1).ravel())
+        mesh.optimize("Relocate3D")
+        tags, coordinates, _ = mesh.getNodes()
+    moved = nodes.copy()
+    moved[tags.astype(int) - 1] = coordinates.reshape(-1, 3)
+    return moved
+
+
+# The mesher of bodies between closed surfaces, which gmsh remeshes, or keeps triangle by triangle.
+
+KEPT_TOLERANCE = 1e-9
+"""Largest error of a volume between the given surfaces, as a share of it [-]: only rounding may be missing."""
+
+"""Largest error of a volume between flat faces [-], whose corners have the rounding of single precision."""
+
+
+def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMesh:
+    """Fill a body and keep its surfaces: vertices of the outside, then of each cavity, are the first nodes.
+
+    Args:
+        body: body that is filled.
+        sizes: sizes of its elements, of which only the largest has an effect.
+        source: begins every error.
+
+    Raises:
+        MeshError: gmsh fails, or cannot fill it without changing a surface.
+    """
+    shells = (body.outer, *body.cavities)
+    with gmsh_session(source) as gmsh:
+        surfaces = _add_surfaces(gmsh.model, shells)
+        _add_volume(gmsh.model, [[surface] for surface in surfaces])
+        gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.largest)
+        gmsh.model.mesh.generate(3)
+        mesh = meshed_body(gmsh, [[surface] for surface in surfaces], source)
+    given = np.vstack([shell.vertices for shell in shells])
+    faces = sum(len(shell.triangles) for shell in shells)
+    on_surfaces = sum(len(triangles) for triangles in mesh.surface_groups.values())
+    if on_surfaces != faces or not np.array_equal(mesh.nodes[: len(given)], given):
+        raise MeshError(f"{source}: gmsh cannot fill the body without changing its surface; remove keep_surface")
+    compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], KEPT_TOLERANCE)
+    return mesh
+
+
+def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str) -> VolumeMesh:
+    """Mesh a body with surface triangles of new sizes, which lie on the given ones.
+
+    Args:
+        body: body that is meshed.
+        sizes: sizes of its elements.
+        feature_angle: angle between two triangles above which their edge stays an edge [degrees].
+        source: begins every error.
+
+    Raises:
+        MeshError: gmsh fails, or a volume comes out wrong.
+    """
+    angle = math.radians(feature_angle)
+    flat = all(_flat_faced(shell, angle) for shell in (body.outer, *body.cavities))
+    # gmsh cuts surfaces in parts that it can unroll, which flat faces need not be; the cuts stay edges of the mesh.
+    ways = [(False, algorithm) for algorithm in SURFACE_ALGORITHMS[:1] if flat]
+    ways += [(True, algorithm) for algorithm in SURFACE_ALGORITHMS]
+
+    def make(gmsh: Any, way: tuple[bool, int]) -> VolumeMesh:
+        cut, algorithm = way
+        gmsh.option.setNumber("Mesh.Algorithm", algorithm)
+        return _remesh(gmsh, body, sizes, angle, cut, flat, source)
+
+    return first_success(source, ways, make)
+
+
+def _remesh(
+    gmsh: Any, body: HollowBody, sizes: FittedSizes, angle: float, cut: bool, flat: bool, source: str
+) -> VolumeMesh:
+    shells = (body.outer, *body.cavities)
+    surfaces = _classify(gmsh.model, shells, angle, cut)
+    gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
+    set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
+    follow_curvature(gmsh, sizes, [] if flat else shells, angle)
+    gmsh.model.mesh.generate(3)
+    mesh = meshed_body(gmsh, surfaces, source)
+    compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], FLAT_TOLERANCE if flat else None)
+    return mesh
+
+
+def _add_surfaces(model: Any, shells: Sequence[Shell]) -> list[int]:
+    """Give gmsh each shell as a surface of triangles."""
+    surfaces, first_node, first_triangle = [], 1, 1
+    for shell in shells:
+        surface = model.addDiscreteEntity(2)
+        node_tags = np.arange(first_node, first_node + len(shell.vertices))
+        triangle_tags = np.arange(first_triangle, first_triangle + len(shell.triangles))
+        model.mesh.addNodes(2, surface, node_tags, shell.vertices.ravel())
+        model.mesh.addElementsByType(surface, TRIANGLE, triangle_tags, (shell.triangles + first_node).ravel())
+        surfaces.append(surface)
+        first_node += len(node_tags)
+        first_triangle += len(triangle_tags)
+    return surfaces
+
+
+def _add_volume(model: Any, shells: Sequence[Sequence[int]]) -> None:
+    model.geo.addVolume([model.geo.addSurfaceLoop(list(shell)) for shell in shells])
+    model.geo.synchronize()
+
+
+def _classify(model: Any, shells: Sequence[Shell], angle: float, cut: bool) -> list[list[int]]:
+    """Part the shells into faces at sharp edges, and make geometry of them; gmsh's surfaces of each shell."""
+    _add_surfaces(model, shells)
+    model.mesh.classifySurfaces(angle, True, cut, math.pi)
+    model.mesh.createGeometry()
+    last_nodes = np.cumsum([len(shell.vertices) for shell in shells])
+    surfaces: list[list[int]] = [[] for _ in shells]
+    for _, surface in model.getEntities(2):
+        node = model.mesh.getElementsByType(TRIANGLE, surface)[1][0]
+        surfaces[int(np.searchsorted(last_nodes, node))].append(surface)
+    _add_volume(model, surfaces)
+    return surfaces
+
+
+def _flat_faced(shell: Shell, angle: float) -> bool:
+    """Whether all faces between sharp edges are flat."""
+    corners = shell.vertices[shell.triangles]
+    normals = area_vectors(corners)
+    neighbours = joined_sides(shell.triangles)[1] // 3
+    smooth = neighbours[angles_between(normals, neighbours) < angle]
+    graph = coo_matrix((np.ones(len(smooth)), smooth.T), shape=(len(normals), len(normals)))
+    count, face = connected_components(graph, directed=False)
+    mean_normal = np.column_stack([np.bincount(face, normals[:, axis], count) for axis in range(3)])
+    lengths = np.linalg.norm(mean_normal, axis=1, keepdims=True)
+    if (lengths == 0).any():
+        return False
+    mean_normal = mean_normal / lengths
+    middles = np.einsum("tcd,td->t", corners, mean_normal[face]) / 3
+    offset = np.bincount(face, middles, count) / np.bincount(face, minlength=count)
+    heights = np.einsum("tcd,td->tc", corners, mean_normal[face]) - offset[face, None]
+    return bool((np.abs(heights) <= 10 * NEAR * diagonal(shell.vertices)).all())
+
+
+FileName = Annotated[str, Field(strict=True, min_length=1)]
+Number = Annotated[int, Field(strict=True, ge=1)]
+Numbers = Annotated[tuple[Number, ...], BeforeValidator(lambda given: (given,) if isinstance(given, int) else given)]
+
+SAID = 4
+"""Number of openings that a message names."""
+
+
+def _group_name(name: str) -> str:
+    if not re.fullmatch(r"[\w.-]+", name) or re.fullmatch(r"silicone|outer|cavity(_\d+)?", name):
+        raise ValueError("must be a name of letters, digits, '_', '.', '-' that no other group has")
+    return name
+
+
+GroupName = Annotated[str, AfterValidator(_group_name)]
+
+
+class StepTable(Table):
+    """A geometry file of the kind `step`."""
+
+    file: FileName
+    """STEP file, beside the TOML; it names its unit itself, and is converted to millimetres."""
+    cavities: Count | None = None
+    """Number of cavities that the body must have; any number when it is not given."""
+    close_inlets: Annotated[bool, Field(strict=True)] | Numbers | None = None
+    """Whether chambers that are open to the outside get caps and are cavities; or the numbers of their openings, from 1
+    in the order of `taichisoft mesh info`. When it is not given, they stay open, and a warning names them."""
+    solids: Mapping[GroupName, Number] = Field(default_factory=dict)
+    """Names of element groups, and the number of the solid of each; others have their names in the file."""
+    faces: Mapping[GroupName, Numbers] = Field(default_factory=dict)
+    """Names of surface groups, and the numbers of the faces of each, as `taichisoft mesh info` lists them."""
+    base: BasePlane | tuple[BasePlane, ...] | None = None
+    """Plane, or planes, whose triangles of the outside make the group "base"; a flat end that is the only one, or by
+    far the largest, is taken when neither this nor `faces` gives it."""
+    mesh: SolidSizes = SolidSizes()
+
+
+class SurfacesTable(Table):
+    """A geometry file of the kind `surfaces`."""
+
+    outer: FileName
+    """STL, OBJ or PLY file of the outside and perhaps of cavities, beside the TOML."""
+    cavity: Annotated[
+        tuple[FileName, ...], BeforeValidator(lambda given: [given] if isinstance(given, str) else given)
+    ] = ()
+    """Further file, or files, of cavities; a cavity that `outer` has too counts once."""
+    cavities: Count | None = None
+    """Number of cavities that the files must have together; any number when it is not given."""
+    scale: Positive = 1.0
+    """Millimetres in one unit of the files, for example 1000 for metres."""
+    keep_surface: Annotated[bool, Field(strict=True)] = False
+    """Whether the tetrahedra end at exactly the given triangles; otherwise the surfaces are remeshed."""
+    feature_angle: Annotated[float, Field(strict=True, gt=0, lt=180)] = 40.0
+    """Angle between two triangles above which their edge stays an edge when the surfaces are remeshed [degrees]."""
+    base: BasePlane | None = None
+    """Triangles of the outside that make the group "base"."""
+    mesh: Sizes = Sizes()
+
+
+class _BodyFromFiles(CheckedGeometry):
+    """A geometry whose tables name files; they are read when the body is first needed."""
+
+    @property
+    @abstractmethod
+    def body(self) -> Any:
+        """The body that the files describe, checked; it has a `volume` [mm^3] and an `extent` [mm], shape (3,)."""
+
+    @property
+    @abstractmethod
+    def cavity_volumes(self) -> tuple[float, ...]:
+        """Volumes of the cavities [mm^3]."""
+
+    @property
+    def presets(self) -> dict[str, float]:
+        """Largest element sizes [mm] by name."""
+        return preset_sizes(self.body.extent)
+
+    def mesh(self, size: float | None = None) -> VolumeMesh:
+        """Mesh the body with gmsh; `size` [mm] replaces the largest element size and scales the smallest with it."""
+        try:
+            body = self.body
+            sizes = self.table.mesh.fitted(body.extent, body.volume, size, self.cavity_volumes)
+        except ValueError as error:
+            raise MeshError(f"{self.file}: {error}") from error
+        mesh, sides = self._fill(sizes)
+        mesh = with_elements_across(mesh, sizes)
+        return with_base(mesh if sides is None else with_curved_sides(mesh, sides), self.table.base)
+
+    @abstractmethod
+    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
+        """Fill the body with tetrahedra of four nodes; and the curved sides for ten, if they are asked for."""
+
+    def _check_cavities(self, found: int, place: Path, where: str, hint: str = "") -> None:
+        """Raise MeshError for another number of cavities than the tables have; warn of a body without cavities."""
+        wanted = self.table.cavities
+        if wanted is not None and found != wanted:
+            raise MeshError(f"{self.file}: cavities = {wanted}: {where} {found}{hint}")
+        if wanted is None and found == 0:
+            warn_caller(f"{place}: the body has no cavity{hint}")
+
+
+class StepBody(_BodyFromFiles):
+    """A body from a STEP file, whose cavities are the voids in it, and the chambers whose openings are closed."""
+
+    table_type = StepTable
+
+    @cached_property
+    def body(self) -> CadBody:
+        """The body that the STEP file describes, checked."""
+        table, body = self.table, read_step(self.file.parent / self.table.file)
+        solids, numbers = [solid.number for solid in body.solids], [face.number for face in body.faces]
+        for name, solid in table.solids.items():
+            self._refuse_numbers(f"solids.{name}", [solid], "solids", solids)
+        for name, faces in table.faces.items():
+            self._refuse_numbers(f"faces.{name}", faces, "faces", numbers)
+        if table.base is not None and BASE in table.faces:
+            raise MeshError(f"{self.file}: base and faces.base: only one of them can be given")
+        closed = self._closed(body)
+        left = [
+            f"opening {n}, {one} before {one.volume:.4g} mm^3 of air"
+            for n, one in enumerate(body.openings, 1)
+            if one not in closed
+        ]
+        left = [*left[:SAID], f"and {len(left) - SAID} more"] if len(left) > SAID else left
+        remedy = "".join(f"; {one}" for one in left) + "; close_inlets = true makes cavities of openings" * bool(left)
+        hint = f"; a cavity is a void without an opening{remedy}"
+        self._check_cavities(len(body.voids) + len(closed), body.path, f"{body.path} has", hint)
+        if left and table.close_inlets is None and table.cavities is None and body.voids:
+            warn_caller(f"{body.path}: a chamber is open{remedy}, and false leaves it as it is")
+        return body
+
+    @property
+    def cavity_volumes(self) -> tuple[float, ...]:
+        """Volumes of the voids and of the chambers whose openings are closed [mm^3]."""
+        return (*self.body.void_volumes, *(opening.volume for opening in self._closed(self.body)))
+
+    def _closed(self, body: CadBody) -> tuple[Opening, ...]:
+        """The openings that get caps."""
+        wanted = self.table.close_inlets
+        if wanted is True and not body.openings:
+            raise MeshError(f"{self.file}: close_inlets = true: no chamber of {body.path} is open to the outside")
+        if isinstance(wanted, tuple):
+            self._refuse_numbers("close_inlets", wanted, "openings", range(1, len(body.openings) + 1))
+            return tuple(body.openings[number - 1] for number in sorted(set(wanted)))
+        return body.openings if wanted else ()
+
+    def _refuse_numbers(self, key: str, numbers: Iterable[int], what: str, valid: Sequence[int]) -> None:
+        """Raise MeshError for a number that no solid, face or opening has."""
+        wrong = next((number for number in numbers if number not in valid), None)
+        if wrong is not None:
+            raise MeshError(
+                f"{self.file}: {key} = {wrong}: the body has {len(valid)} {what}; `taichisoft mesh info` lists them"
+            )
+
+    def _parts(self) -> dict[str, int]:
+        """Names of element groups, and the number of the solid of each; none for a single solid that got no name."""
+        chosen = self.table.solids
+        others = {solid.name: solid.number for solid in self.body.solids if solid.number not in chosen.values()}
+        twice = sorted(chosen.keys() & others.keys())
+        if twice:
+            raise MeshError(f"{self.file}: solids.{twice[0]}: solid {others[twice[0]]} has this name; choose another")
+        return {**others, **chosen} if len(self.body.solids) > 1 else dict(chosen)
+
+    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
+        table, body = self.table, self.body
+        faces = dict(table.faces)
+        if table.base is None and BASE not in faces and body.flat_end:
+            faces[BASE] = body.flat_end
+            said = f"the flat end, face {' and '.join(map(str, body.flat_end))}, is the group 'base'"
+            warn_caller(f"{body.path}: {said}; `faces` or `base` choose another")
+        return mesh_step(
+            body,
+            sizes,
+            str(self.file),
+            closed=self._closed(body),
+            parts=self._parts(),
+            faces=faces,
+            wall_ratio=table.mesh.wall_ratio,
+            curved=table.mesh.order == 2,
+        )
+
+
+class SurfacesBody(_BodyFromFiles):
+    """A body between surfaces from files."""
+
+    table_type = SurfacesTable
+
+    @cached_property
+    def body(self) -> HollowBody:
+        """The body that the surface files describe, checked."""
+        table, folder = self.table, self.file.parent
+        body = read_hollow_body(folder / table.outer, [folder / name for name in table.cavity], table.scale)
+        self._check_cavities(len(body.cavities), folder / table.outer, "the files have")
+        return body
+
+    @property
+    def cavity_volumes(self) -> tuple[float, ...]:
+        """Volumes of the cavities [mm^3]."""
+        return self.body.cavity_volumes
+
+    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
+        if self.table.keep_surface:
+            return keep_surfaces(self.body, sizes, str(self.file)), None
+        return remesh_surfaces(self.body, sizes, self.table.feature_angle, str(self.file)), None

@@ -1,1 +1,0 @@
-"""The kind `pneunet_finger`: from its dimensions to a solid, and to tetrahedra."""

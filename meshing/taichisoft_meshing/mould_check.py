@@ -1,0 +1,390 @@
+"""`taichisoft mould check`: whether the parts of a mould come off, fill their block, and are thick enough to print.
+
+The parts are read from their STL files, so that what CAD has changed is checked as it is.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from taichisoft.errors import MeshError
+from taichisoft.mesh import read_surface
+
+# Where rays cross triangles: all pairs at once, by the side on which a ray passes each edge (Pluecker coordinates).
+
+PAIRS = 3_000_000
+"""Pairs of a ray and a triangle that are computed at a time."""
+BESIDE = 50
+"""Lines beside each other that are compared with the same triangles."""
+
+
+@dataclass(frozen=True)
+class RayCrossings:
+    """Crossings of rays and triangles, an entry each.
+
+    Attributes:
+        ray: index of the ray, shape (count,).
+        triangle: index of the triangle, shape (count,).
+        distance: along the ray from its origin [mm], negative before it, shape (count,).
+        cosine: between the ray and the triangle's normal [-], positive where it leaves a body, shape (count,).
+    """
+
+    ray: np.ndarray
+    triangle: np.ndarray
+    distance: np.ndarray
+    cosine: np.ndarray
+
+
+def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> RayCrossings:
+    """All crossings of the lines through rays with triangles; what a ray only touches is none.
+
+    Args:
+        origins: starts of the rays [mm], shape (ray_count, 3).
+        directions: unit vectors along them, shape (ray_count, 3).
+        corners: of the triangles, counterclockwise as seen from outside [mm], shape (triangle_count, 3, 3).
+    """
+    if not len(corners):
+        return RayCrossings(np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0))
+    middle = corners.reshape(-1, 3).mean(axis=0)  # numbers are small around it, and rounding with them
+    origins, corners = origins - middle, corners - middle
+    rays = np.concatenate([directions, np.cross(origins, directions)], axis=1)
+    edges = []
+    for first in range(3):
+        begin, end = corners[:, first], corners[:, (first + 1) % 3]
+        edges.append(np.concatenate([np.cross(begin, end), end - begin], axis=1).T)
+    found = []
+    step = max(1, PAIRS // max(len(corners), 1))
+    for start in range(0, max(len(rays), 1), step):
+        sides = [rays[start : start + step] @ edge for edge in edges]
+        above = (sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0)
+        below = (sides[0] < 0) & (sides[1] < 0) & (sides[2] < 0)
+        ray, triangle = np.nonzero(above | below)
+        found.append((ray + start, triangle))
+    ray, triangle = (np.concatenate([pairs[which] for pairs in found]) for which in (0, 1))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[triangle]
+    steepness = np.einsum("cd,cd->c", normals, directions[ray])
+    height = np.einsum("cd,cd->c", normals, corners[triangle, 0] - origins[ray])
+    return RayCrossings(ray, triangle, height / steepness, steepness / np.linalg.norm(normals, axis=1))
+
+
+def find_parallel_crossings(starts: np.ndarray, way: np.ndarray, corners: np.ndarray) -> RayCrossings:
+    """All crossings, as above, of lines along one direction: each is compared with the triangles beside it alone.
+
+    Args:
+        starts: points of the lines [mm], shape (line_count, 3).
+        way: unit vector along them, shape (3,).
+        corners: of the triangles [mm], shape (triangle_count, 3, 3).
+    """
+    across = np.linalg.svd(way[None])[2][1:]
+    along = across[np.argmax(np.ptp(corners.reshape(-1, 3) @ across.T, axis=0))]
+    place, sides = starts @ along, corners @ along
+    lower, upper = sides.min(axis=1), sides.max(axis=1)
+    parts = []
+    for some in np.array_split(np.argsort(place, kind="stable"), 1 + len(starts) // BESIDE):
+        near = np.empty(0, dtype=int)
+        if len(some):
+            near = np.flatnonzero((lower <= place[some[-1]]) & (upper >= place[some[0]]))
+        one = find_crossings(starts[some], np.broadcast_to(way, (len(some), 3)), corners[near])
+        parts.append((some[one.ray], near[one.triangle], one.distance, one.cosine))
+    return RayCrossings(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def inner_points(corners: np.ndarray) -> np.ndarray:
+    """A point inside each triangle, shape (count, 3), that lies on no line of symmetry."""
+    return np.array([0.41, 0.33, 0.26]) @ corners
+
+
+RECORD = "mould.json"
+
+FILLED = 1e-3
+"""Largest part of the block that parts, silicone and clearances may leave or share [-]."""
+TOUCH = 0.05
+"""Length up to which what lies before a part is not in its way [mm]: less than printers and triangles are exact."""
+LINES, GRID = 1500, 40
+"""Lines through triangles of each part, at most, and lines of a grid on its longest side, that are looked along."""
+PARALLEL = 0.9
+"""Least cosine between the two sides of a wall [-]."""
+PRECISION = 0.01
+"""Part of the least thickness that a wall may miss [-]."""
+
+
+@dataclass(frozen=True)
+class Undercut:
+    """A place where something holds a part.
+
+    Attributes:
+        obstacle: name of the part in its way.
+        middle: middle of the place [mm], shape (3,).
+        extent: its size along x, y and z [mm], shape (3,).
+        triangles: triangles of the part that are held, shape (count,).
+    """
+
+    obstacle: str
+    middle: np.ndarray
+    extent: np.ndarray
+    triangles: np.ndarray
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{value:.1f}" for value in self.middle + 0.0)
+        return f"undercut: {self.obstacle} is in its way over {_by(self.extent)} mm around ({place})"
+
+
+@dataclass(frozen=True)
+class CheckedPart:
+    """A part and what was found.
+
+    Attributes:
+        name: its name in the mould.
+        file: its STL file.
+        corners: corners of its triangles [mm], shape (count, 3, 3).
+        comes_off: direction in which it comes off, shape (3,); None for the one that stays.
+        volume: enclosed volume [mm^3].
+        closed: whether its surface is closed, and faces outward.
+        undercuts: what holds it.
+        thickness: least thickness of a wall [mm]; infinite without walls.
+        thinnest: the place of that wall [mm], shape (3,).
+        thin: triangles of walls too thin to print, shape (count,).
+        printed: whether it is printed; silicone is not.
+    """
+
+    name: str
+    file: Path
+    corners: np.ndarray
+    comes_off: np.ndarray | None
+    volume: float
+    closed: bool
+    undercuts: tuple[Undercut, ...]
+    thickness: float
+    thinnest: np.ndarray
+    thin: np.ndarray
+    printed: bool
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with it, one line each."""
+        problems = [] if self.closed else [f"{self.name}: its surface is not closed"]
+        problems += [f"{self.name}: {undercut}" for undercut in self.undercuts]
+        if len(self.thin):
+            place = ", ".join(f"{value:.1f}" for value in self.thinnest + 0.0)
+            problems.append(f"{self.name}: a wall of {self.thickness:.2f} mm at ({place}) is too thin to print")
+        return problems
+
+
+@dataclass(frozen=True)
+class CheckedCast:
+    """One mould: its parts and how they fill their block.
+
+    Attributes:
+        name: beginning of its files' names.
+        parts: in the order in which they come off.
+        unfilled: volume of the block less parts, silicone and clearances, as a share of it [-].
+        voids: volumes of cavities in the body that no core can leave [mm^3].
+    """
+
+    name: str
+    parts: tuple[CheckedPart, ...]
+    unfilled: float
+    voids: tuple[float, ...]
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with it, one line each."""
+        problems = [problem for part in self.parts for problem in part.problems]
+        if not abs(self.unfilled) <= FILLED:
+            problems.append(
+                f"parts and silicone fill {1 - self.unfilled:.2%} of the block; must be 100 % to {FILLED:.1%}"
+            )
+        problems += [f"a cavity of {volume:.4g} mm^3 is closed: it is cast solid" for volume in self.voids]
+        return [f"{self.name}: {problem}" for problem in problems]
+
+
+def check_mould(folder: Path) -> list[CheckedCast]:
+    """Check all moulds that the record in a folder lists.
+
+    Raises:
+        MeshError: the record or a file is missing or not readable.
+    """
+    record = read_mould_record(folder)
+    return [check_cast(folder, cast, record["printable_mm"]) for cast in record["casts"]]
+
+
+def read_mould_record(folder: Path) -> dict[str, Any]:
+    """The record of a mould.
+
+    Raises:
+        MeshError: it is missing, or not a record of a mould.
+    """
+    path = folder / RECORD
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        for cast in record["casts"]:
+            _ = cast["name"], cast["silicone"], cast["block_mm3"] + cast["clearance_mm3"], cast["pours"]
+            _ = [part["file"] + part["part"] for part in cast["parts"]], cast["voids_mm3"]
+        _ = record["printable_mm"] + 0.0, record["name"]
+    except OSError as error:
+        raise MeshError(f"{path}: not readable: {error.strerror or error}; `taichisoft mould` writes it") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise MeshError(f"{path}: is not the record of a mould ({error!r}); `taichisoft mould` writes it") from error
+    return dict(record)
+
+
+def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> CheckedCast:
+    """Check one mould, whose walls must be `printable` [mm] thick.
+
+    Raises:
+        MeshError: a file is missing or not readable.
+    """
+    names = [part["part"] for part in cast["parts"]]
+    surfaces = [read_surface(folder / part["file"]) for part in cast["parts"]]
+    corners = [vertices[triangles] for vertices, triangles in surfaces]
+    checked = []
+    for number, (part, (vertices, triangles)) in enumerate(zip(cast["parts"], surfaces, strict=True)):
+        import trimesh  # takes long
+
+        solid = trimesh.Trimesh(vertices, triangles, process=False)
+        way, printed = part["comes_off"], part["part"] != cast["silicone"]
+        others = dict(zip(names[number + 1 :], corners[number + 1 :], strict=True))
+        held = [] if way is None else find_undercuts(corners[number], others, np.array(way))
+        thickness, places, walls = wall_thickness(corners[number])
+        least = int(np.argmin(thickness)) if len(thickness) else -1
+        thin = walls[thickness < (1 - PRECISION) * printable] if printed else walls[:0]
+        checked.append(
+            CheckedPart(
+                part["part"],
+                folder / part["file"],
+                corners[number],
+                None if way is None else np.array(way),
+                float(solid.volume),
+                bool(solid.is_volume),
+                tuple(held),
+                float(thickness[least]) if least >= 0 else np.inf,
+                places[least] if least >= 0 else np.zeros(3),
+                thin,
+                printed,
+            )
+        )
+    filled = sum(part.volume for part in checked) + cast["clearance_mm3"]
+    return CheckedCast(cast["name"], tuple(checked), 1.0 - filled / cast["block_mm3"], tuple(cast["voids_mm3"]))
+
+
+def find_undercuts(part: np.ndarray, others: Mapping[str, np.ndarray], way: np.ndarray) -> list[Undercut]:
+    """Where other parts are in the way of a part that is drawn off in a straight line.
+
+    On no line along the way may anything lie before anything of the part. The lines go through triangles of all parts
+    that are not parallel to the way, and through a grid over the part. Overhangs narrower than twice TOUCH are let be.
+
+    Args:
+        part: corners of its triangles [mm], shape (count, 3, 3).
+        others: those of the parts that are still there, by name.
+        way: unit vector in which it is drawn off, shape (3,).
+    """
+    starts, across, spacing = _lines_along(way, part, list(others.values()))
+    steps = spacing * np.array([-1.5, -0.7, -0.3, -0.12, -0.05, 0.0, 0.05, 0.12, 0.3, 0.7, 1.5])
+    around = (steps[:, None, None] * across[0] + steps[:, None] * across[1]).reshape(-1, 3)
+    found = []
+    for name, corners in others.items():
+        held = _held_lines(starts, across, way, part, corners)[0]
+        if not len(held):
+            continue
+        nearby = held[:: 1 + len(held) // 60]  # the size of a place is measured with more lines
+        more = np.concatenate([held, (nearby[:, None] + around).reshape(-1, 3)])
+        lines, entry, leaving, first = _held_lines(more, across, way, part, corners)
+        pairs = cKDTree(lines).query_pairs(0.8 * spacing, output_type="ndarray")
+        joined = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(lines), len(lines)))
+        count, cluster = connected_components(joined, directed=False)
+        for number in range(count):
+            of = cluster == number
+            ends = np.concatenate([lines[of] + along[of, None] * way for along in (entry, leaving)])
+            lower, upper = ends.min(axis=0), ends.max(axis=0)
+            found.append(Undercut(name, (lower + upper) / 2, upper - lower, np.unique(first[of])))
+    return found
+
+
+def _held_lines(
+    starts: np.ndarray, across: np.ndarray, way: np.ndarray, part: np.ndarray, obstacle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of some lines those on which an obstacle lies before a part, where they enter the part and leave the obstacle
+    [mm], and the triangle through which they enter."""
+    for shift in TOUCH * np.concatenate([[np.zeros(3)], across, -across]):  # else the corners of round faces hold
+        if len(starts):
+            enters, leaves = (_extent_along(starts + shift, way, corners) for corners in (part, obstacle))
+            starts = starts[leaves[1] > enters[0] + TOUCH]
+    entry, _, first = _extent_along(starts, way, part)
+    return starts, entry, _extent_along(starts, way, obstacle)[1], first
+
+
+def wall_thickness(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Thickness of the walls behind triangles of a closed surface.
+
+    From a point inside each triangle a ray goes into the body, at a right angle; where it leaves nearly at a right
+    angle there is a wall.
+
+    Returns:
+        Thickness [mm], shape (count,), the points, (count, 3), and the triangles, (count,).
+    """
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    chosen = np.flatnonzero(areas > 1e-9)
+    chosen = chosen[:: 1 + len(chosen) // (2 * LINES)]
+    points, inward = inner_points(corners)[chosen], -normals[chosen] / areas[chosen, None]
+    crossings = find_crossings(points, inward, corners)
+    ahead = crossings.distance > 1e-5
+    ray, distance, cosine = crossings.ray[ahead], crossings.distance[ahead], crossings.cosine[ahead]
+    order = np.lexsort((distance, ray))
+    ray, first = np.unique(ray[order], return_index=True)
+    nearest = order[first]
+    wall = cosine[nearest] > PARALLEL
+    ray, nearest = ray[wall], nearest[wall]
+    return distance[nearest], points[ray], chosen[ray]
+
+
+def _lines_along(
+    way: np.ndarray, part: np.ndarray, others: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Starts of lines along a way, before everything, shape (count, 3), two unit vectors across it, and the spacing of
+    the grid among the lines [mm]."""
+    points = []
+    for corners in (part, *others):
+        facing = corners[np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ way) > 1e-4]
+        points.append(inner_points(facing[:: 1 + len(facing) // LINES]))
+    across = np.linalg.svd(way[None])[2][1:]
+    flat = part.reshape(-1, 3) @ across.T
+    lower, upper = flat.min(axis=0), flat.max(axis=0)
+    spacing = float((upper - lower).max()) / GRID
+    # Shifted by an odd share of the spacing, so that no line runs along edges of a symmetric part.
+    rows = [np.arange(low + 0.317 * spacing, high, spacing) for low, high in zip(lower, upper, strict=True)]
+    points.append(np.stack([one.ravel() for one in np.meshgrid(*rows)], axis=1) @ across)
+    starts = np.concatenate(points)
+    bottom = min(float((corners @ way).min()) for corners in (part, *others)) - 1.0
+    return starts + (bottom - starts @ way)[:, None] * way, across, spacing
+
+
+def _extent_along(
+    starts: np.ndarray, way: np.ndarray, corners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where each line first enters a part and last leaves it [mm], and the triangle through which it enters.
+
+    They are infinity, minus infinity and -1 for a line that misses the part, or that enters and leaves it not equally
+    often, because it hits an edge.
+    """
+    crossings = find_parallel_crossings(starts, way, corners)
+    count = len(starts)
+    entry, leaving, first = np.full(count, np.inf), np.full(count, -np.inf), np.full(count, -1)
+    order = np.argsort(-crossings.distance, kind="stable")  # the nearest is written last
+    entry[crossings.ray[order]] = crossings.distance[order]
+    first[crossings.ray[order]] = crossings.triangle[order]
+    np.maximum.at(leaving, crossings.ray, crossings.distance)
+    odd = np.bincount(crossings.ray, np.sign(crossings.cosine), count) != 0
+    entry[odd], leaving[odd], first[odd] = np.inf, -np.inf, -1
+    return entry, leaving, first
+
+
+def _by(extent: np.ndarray) -> str:
+    return " x ".join(f"{value:.1f}" for value in extent)

@@ -1,0 +1,465 @@
+"""The mould of a finger, made as PneuNets are: the part with open chambers and the layer that closes them, each cast.
+
+The finger lies with its slots down, and what is cast comes out upward, along y. The two castings meet where the channel
+ends, in the plane y = channel.top. A box has the outside of the upper part, and a lid closes it, from which the cores
+of the chambers hang. A tray has the outside of the layer; its lid leaves room for the stiffer silicone, or for paper.
+See D. Holland et al. 2014, The Soft Robotics Toolkit, Soft Robotics 1(3), for the way to cast and to join them.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichisoft.errors import MeshError
+from taichisoft.mesh import enclosed_volume
+from taichisoft.running import Geometry
+from taichisoft_meshing.cad_body import import_solids
+from taichisoft_meshing.file_bodies import StepBody
+from taichisoft_meshing.finger_dimensions import THINNEST_WALL, FingerParameters, end
+from taichisoft_meshing.geometry_file import make_geometry
+from taichisoft_meshing.gmsh_session import gmsh_session
+from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_record import write_record
+from taichisoft_meshing.mould_assembly import Assembly, triangulate, write_assembly, write_step
+from taichisoft_meshing.mould_check import RECORD, find_parallel_crossings
+from taichisoft_meshing.pneunet_finger import (
+    Box,
+    Draft,
+    PneunetFinger,
+    Solids,
+    finger_cavity,
+    finger_outside,
+    inlet_bore,
+    solid_box,
+    stiff_layer_box,
+)
+
+# The negative of a body that is no parametric finger: a block around its outside, in two halves. It is no mould yet.
+#
+# Where the body is undercut as seen from the parting plane the halves do not come off, and cavities are cast solid.
+
+MOST_TRIANGLES = 6000
+"""More flat faces than these keep OpenCASCADE busy for minutes."""
+GRID = 60
+"""Lines along the longest side with which a parting plane is looked for."""
+
+Plane = tuple[int, float]
+"""Number of the axis across the plane, and the position on it [mm]."""
+
+
+def outside_of(geometry: Geometry, file: str) -> tuple[Callable[[Any], Any], np.ndarray, list[float]]:
+    """What makes the outside of a body as a solid of gmsh, corners of its triangles, and volumes of its cavities.
+
+    A STEP body keeps its curved faces; of any other the outside is that of its mesh, in flat triangles.
+
+    Raises:
+        MeshError: it cannot be read or meshed, or has too many triangles.
+    """
+    if isinstance(geometry, StepBody):
+        body = geometry.body
+
+        def from_step(gmsh: Any) -> Any:
+            occ, solids = gmsh.model.occ, import_solids(gmsh, body.path)
+            outside = occ.addVolume([occ.addSurfaceLoop(sorted(body.outside))])
+            occ.remove([(3, solid) for solid in solids])
+            return [(3, outside)]
+
+        seen = body.nodes[body.triangles[np.isin(body.face_of, sorted(body.outside))]]
+        return from_step, seen, list(body.void_volumes)
+    mesh = geometry.mesh(None)
+    groups = mesh.surface_groups
+    triangles = groups["outer"]
+    if len(triangles) > MOST_TRIANGLES:
+        raise MeshError(
+            f"{file}: its outside has {len(triangles)} triangles, and a negative takes {MOST_TRIANGLES} at most; "
+            "make mesh.largest and mesh.smallest larger"
+        )
+    volumes = [enclosed_volume(mesh.nodes, wall) for name, wall in groups.items() if name.startswith("cavity")]
+    return lambda gmsh: _polyhedron(gmsh.model.occ, mesh.nodes, triangles), mesh.nodes[triangles], volumes
+
+
+def find_plane(corners: np.ndarray, wanted: str | None) -> Plane:
+    """The parting plane that is asked for, "z=0"; or the one through the middle of a side with the fewest undercuts.
+
+    Raises:
+        MeshError: it is no such text, or misses the body.
+    """
+    points = corners.reshape(-1, 3)
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    if wanted is None:
+        middle = np.round((lower + upper) / 2, 3) + 0.0  # triangles of curved faces are not quite alike on both sides
+        return min(((axis, float(middle[axis])) for axis in (2, 1, 0)), key=lambda plane: _held(corners, plane))
+    name, _, number = wanted.replace(" ", "").partition("=")
+    try:
+        axis, position = "xyz".index(name.lower() or "?"), float(number)
+    except ValueError as error:
+        raise MeshError(f"--parting {wanted}: must be an axis and a position in mm, such as z=0") from error
+    if not lower[axis] < position < upper[axis]:
+        raise MeshError(
+            f"--parting {wanted}: misses the body, which reaches from {lower[axis]:g} to {upper[axis]:g} along {name}"
+        )
+    return axis, position
+
+
+def negative(gmsh: Any, outside: Callable[[Any], Any], plane: Plane, wall: float) -> Assembly:
+    """The two halves of the block around a body, `wall` [mm] thick, and the body in it, cast solid."""
+    occ, (axis, position) = gmsh.model.occ, plane
+    body = outside(gmsh)
+    box = np.round(occ.getBoundingBox(*body[0]), 6).reshape(2, 3) + np.array([[-wall], [wall]])
+    halves = []
+    for side in (1, 0):
+        ends = box.copy()
+        ends[1 - side, axis] = position
+        half = [(3, occ.addBox(*ends[0].tolist(), *(ends[1] - ends[0]).tolist()))]
+        halves.append(occ.cut(half, body, removeTool=False)[0])
+    way = tuple(np.eye(3)[axis].tolist())
+    volume = float(sum(occ.getMass(*solid) for solid in body))
+    parts = {"plus": halves[0], "body": body, "minus": halves[1]}
+    block = float(np.prod(box[1] - box[0]))
+    return Assembly(parts, {"plus": way, "body": way}, "body", block, 0.0, (("the body", "soft", volume),))
+
+
+def _held(corners: np.ndarray, plane: Plane) -> int:
+    """Number of lines across a plane on which one of the halves would be held by the body."""
+    axis, position = plane
+    others = [one for one in range(3) if one != axis]
+    points = corners.reshape(-1, 3)
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    spacing = (upper - lower)[others].max() / GRID
+    grid = np.meshgrid(*(np.arange(lower[one] + 0.317 * spacing, upper[one], spacing) for one in others))
+    starts = np.full((grid[0].size, 3), lower[axis] - 1.0)
+    starts[:, others] = np.stack([one.ravel() for one in grid], axis=1)
+    crossings = find_parallel_crossings(starts, np.eye(3)[axis], corners)
+    heights = lower[axis] - 1.0 + crossings.distance
+    crossed = np.bincount(crossings.ray, minlength=len(starts))
+    below = np.bincount(crossings.ray, heights <= position, len(starts))
+    return int(np.count_nonzero((crossed > 0) & ((crossed != 2) | (below != 1))))
+
+
+def _polyhedron(occ: Any, nodes: np.ndarray, triangles: np.ndarray) -> Any:
+    """The solid between flat triangles."""
+    points = {node: occ.addPoint(*nodes[node].tolist()) for node in np.unique(triangles).tolist()}
+    lines: dict[tuple[int, int], int] = {}
+    faces = []
+    for triangle in triangles.tolist():
+        sides = []
+        for tail, head in zip(triangle, triangle[1:] + triangle[:1], strict=True):
+            pair = (min(tail, head), max(tail, head))
+            if pair not in lines:
+                lines[pair] = occ.addLine(points[pair[0]], points[pair[1]])
+            sides.append(lines[pair])
+        faces.append(occ.addPlaneSurface([occ.addCurveLoop(sides)]))
+    return [(3, occ.addVolume([occ.addSurfaceLoop(faces)]))]
+
+
+CLEARANCE = 0.15
+"""Gap around pegs and beside the slide, so that printed parts go together [mm]."""
+POUR, VENT = 4.0, 1.0
+"""Half the side of the hole that silicone is poured through, at most, and of those that air leaves through [mm]."""
+THICKEST_PEG = 2.0
+"""Largest radius of a peg [mm]: the triangles of a thicker one would come nearer to its hole than CLEARANCE."""
+LEAST_SOFT = 0.05
+"""Least share of the layer around the stiff one for a lid to make sense [-]."""
+UP, OUTWARD = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class FingerForm:
+    """How the mould of a finger is made.
+
+    Attributes:
+        finger: its dimensions.
+        wall: thickness of the mould around it [mm].
+        draft: angle by which faces lean [degrees].
+        source: begins every error.
+
+    Raises:
+        MeshError: a finger of these dimensions cannot be cast so.
+    """
+
+    finger: FingerParameters
+    wall: float
+    draft: float
+    source: str
+
+    def __post_init__(self) -> None:
+        layer, top = self.finger.stiff_layer, self.finger.channel.top
+        if layer.thickness and layer.bottom < top - 1e-9:
+            raise MeshError(
+                f"{self.source}: stiff_layer.bottom = {layer.bottom:g}: must be at least {top:g} (channel.top) "
+                "for a mould: the stiff layer is cast in the part that closes the chambers"
+            )
+        for what, room, growth in self._rooms():
+            steepest = math.degrees(math.atan(max(room, 0.0) / growth))
+            if self.draft > steepest:
+                most = math.floor(100 * steepest) / 100
+                raise MeshError(f"{self.source}: --draft {self.draft:g}: {what}; must be at most {most:g}")
+
+    @property
+    def leaning(self) -> Draft:
+        """The draft of outside, slots and cores: everything has its drawn size at half the height of the chambers."""
+        return Draft(math.tan(math.radians(self.draft)), self.finger.channel.top / 2)
+
+    def _rooms(self) -> list[tuple[str, float, float]]:
+        """What would vanish with a steep draft: in words, how wide it is [mm], and what it loses for a slope of 1."""
+        finger, middle = self.finger, self.finger.channel.top / 2
+        slots, chambers, channel = finger.slots, finger.chambers, finger.channel
+        bottom = channel.bottom - chambers.height
+        narrow = min(chambers.width - 2 * chambers.fillet_radius, chambers.depth)
+        rooms = [
+            ("the chambers would close", narrow, 2 * (middle - bottom)),
+            ("the channel would leave no wall at the base", channel.start, channel.top - middle),
+        ]
+        if chambers.count > 1:
+            gap = chambers.pitch - chambers.width
+            rooms.append(("the chambers would meet", gap, 2 * (channel.bottom - middle)))
+        if slots.count:
+            rooms.append(("the slots would close", slots.width - 2 * slots.fillet_radius, 2 * (slots.depth - middle)))
+            rooms.append(("the first slot would reach the base", slots.first, middle))
+            rooms.append(("the last slot would reach the tip", finger.body.length - end(slots), middle))
+        if slots.count > 1:
+            rooms.append(("the slots would meet", slots.pitch - slots.width, 2 * middle))
+        return [(what, room - THINNEST_WALL, growth) for what, room, growth in rooms if growth > 0.0]
+
+
+def cast_finger(occ: Any, form: FingerForm, parted: bool) -> Solids:
+    """The finger as it comes out of the mould, with its cavity as a void; if `parted`, its stiff layer is a solid of
+    its own, the first one."""
+    finger, draft = form.finger, form.leaning
+    solid, _ = occ.cut(finger_outside(occ, finger, draft), finger_cavity(occ, finger, draft))
+    if parted and finger.stiff_layer.thickness:
+        room = occ.intersect(_room(occ, form), solid, removeTool=False)[0]
+        occ.fragment(solid, occ.cut(room, [_above_stiff_layer(occ, form)])[0])
+    occ.synchronize()
+    return list(occ.getEntities(3))
+
+
+def upper_cast(gmsh: Any, form: FingerForm) -> Assembly:
+    """Box and lid of the part with the open chambers, and the slide that leaves the bore of the inlet."""
+    occ, finger, top, wall = gmsh.model.occ, form.finger, form.finger.channel.top, form.wall
+    whole = _between(occ, form, 0.0, top)
+    core = finger_cavity(occ, finger, form.leaning, inlet=False)
+    silicone, _ = occ.cut(whole, core, removeObject=False, removeTool=False)
+    lower, upper = _bounds(occ, whole)
+    box, plate, block, gaps = _box_and_plate(occ, form, lower, upper, top, through=True)
+    box, _ = occ.cut(box, whole)
+    lid, _ = occ.fuse(plate, core, removeTool=False)
+    holes = _holes(occ, form, top, finger.channel.start, -lower[0] - finger.channel.end, lower[0], upper[2])
+    parts: dict[str, Solids] = {}
+    ways = {"lid": UP, "cast": UP}
+    if finger.inlet.diameter:
+        reach = min(finger.inlet.diameter / 2 + 2.0, finger.body.width / 2)
+        foot = (finger.channel.bottom + finger.channel.top - finger.inlet.diameter) / 2 - 2.0
+        beyond, narrow = upper[0] + wall, reach - CLEARANCE
+        notch = occ.addBox(0.0, foot, -reach, beyond, top - foot, 2 * reach)
+        box, _ = occ.cut(box, [(3, notch)])
+        bore, _ = occ.cut([inlet_bore(occ, finger, 0.0, deeper=1.0)], core, removeTool=False)
+        silicone, _ = occ.cut(silicone, bore, removeTool=False)
+        block_of_slide = occ.addBox(0.0, foot, -narrow, beyond, top - foot, 2 * narrow)
+        parts["slide"], _ = occ.fuse([(3, block_of_slide)], bore)
+        ways["slide"] = OUTWARD
+        gaps += 2 * CLEARANCE * beyond * (top - foot)
+    occ.remove(core, True)
+    lid, silicone = _bored(occ, lid, silicone, holes)
+    parts |= {"lid": lid, "cast": silicone, "box": box}
+    return Assembly(parts, ways, "cast", block, gaps, (("the upper part", "soft", _volume(occ, silicone)),))
+
+
+def layer_cast(gmsh: Any, form: FingerForm) -> Assembly:
+    """Tray of the layer that closes the chambers, and the lid that leaves room for the stiffer silicone in it."""
+    occ, finger, top, height = gmsh.model.occ, form.finger, form.finger.channel.top, form.finger.body.height
+    layer = finger.stiff_layer
+    silicone = _between(occ, form, top, height)
+    lower, upper = _bounds(occ, silicone)
+    tray, plate, block, gaps = _box_and_plate(occ, form, lower, upper, height, through=layer.thickness > 0.0)
+    tray, _ = occ.cut(tray, silicone, removeTool=False)
+    ways = {"lid": UP, "cast": UP}
+    if not layer.thickness:
+        pour = ("the layer", "soft", _volume(occ, silicone))
+        return Assembly({"cast": silicone, "tray": tray}, ways, "cast", block, gaps, (pour,))
+    room, _ = occ.intersect(_room(occ, form), silicone, removeTool=False)
+    of_room, whole = _volume(occ, room), _volume(occ, silicone)
+    if whole - of_room < LEAST_SOFT * whole:
+        raise MeshError(
+            f"{form.source}: stiff_layer: fills the whole part that closes the chambers; give it "
+            "stiff_layer.thickness = 0 here, and cast the layer of stiff silicone"
+        )
+    silicone, _ = occ.cut(silicone, room, removeTool=False)
+    cover, _ = occ.intersect(room, [_above_stiff_layer(occ, form)], removeObject=False)
+    of_cover = _volume(occ, cover)
+    occ.remove(cover, True)
+    lid, _ = occ.fuse(plate, room)
+    holes = _holes(occ, form, height, layer.start, -lower[0] - layer.end, lower[0], upper[2])
+    lid, silicone = _bored(occ, lid, silicone, holes)
+    pours = (
+        ("the layer around the room for the stiff one", "soft", _volume(occ, silicone)),
+        ("the stiff layer, into that room", "stiff", of_room - of_cover),
+        *([("the cover of the stiff layer", "soft", of_cover)] if of_cover > 1e-6 else []),
+    )
+    return Assembly({"lid": lid, "cast": silicone, "tray": tray}, ways, "cast", block, gaps, pours)
+
+
+def _room(occ: Any, form: FingerForm) -> Solids:
+    """The room for the stiff layer and its cover: from the layer's underside to the back."""
+    stiff, height = stiff_layer_box(form.finger), form.finger.body.height
+    assert stiff is not None
+    x, y, z = stiff.corner
+    recess = Box((x, y, z), (stiff.size[0], height - y, stiff.size[2]))
+    return [solid_box(occ, recess, Draft(form.leaning.slope, (y + height) / 2))]
+
+
+def _above_stiff_layer(occ: Any, form: FingerForm) -> tuple[int, int]:
+    """All that lies above the stiff layer."""
+    body, layer = form.finger.body, form.finger.stiff_layer
+    bottom = layer.bottom + layer.thickness
+    return 3, occ.addBox(-2 * body.length, bottom, -2 * body.width, 3 * body.length, body.height, 4 * body.width)
+
+
+def _between(occ: Any, form: FingerForm, bottom: float, top: float) -> Solids:
+    """The part of the outside between two heights [mm]."""
+    body = form.finger.body
+    slab = occ.addBox(-2 * body.length, bottom, -2 * body.width, 3 * body.length, top - bottom, 4 * body.width)
+    part: Solids = occ.intersect(finger_outside(occ, form.finger, form.leaning), [(3, slab)])[0]
+    return part
+
+
+def _box_and_plate(
+    occ: Any, form: FingerForm, lower: list[float], upper: list[float], top: float, through: bool
+) -> tuple[Solids, Solids, float, float]:
+    """The block around a casting up to the height `top`, and, if `through`, the plate over it, joined by four pegs.
+
+    Returns:
+        The two solids, the volume of the box around both, and that of the gaps around the pegs [mm^3].
+    """
+    wall, bottom = form.wall, lower[1] - form.wall
+    x, z = lower[0] - wall, lower[2] - wall
+    length, width = upper[0] - lower[0] + 2 * wall, upper[2] - lower[2] + 2 * wall
+    block: Solids = [(3, occ.addBox(x, bottom, z, length, top - bottom, width))]
+    if not through:
+        return block, [], length * width * (top - bottom), 0.0
+    plate: Solids = [(3, occ.addBox(x, top, z, length, wall, width))]
+    radius, tall = min(wall / 4, THICKEST_PEG), min(wall - 1.0, 4 * THICKEST_PEG)
+    places = [(x + a, z + b) for a in (wall / 2, length - wall / 2) for b in (wall / 2, width - wall / 2)]
+    pegs = [(3, occ.addCylinder(a, top, b, 0, tall, 0, radius)) for a, b in places]
+    holes = [(3, occ.addCylinder(a, top, b, 0, wall, 0, radius + CLEARANCE)) for a, b in places]
+    block, _ = occ.fuse(block, pegs)
+    plate, _ = occ.cut(plate, holes)
+    gaps = 4 * math.pi * ((radius + CLEARANCE) ** 2 * wall - radius**2 * tall)
+    return block, plate, length * width * (top - bottom + wall), gaps
+
+
+def _holes(occ: Any, form: FingerForm, y: float, base: float, tip: float, end_x: float, half: float) -> Solids:
+    """Holes through a lid: to pour at the base, and for air at the tip and the corners of the base.
+
+    Args:
+        occ: `gmsh.model.occ`.
+        form: the mould.
+        y: height of the lid's lower side [mm].
+        base: how far the silicone under the lid reaches from the base without a break [mm].
+        tip: how far it reaches from the tip [mm].
+        end_x: position x of the tip there [mm].
+        half: half of the width there [mm].
+    """
+    places = []
+    pour = min(POUR, 0.35 * base, 0.7 * half)
+    if pour >= 1.5 * VENT:
+        places.append((-base / 2, 0.0, pour))
+    corner = 2.5 * VENT
+    if base > 2 * corner and half - corner > pour + 2 * VENT:
+        places += [(-corner, side * (half - corner), VENT) for side in (-1.0, 1.0)]
+    if tip > 4 * VENT:
+        places.append((end_x + tip / 2, 0.0, VENT))
+    holes = []
+    for x, z, half_side in places:  # square ones, whose flat faces have no corners that hold
+        box = Box((x - half_side, y, z - half_side), (2 * half_side, form.wall, 2 * half_side))
+        holes.append(solid_box(occ, box, Draft(min(form.leaning.slope, half_side / 2 / form.wall), y), -1.0))
+    return holes
+
+
+def _bored(occ: Any, lid: Solids, silicone: Solids, holes: Solids) -> tuple[Solids, Solids]:
+    """A lid with holes, and the silicone with what fills them."""
+    if not holes:
+        return lid, silicone
+    return occ.cut(lid, holes, removeTool=False)[0], occ.fuse(silicone, holes)[0]
+
+
+def _bounds(occ: Any, solids: Solids) -> tuple[list[float], list[float]]:
+    """Smallest and largest coordinates of solids [mm], which OpenCASCADE gives with some room of 1e-7."""
+    boxes = [[round(value, 6) for value in occ.getBoundingBox(*solid)] for solid in solids]
+    return [min(box[axis] for box in boxes) for axis in range(3)], [
+        max(box[axis + 3] for box in boxes) for axis in range(3)
+    ]
+
+
+def _volume(occ: Any, solids: Solids) -> float:
+    return float(sum(occ.getMass(*solid) for solid in solids))
+
+
+# The files of a mould: STEP and STL of every part and of the body that comes out of it, and a record of them.
+
+FORM = {"wall": 6.0, "draft": 1.0, "printable": 1.0, "parting": None}
+"""How a mould is made unless something else is asked for: thickness around the silicone [mm], angle by which faces lean
+[degrees], least thickness that can be printed [mm], and, of a negative, its parting plane."""
+THINNEST, THICKEST, STEEPEST = 5.0, 50.0, 10.0
+"""Bounds of the wall [mm], in which pegs have room, and of the draft [degrees]."""
+
+
+def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
+    """Write the mould of a finger, or the negative of any other body, and `mould.json`.
+
+    Args:
+        job: the body.
+        folder: where the files go; it must exist.
+        form: values that differ from FORM.
+
+    Raises:
+        MeshError: something in the tables or the form is not valid, or OpenCASCADE fails.
+        PluginError: the plug-in of the kind failed.
+    """
+    given, form = form, {**FORM, **form}
+    name = job.file.stem
+    geometry = make_geometry(job.kind, job.tables, job.file)
+    for key, low, high in (("wall", THINNEST, THICKEST), ("draft", 0.0, STEEPEST), ("printable", 0.0, THICKEST)):
+        if not low <= form[key] <= high:
+            raise MeshError(f"--{key} {form[key]:g}: must be from {low:g} to {high:g}")
+    (folder / RECORD).unlink(missing_ok=True)  # never beside files that it does not describe
+    if isinstance(geometry, PneunetFinger):
+        if form["parting"] is not None:
+            raise MeshError(f"--parting {form['parting']}: a finger is parted where its channel ends; leave it out")
+        casts = _finger_casts(geometry, job.file, folder, form)
+        record = {"kind": "mould", "draft_degrees": form["draft"]}
+    else:
+        if "draft" in given:
+            raise MeshError(f"--draft {form['draft']:g}: a negative has none; leave it out")
+        outside, corners, voids = outside_of(geometry, str(job.file))
+        plane = find_plane(corners, form["parting"])
+        cast = write_assembly(lambda gmsh: negative(gmsh, outside, plane, form["wall"]), folder, f"{name}-negative")
+        casts = [{"name": f"{name}-negative", **cast, "voids_mm3": voids}]
+        record = {"kind": "negative", "parting": f"{'xyz'[plane[0]]} = {plane[1] + 0.0:g}"}
+    sizes = {"wall_mm": form["wall"], "printable_mm": form["printable"]}
+    write_record({"name": name, **record, **sizes, "casts": casts}, folder / RECORD)
+
+
+def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: Mapping[str, Any]) -> list[Any]:
+    """Write the finger as it is cast, and the moulds of its two parts."""
+    name = file.stem
+    form = FingerForm(geometry.table, settings["wall"], settings["draft"], str(file))
+    with gmsh_session(name) as gmsh:
+        cast_finger(gmsh.model.occ, form, parted=True)
+        write_step(gmsh, folder / f"{name}.step")
+    with gmsh_session(name) as gmsh:
+        for _, solid in cast_finger(gmsh.model.occ, form, parted=False):  # otherwise the void would be inside out
+            gmsh.model.mesh.setOutwardOrientation(solid)
+        triangulate(gmsh)
+        gmsh.option.setNumber("Mesh.Binary", 1)
+        gmsh.write(str(folder / f"{name}.stl"))
+    casts = []
+    for part, build in (("upper", upper_cast), ("layer", layer_cast)):
+        cast = write_assembly(partial(build, form=form), folder, f"{name}-{part}")
+        casts.append({"name": f"{name}-{part}", **cast, "voids_mm3": []})
+    return casts

@@ -1,1 +1,0 @@
-"""The quality of a mesh: measured, compared with limits, and shown."""

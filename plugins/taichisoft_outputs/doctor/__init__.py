@@ -1,1 +1,0 @@
-"""Whether this machine has what taichisoft needs."""

@@ -1,1 +1,0 @@
-"""`taichisoft materials`: laws of rubber fitted to tension tests, listed and drawn."""

@@ -1,0 +1,366 @@
+"""The command `taichisoft recording export`: VTU files for ParaView."""
+
+import zlib
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import typer
+
+from taichisoft.base import atomic_file, say
+from taichisoft.errors import TaichisoftError
+from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Plane, Stretches
+from taichisoft_outputs.drawing.stage import square_of_plane
+from taichisoft_outputs.recording.reader import RecordedSurface, Recording
+from taichisoft_outputs.stress import recorded_stress, von_mises
+
+# Writing VTK's XML files for ParaView: unstructured grids (.vtu) and lists of such files with times (.pvd).
+#
+# Arrays are compressed with zlib and stand as base64 in their elements (https://docs.vtk.org, "XML File Formats"). Raw
+# bytes behind the XML would be smaller by a quarter, but meshio cannot read these with Python from 3.13.4 on.
+
+CELL_TYPES = {1: 1, 2: 3, 3: 5, 4: 10, 10: 24}
+"""VTK's numbers of vertex, line, triangle, tetrahedron and quadratic tetrahedron, by their numbers of points."""
+
+BLOCK_BYTES = 1 << 20
+"""VTK packs arrays in blocks of this size before compression."""
+
+COMPONENTS = {3: ("X", "Y", "Z"), 6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}
+"""Names in ParaView of the components of vectors and symmetric tensors."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points and cells with data on them.
+
+    Attributes:
+        points: positions, shape (point_count, 3).
+        cells: point indices of cells of one type after the other, each of shape (count, points_per_cell).
+        point_data: arrays by name, each (point_count,) or (point_count, components).
+        cell_data: arrays by name, each (cell_count,) or (cell_count, components).
+    """
+
+    points: np.ndarray
+    cells: Sequence[np.ndarray]
+    point_data: Mapping[str, np.ndarray] = field(default_factory=dict)
+    cell_data: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def write_vtu(path: Path, grid: Grid) -> None:
+    """Write a grid; real numbers get single precision, all others keep their type. The file's folder is made.
+
+    Raises:
+        TaichisoftError: the file cannot be written.
+    """
+    points = np.concatenate([np.full(len(cells), cells.shape[1], dtype=np.int64) for cells in grid.cells])
+    types = np.concatenate([np.full(len(cells), CELL_TYPES[cells.shape[1]], dtype=np.uint8) for cells in grid.cells])
+    connectivity = np.concatenate([cells.astype(np.int64).ravel() for cells in grid.cells])
+    cells = {"connectivity": connectivity, "offsets": np.cumsum(points), "types": types}
+    content = [
+        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(types)}">',
+        *_section("PointData", grid.point_data),
+        *_section("CellData", grid.cell_data),
+        *_section("Points", {"Points": grid.points}),
+        *_section("Cells", cells),
+        "</Piece>",
+    ]
+    _write(path, "UnstructuredGrid", content, ' header_type="UInt64" compressor="vtkZLibDataCompressor"')
+
+
+def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
+    """Write the list that ParaView opens: times [s] and files, which are named relative to the list's folder.
+
+    Raises:
+        TaichisoftError: the file cannot be written.
+    """
+    named = [(time, quoteattr(file.relative_to(path.parent).as_posix())) for time, file in files]
+    _write(path, "Collection", [f'<DataSet timestep="{time:.12g}" part="0" file={name}/>' for time, name in named])
+
+
+def _write(path: Path, kind: str, content: Sequence[str], attributes: str = "") -> None:
+    """Write a file of a kind of data set."""
+    begin = f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian"{attributes}>'
+    with atomic_file(path) as partial:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lines = [begin, f"<{kind}>", *content, f"</{kind}>", "</VTKFile>", ""]
+        partial.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _section(tag: str, arrays: Mapping[str, np.ndarray]) -> list[str]:
+    """The element `tag` with its arrays."""
+    return [f"<{tag}>", *(_element(name, values) for name, values in arrays.items()), f"</{tag}>"]
+
+
+def _element(name: str, values: np.ndarray) -> str:
+    if values.dtype.kind == "b":
+        values = values.astype(np.uint8)
+    elif values.dtype.kind == "f":
+        values = values.astype(np.float32)
+    type_name = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
+    attributes = [f'type="{type_name}"', f"Name={quoteattr(name)}"]
+    if values.ndim == 2:
+        components = enumerate(COMPONENTS[values.shape[1]])
+        attributes.append(f'NumberOfComponents="{values.shape[1]}"')
+        attributes += [f'ComponentName{index}="{component}"' for index, component in components]
+    content = _packed(values.astype(values.dtype.newbyteorder("<")).tobytes())
+    return f'<DataArray {" ".join(attributes)} format="binary">{content}</DataArray>'
+
+
+def _packed(content: bytes) -> str:
+    """Number of blocks, block size, size of a smaller last block or 0, compressed sizes; then the blocks."""
+    blocks = [zlib.compress(content[start : start + BLOCK_BYTES], 1) for start in range(0, len(content), BLOCK_BYTES)]
+    header = [len(blocks), BLOCK_BYTES, len(content) % BLOCK_BYTES, *map(len, blocks)]
+    return (b64encode(np.array(header, dtype="<u8").tobytes()) + b64encode(b"".join(blocks))).decode()
+
+
+# Grids of a frame for ParaView: soft bodies, cavities, cables, surfaces of the other bodies, and contacts.
+#
+# `body` numbers the bodies in the order of the scene: soft bodies, rigid bodies, obstacles. Quantities have units in
+# their names, as columns of `run.csv` have.
+
+PLANE_SIZE = 4.0
+"""Half the side of the square that stands for a plane, in radii of the bodies [-]."""
+ROWS, COLUMNS = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
+"""Rows and columns of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz."""
+
+NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
+
+GridMaker = Callable[[int], Grid]
+"""Makes the grid of a frame."""
+
+
+def grid_makers(recording: Recording) -> dict[str, GridMaker]:
+    """The functions that make the grids of a frame, by the names of the grids; only those that show something."""
+    scene = recording.scene
+    makers: dict[str, GridMaker] = {}
+    if recording.soft_bodies:
+        makers["soft_bodies"] = _soft_bodies(recording)
+    for kind in ACTUATOR_KINDS:
+        actuators = recording.actuators.names_of(kind)
+        walls = [surface for surface in recording.surfaces if surface.kind == kind.name]
+        if walls:
+            columns = {figure.name: _named(figure) for figure in kind.measured if figure.recorded}
+            makers[kind.plural] = _surfaces(recording, walls, kind.name, actuators, columns)
+        elif actuators and kind.drawn == "lines":
+            makers[kind.plural] = _lines(recording, kind)
+    others = [surface for surface in recording.surfaces if surface.kind in ("rigid", "obstacle")]
+    others += [_square(plane, recording) for plane in recording.planes]
+    if others:
+        names = [*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles]
+        makers["rigid_bodies"] = _surfaces(recording, others, "body", names)
+    makers["contacts"] = lambda frame: _contacts(*recording.contacts(frame))
+    return makers
+
+
+def _soft_bodies(recording: Recording) -> GridMaker:
+    """The elements of all soft bodies, with curved sides where they have ten nodes: their motion, stress, material."""
+    bodies = recording.soft_bodies
+    stresses = recorded_stress(recording)
+    stretches = [Stretches(body.rest_position, body.elements) for body in bodies]
+    material = np.concatenate([body.material for body in bodies])
+    rest_position = np.vstack([body.rest_position for body in bodies])
+    cells = [body.elements + body.nodes.start for body in bodies]
+    # Soft bodies are the first of all bodies, so that their places are their numbers.
+    numbers = np.arange(len(bodies), dtype=np.int32)
+    first_node = np.cumsum([0, *(len(body.rest_position) for body in bodies)])
+    first_cell = np.cumsum([0, *(len(body.elements) for body in bodies)])
+    point_groups = [(first, body.surface_groups.items()) for first, body in zip(first_node, bodies, strict=False)]
+    cell_groups = [(first, body.element_groups.items()) for first, body in zip(first_cell, bodies, strict=False)]
+    names = _material_names(recording)
+    of_material = [(0, [(name, np.flatnonzero(material == column))]) for column, name in enumerate(names)]
+    points = {"body": np.repeat(numbers, np.diff(first_node)), **_members("surface", first_node[-1], point_groups)}
+    fixed = {
+        "body": np.repeat(numbers, np.diff(first_cell)),
+        **_members("group", first_cell[-1], cell_groups),
+        **_members("material", first_cell[-1], of_material),
+    }
+
+    def grid(frame: int) -> Grid:
+        position = recording.row("position", frame)
+        # A quadratic element is `parts` tetrahedra, each with a stress and a stretch.
+        parted = [one.reshape(-1, body.parts, 3, 3) for one, body in zip(stresses(frame), bodies, strict=True)]
+        stress = np.concatenate([one.mean(axis=1) for one in parted])
+        largest = [
+            one.largest(position[body.nodes]).reshape(-1, body.parts).max(axis=1)
+            for one, body in zip(stretches, bodies, strict=True)
+        ]
+        moving = {"displacement [mm]": position - rest_position, "velocity [mm/s]": recording.velocity(frame)}
+        present = {
+            "stress [kPa]": stress[:, ROWS, COLUMNS],
+            "von_mises [kPa]": von_mises(stress),
+            "largest_stretch": np.concatenate(largest),
+            "young_modulus [kPa]": recording.row("young_modulus", frame)[material],
+        }
+        return Grid(position, cells, moving | points, present | fixed)
+
+    return grid
+
+
+def _material_names(recording: Recording) -> list[str]:
+    """What each column of `young_modulus` is made of: the silicone's name, or that of the body or region."""
+    settings = [one for body in recording.soft_bodies for one in recording.scene.soft_bodies[body.name].materials]
+    named = zip(settings, recording.materials, strict=True)
+    return [column if one.material is None else one.material.name for one, column in named]
+
+
+def _members(
+    prefix: str, count: int, groups: Iterable[tuple[int, Iterable[tuple[str, np.ndarray]]]]
+) -> dict[str, np.ndarray]:
+    """Whether each of `count` items belongs to a group, by "prefix_group".
+
+    Args:
+        prefix: beginning of the names.
+        count: number of items of all bodies.
+        groups: of each body the number of its first item, and names and items, counted from that, of its groups.
+    """
+    members: dict[str, np.ndarray] = {}
+    for first, of_body in groups:
+        for name, items in of_body:
+            members.setdefault(f"{prefix}_{name}", np.zeros(count, dtype=bool))[first + np.ravel(items)] = True
+    return members
+
+
+def _surfaces(
+    recording: Recording,
+    surfaces: Sequence[RecordedSurface],
+    kind: str,
+    names: Sequence[str],
+    columns: Mapping[str, str] = NO_COLUMNS,
+) -> GridMaker:
+    """Several surfaces as triangles.
+
+    Args:
+        recording: the recording of the surfaces.
+        surfaces: surfaces, each with one of the names.
+        kind: name of the cell data with the index of the surface's name.
+        names: names in the order in which they are numbered.
+        columns: columns of the recording with a value for each name, and what they are called as cell data.
+    """
+    indices = np.array([names.index(surface.name) for surface in surfaces], dtype=np.int32)
+    numbers = np.repeat(indices, [len(surface.triangles) for surface in surfaces])
+
+    def grid(frame: int) -> Grid:
+        vertices = [surface.vertices(frame) for surface in surfaces]
+        first = np.cumsum([0, *map(len, vertices)])
+        cells = [surface.triangles + start for surface, start in zip(surfaces, first, strict=False)]
+        values = {shown: recording.row(name, frame)[numbers] for name, shown in columns.items()}
+        return Grid(np.vstack(vertices), cells, cell_data={kind: numbers, **values})
+
+    return grid
+
+
+def _lines(recording: Recording, kind: ActuatorKind) -> GridMaker:
+    """Actuators as lines from point to point, with the effort along each line, and the coordinate of its actuator."""
+    counts = [len(line.owner) for line in recording.lines(kind)]
+    after = np.arange(sum(counts))
+    after = np.delete(after, np.cumsum([0, *counts[:-1]]))  # no cell leads to the first point of a line
+    cells = np.stack([after - 1, after], axis=1)
+    numbers = np.repeat(np.arange(len(counts), dtype=np.int32), np.array(counts) - 1)
+
+    def grid(frame: int) -> Grid:
+        cell_data = {kind.name: numbers, _named(kind.effort): np.concatenate(recording.segment_efforts(kind, frame))}
+        if kind.coordinate.observed:
+            cell_data[_named(kind.coordinate)] = recording.row(kind.coordinate.name, frame)[numbers]
+        return Grid(np.vstack(recording.line_points(kind, frame)), [cells], cell_data=cell_data)
+
+    return grid
+
+
+def _contacts(points: np.ndarray, forces: np.ndarray) -> Grid:
+    """A vertex at each contact [mm], with the force [mN] on the second body of its pair."""
+    return Grid(points, [np.arange(len(points))[:, None]], point_data={"force [mN]": forces})
+
+
+def _named(figure: Any) -> str:
+    """The name of a quantity of an actuator, with its unit."""
+    return f"{figure.name} [{figure.unit}]"
+
+
+def _square(plane: Plane, recording: Recording) -> RecordedSurface:
+    """A piece of an infinite plane, large enough to be seen below everything; its front is that of the plane."""
+    everything = np.vstack([surface.vertices(0) for surface in recording.surfaces])
+    corners, triangles = square_of_plane(plane, everything, [], PLANE_SIZE)
+    return RecordedSurface(plane.name, "obstacle", triangles, lambda frame: corners)
+
+
+# Exporting a recording to ParaView, frame by frame.
+
+
+class ExportError(TaichisoftError):
+    """A recording cannot be exported as asked."""
+
+
+def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> list[Path]:
+    """Write a .vtu file per frame and grid, and for each grid the .pvd file that ParaView opens.
+
+    Args:
+        recording: the recording that has the frames.
+        frames: indices in the order of time; an iterator may show progress.
+        folder: gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
+
+    Returns:
+        The .pvd files.
+
+    Raises:
+        TaichisoftError: a file cannot be written.
+    """
+    makers = grid_makers(recording)
+    times = recording.times
+    written: dict[str, list[tuple[float, Path]]] = {name: [] for name in makers}
+    try:
+        for frame in frames:
+            for name, make in makers.items():
+                path = folder / name / f"{frame:05d}.vtu"
+                write_vtu(path, make(frame))
+                written[name].append((float(times[frame]), path))
+    finally:  # complete files can be opened also after a full disk or an interruption
+        for name, files in written.items():
+            write_pvd(folder / f"{name}.pvd", files)
+    return [folder / f"{name}.pvd" for name in makers]
+
+
+def chosen_frames(recording: Recording, every: int | None, times: Sequence[float] | None) -> list[int]:
+    """Frames to export, in the order of time: the nearest to `times` [s], or each `every`-th since the last start.
+
+    Raises:
+        ExportError: both are given, or `every` is not positive.
+        RecordingError: a time was not recorded.
+    """
+    if times:
+        if every is not None:
+            raise ExportError("--every and --time choose frames in two ways; give one of them")
+        return sorted({recording.frame_at(time) for time in times})
+    if every is not None and every < 1:
+        raise ExportError(f"--every {every}: must be 1 or more; 10 takes each tenth recorded frame")
+    return list(range(recording.last_start, recording.frame_count, every or 1))
+
+
+# The command `taichisoft recording export`.
+
+
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the files  \\[default: vtu, beside RUN]")
+    ] = None,
+    every: Annotated[int | None, typer.Option(metavar="N", help="Each N-th recorded frame  \\[default: 1]")] = None,
+    time: Annotated[list[float] | None, typer.Option(help="The frame nearest to this time \\[s] (repeatable).")] = None,
+) -> None:
+    """Write the frames of a recording for ParaView."""
+    from rich.console import Console  # --help need not wait for any of these
+    from rich.progress import track
+
+    from taichisoft_outputs.recording.reader import read_recording
+
+    with read_recording(run) as recording:
+        frames = chosen_frames(recording, every, time)
+        if recording.last_start and not time:
+            typer.echo(f"the run was restarted; only frames after the last start are exported ({len(frames)} frames)")
+        shown = track(frames, description=f"exporting {len(frames)} frames", console=Console(stderr=True))
+        for path in export_vtu(recording, shown, output or run.parent / "vtu"):
+            say(path)

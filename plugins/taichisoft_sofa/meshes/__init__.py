@@ -1,1 +1,0 @@
-"""Mesh files, read and transformed as by SOFA's loaders."""

@@ -1,0 +1,336 @@
+"""`taichisoft characterise`: how far a finger bends, and how hard it presses."""
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+import taichisoft
+from taichisoft import Scene
+from taichisoft.base import atomic_file, say
+from taichisoft.control import Control, Fingertips
+from taichisoft.scene import scene_to_toml
+from taichisoft_outputs.html_template import render, svg_element
+from taichisoft_outputs.plots import Panel, PlotCurve, draw_figure, figure_bytes
+from taichisoft_studies.errors import StudyError
+
+# What a finger can do: how far it bends by its pressure, and how hard it presses where it is held up.
+
+BLOCK = "characteristics-block"
+"""Name of the obstacle that holds up the tip."""
+BLOCK_SIZE = 3.0
+"""Width of the block, in radii of the tip [-]."""
+
+
+@dataclass(frozen=True)
+class Characteristics:
+    """Curves of a finger at rest under a number of pressures.
+
+    Attributes:
+        pressures: of all its cavities [kPa], shape (pressure_count,).
+        bending: angle by which the tip has turned [degrees], shape (pressure_count,).
+        way: way of the tip along its path [mm], shape (pressure_count,).
+        volumes: of all its cavities together [mm^3], shape (pressure_count,).
+        blocked: numbers of the pressures whose bends a block holds, shape (bend_count,).
+        forces: normal force on the block [mN], shape (bend_count, pressure_count); NaN below the pressure of the bend.
+    """
+
+    pressures: np.ndarray
+    bending: np.ndarray
+    way: np.ndarray
+    volumes: np.ndarray
+    blocked: np.ndarray
+    forces: np.ndarray
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        """Force on a block for each millimetre by which it holds the tip back [mN/mm], shape (pressure_count,).
+
+        It is the secant from the free bend to the nearest bend that a block holds; NaN where none is less.
+        """
+        result = np.full(len(self.pressures), np.nan)
+        for number in range(len(self.pressures)):
+            before = [row for row, held in enumerate(self.blocked) if held < number]
+            if before:
+                row = before[-1]
+                result[number] = self.forces[row, number] / (self.way[number] - self.way[self.blocked[row]])
+        return result
+
+
+def find_characteristics(
+    scene: Scene,
+    body: str | None,
+    pressures: Sequence[float],
+    bends: int,
+    done: Callable[[str], None] = lambda line: None,
+) -> Characteristics:
+    """Find the equilibria of a finger, free and against blocks: without inertia, so without a time to wait for.
+
+    Rigid bodies, obstacles and other soft bodies of the scene are left out; its gravity stays. A block is a box across
+    the path of the tip, where it touches the tip at one of the pressures, and stays there for the higher ones.
+
+    Args:
+        scene: the scene.
+        body: name of the finger; None for the only one, or the first.
+        pressures: pressures from 0, all rising or all falling [kPa].
+        bends: number of bends that are held, from the first pressure on, evenly spaced.
+        done: called with "" for each equilibrium that is found; `equilibrium_count` says of how many.
+
+    Raises:
+        StudyError: the scene has no such body, or it has no cavities or no tip, or its limits forbid a pressure.
+        EquilibriumNotFound: a pressure cannot be carried.
+    """
+    name = body or next(iter(scene.soft_bodies), "")
+    if name not in scene.soft_bodies or not scene.soft_bodies[name].cavities:
+        known = [one for one, settings in scene.soft_bodies.items() if settings.cavities]
+        raise StudyError(f"--body {name}: no soft body with a cavity is called so; there are: {', '.join(known)}")
+    alone = scene.model_copy(
+        update={
+            "soft_bodies": {name: scene.soft_bodies[name]},
+            "rigid_bodies": {},
+            "obstacles": {},
+            "external_forces": [],
+            "goal": None,
+        }
+    )
+    cavities = [f"{name}.{cavity}" for cavity in scene.soft_bodies[name].cavities]
+    held = _held(len(pressures), bends)
+    free = taichisoft.Simulation(alone)
+    found_tips = Fingertips(free.model.soft_bodies, free.model.frames).nodes
+    if not found_tips:
+        raise StudyError(f"soft_bodies.{name}: has no tip, since it has neither anchors nor `tip`")
+    (nodes,), states, seen = found_tips, [], []
+    for pressure in pressures:
+        found = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
+        actual = found.observation.truth.pressures
+        wrong = next((one for one in cavities if abs(actual[one] - pressure) > 1e-6 * abs(pressure)), None)
+        if wrong is not None:
+            raise StudyError(f"{pressure:g} kPa: the scene's limits hold '{wrong}' at {actual[wrong]:g} kPa")
+        free.restore(found.state)
+        states.append(found.state)
+        seen.append(found.observation.truth)
+        done("")
+    tips = np.array([one.tip_positions[name] for one in seen])
+    steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+    if not (steps > 0.0).all():
+        raise StudyError(f"soft_bodies.{name}: its tip does not move under pressure, so nothing can hold it up")
+    along = np.gradient(tips, axis=0)
+    forces = np.full((len(held), len(pressures)), np.nan)
+    for row, first in enumerate(held):
+        forces[row, first] = 0.0
+        block = _block(states[first].position, nodes, along[first], scene.contact.contact_distance)
+        against = {**alone.model_dump(exclude_none=True), "obstacles": {BLOCK: block}}
+        blocked = taichisoft.Simulation(taichisoft.scene_from_dict(against))
+        blocked.restore(states[first])
+        for number in range(first + 1, len(pressures)):
+            found = taichisoft.equilibrium(blocked, Control(pressure=dict.fromkeys(cavities, pressures[number])))
+            blocked.restore(found.state)
+            forces[row, number] = found.observation.truth.normal_forces.get((name, BLOCK), 0.0)
+            done("")
+    bending = np.degrees([one.bending_angles[name] for one in seen])
+    volumes = np.array([sum(one.volumes[cavity] for cavity in cavities) for one in seen])
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    return Characteristics(np.array(pressures), bending, way, volumes, held, forces)
+
+
+def equilibrium_count(pressures: int, bends: int) -> int:
+    """How many equilibria are searched for so many pressures and bends."""
+    return pressures + int((pressures - 1 - _held(pressures, bends)).sum())
+
+
+def _held(pressures: int, bends: int) -> np.ndarray:
+    return np.unique(np.linspace(0, pressures - 2, bends).astype(int))
+
+
+def _block(position: np.ndarray, nodes: np.ndarray, along: np.ndarray, distance: float) -> dict[str, Any]:
+    """The table of an obstacle: a box a contact's distance before the tip, its face across the tip's direction."""
+    from scipy.spatial.transform import Rotation
+
+    direction = along / np.linalg.norm(along)
+    middle = position[nodes].mean(axis=0)
+    size = BLOCK_SIZE * float(np.linalg.norm(position[nodes] - middle, axis=1).max())
+    offset = position - middle
+    beside = np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1)
+    reach = float((offset @ direction)[beside < size].max()) + distance
+    centre = middle + (reach + size / 2) * direction
+    rotation, _ = Rotation.align_vectors([direction], [[1.0, 0.0, 0.0]])
+    angles = rotation.as_euler("xyz", degrees=True).tolist()
+    return {"box": [size, size, size], "rotation": angles, "translation": centre.tolist()}
+
+
+# The characteristics of a finger for people: a table, curves, and a page.
+
+TEMPLATE = Path(__file__).with_name("characteristics.html")
+TABLE, PICTURE, PAGE = "characteristics.csv", "characteristics.png", "datasheet.html"
+PRESSURE = "pressure [kPa]"
+SECOND = ", second mesh"
+"""Ends the names of what was found on the other mesh."""
+
+
+def write_datasheet(
+    folder: Path, scene: Scene, first: Characteristics, second: Characteristics | None, change: str
+) -> list[Path]:
+    """Write the table, the picture and the page of a finger's characteristics, and return their paths.
+
+    Args:
+        folder: where they are written.
+        scene: the scene.
+        first: what was found.
+        second: what was found on another mesh, whose difference tells the error; None without one.
+        change: how the other mesh differs; "" without one.
+
+    Raises:
+        StudyError: a file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = _columns(first)
+    if second is not None:
+        columns |= {f"{name}{SECOND}": values for name, values in _columns(second).items() if name != PRESSURE}
+    rows = [[_text(value) for value in row] for row in zip(*columns.values(), strict=True)]
+    with atomic_file(folder / TABLE, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([list(columns), *rows])
+    figure = draw_figure(_panels(first, second), ["", SECOND])
+    with atomic_file(folder / PICTURE, StudyError) as partial:
+        partial.write_bytes(figure_bytes(figure, "png"))
+    last = first.pressures[-1]
+    page = render(
+        TEMPLATE,
+        title=f"{scene.title or 'finger'}: characteristics",
+        status=f"at rest under pressures from 0 to {last:g} kPa, free and held up by blocks",
+        headlines=[
+            (f"bending at {last:g} kPa", f"{first.bending[-1]:.3g} degrees"),
+            (f"force of the straight finger at {last:g} kPa", f"{first.forces[0, -1]:.3g} mN"),
+            (f"stiffness of the tip at {last:g} kPa", f"{first.stiffness[-1]:.3g} mN/mm"),
+            ("air to be let in", f"{(first.volumes[-1] - first.volumes[0]) / 1e3:.3g} cm³"),
+        ],
+        plots=svg_element(figure_bytes(figure, "svg").decode()),
+        columns=list(columns),
+        rows=rows,
+        trust=trust_line(first, second, change),
+        scene=scene_to_toml(scene),
+    )
+    with atomic_file(folder / PAGE, StudyError) as partial:
+        partial.write_text(page, encoding="utf-8")
+    return [folder / name for name in (TABLE, PICTURE, PAGE)]
+
+
+def trust_line(first: Characteristics, second: Characteristics | None, change: str) -> str:
+    """How much another mesh changes, which is about the error of the first one where the other is finer."""
+    if second is None:
+        return "There is no second mesh, so nothing is known of the error of this one."
+    bend = _largest_difference(first.bending, second.bending)
+    force = _largest_difference(first.forces, second.forces)
+    return (
+        f"With {change}, bending differs by up to {100 * bend:.1f} % of its largest value, and forces by up to "
+        f"{100 * force:.1f} %."
+    )
+
+
+def _largest_difference(first: np.ndarray, second: np.ndarray) -> float:
+    return float(np.nanmax(np.abs(second - first)) / np.nanmax(np.abs(second)))
+
+
+def _columns(found: Characteristics) -> dict[str, np.ndarray]:
+    held = {
+        f"force held at {found.pressures[number]:g} kPa [mN]": forces
+        for number, forces in zip(found.blocked, found.forces, strict=True)
+    }
+    free = {"bending [degrees]": found.bending, "way of the tip [mm]": found.way, "volume [cm³]": found.volumes / 1e3}
+    return {PRESSURE: found.pressures, **free, **held, "stiffness [mN/mm]": found.stiffness}
+
+
+def _text(value: float) -> str:
+    return "" if np.isnan(value) else f"{round(float(value), 6) + 0.0:.5g}"
+
+
+def _panels(first: Characteristics, second: Characteristics | None) -> list[Panel]:
+    meshes = [("", first), *([(SECOND, second)] if second is not None else [])]
+
+    def panel(y_axis: str, curves: list[tuple[str, np.ndarray, np.ndarray]], x_axis: str = PRESSURE) -> Panel:
+        made = [
+            PlotCurve(label, SECOND if label.endswith(SECOND) else "", x, y, np.arange(len(x), dtype=float))
+            for label, x, y in curves
+        ]
+        return Panel(x_axis, y_axis, made)
+
+    return [
+        panel("bending angle [degrees]", [(f"free{of}", one.pressures, one.bending) for of, one in meshes]),
+        panel(
+            "force on the block [mN]",
+            [
+                (f"held at {one.bending[number]:.3g} degrees, {one.pressures[number]:g} kPa{of}", one.pressures, forces)
+                for of, one in meshes
+                for number, forces in zip(one.blocked, one.forces, strict=True)
+            ],
+        ),
+        panel("stiffness of the tip [mN/mm]", [(f"secant{of}", one.pressures, one.stiffness) for of, one in meshes]),
+        panel(
+            f"force at {first.pressures[-1]:g} kPa [mN]",
+            [
+                (
+                    f"over its bend{of}",
+                    np.append(one.bending[one.blocked], one.bending[-1]),
+                    np.append(one.forces[:, -1], 0.0),
+                )
+                for of, one in meshes
+            ],
+            "bend at which the tip is held [degrees]",
+        ),
+    ]
+
+
+def characterise(
+    scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped one, with a finger.")],
+    pressure: Annotated[float, typer.Option(help="Last pressure \\[kPa]; below 0 it is suction.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the results  \\[default: out/SCENE-characteristics]"),
+    ] = None,
+    body: Annotated[str | None, typer.Option(help="The finger  \\[default: the first soft body]")] = None,
+    steps: Annotated[int, typer.Option(min=2, max=200, help="Steps of pressure.")] = 8,
+    bends: Annotated[
+        int, typer.Option(min=1, max=50, help="Bends at which a block holds the tip, at most one for each step.")
+    ] = 3,
+    set: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="Override a value (repeatable).")] = None,
+    second: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="What differs on a second mesh, for the error (repeatable)  \\[default: a finer one, if known]",
+        ),
+    ] = None,
+) -> None:
+    """Find a finger's free bending, blocked force and stiffness over its pressure: table, plot and datasheet."""
+    import math  # --help need not wait for any of these
+
+    import numpy as np
+    from rich.console import Console
+
+    from taichisoft import load_scene
+    from taichisoft.running import warnings_printed_to
+    from taichisoft_studies.converge import finer_meshes
+    from taichisoft_studies.errors import StudyError
+    from taichisoft_studies.study_options import progress_bar
+
+    if not (math.isfinite(pressure) and pressure != 0.0):
+        raise StudyError(f"--pressure {pressure:g}: must be a number of kPa other than 0")
+    pressures = np.linspace(0.0, pressure, steps + 1).tolist()
+    loaded = load_scene(scene, set or ())
+    if pressure < -loaded.atmosphere:
+        raise StudyError(f"--pressure {pressure:g}: must be at least the vacuum's {-loaded.atmosphere:g} kPa")
+    console, found = Console(), []
+    with warnings_printed_to(console):
+        changes = second or finer_meshes(loaded, body or next(iter(loaded.soft_bodies), None))[0]
+        for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
+            of_mesh = load_scene(scene, (*(set or ()), *overrides))
+            with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
+                found.append(find_characteristics(of_mesh, body, pressures, bends, advance))
+    other, change = (found[1], ", ".join(changes)) if changes else (None, "")
+    folder = output or Path("out") / f"{Path(scene).stem}-characteristics"
+    say(trust_line(found[0], other, change))
+    for path in write_datasheet(folder, loaded, found[0], other, change):
+        say(path)

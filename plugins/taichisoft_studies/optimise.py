@@ -1,0 +1,472 @@
+"""`taichisoft study optimise`: the values that make a figure of a run largest or smallest."""
+
+import csv
+import importlib.util
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from taichisoft.base import atomic_file, extra, require
+from taichisoft.errors import MeshError
+from taichisoft.scene import scene_from_toml
+from taichisoft_meshing.geometry_file import is_geometry, read_tables
+from taichisoft_meshing.mesh_command import merge_tables
+from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_process import write_mould_apart
+from taichisoft_studies import study_options
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.optimiser import (
+    JOURNAL,
+    PARAMETERS,
+    STATUS,
+    VIOLATIONS,
+    Optimisation,
+    best_trials,
+    claim_trial,
+    counted,
+    is_function,
+    nearest_trial,
+    suggest,
+)
+from taichisoft_studies.results_table import result_row
+from taichisoft_studies.run_folder import BEYOND_LAW, COMPLETED, PRUNED, RunJob, read_record
+from taichisoft_studies.scene_sweep import RUNS, checked_record, job_for, make_missing
+from taichisoft_studies.study_file import Expression
+from taichisoft_studies.worker_task import do_run
+from taichisoft_studies.workers import Workers
+
+# The runs of a trial: one, or one of each scene of the optimisation; to objectives and tables they are one record.
+
+RUNS_OF_TRIAL = "runs"
+"""What is noted at a trial: the names of its runs by scene."""
+
+
+@dataclass(frozen=True)
+class TrialRuns:
+    """The jobs of a trial, and what has come of them so far.
+
+    Attributes:
+        jobs: by the name of the scene, which is empty where there is a single one.
+        records: of the runs that have ended, likewise.
+    """
+
+    jobs: Mapping[str, RunJob]
+    records: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The record of the trial, when all its runs have ended."""
+        return joined({scene: self.records[scene] for scene in self.jobs})
+
+    @property
+    def place(self) -> Path | dict[str, Path]:
+        """The folder of the run, or of each run by the name of its scene."""
+        places = {scene: job.place for scene, job in self.jobs.items()}
+        return places.get("", places)
+
+
+def trial_runs(study: Optimisation, parameters: Mapping[str, Any], folder: Path, **others: Any) -> TrialRuns:
+    """The runs of a trial with these values; the arguments as for `sweep_runs.job_for`.
+
+    Raises:
+        SceneError, StudyError: a key or value is not valid; it is named.
+    """
+    by_scene = study.by_scene().items()
+    return TrialRuns({scene: job_for(one, parameters, folder, study.seed, **others) for scene, one in by_scene})
+
+
+def joined(records: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """One record of the records by scene: the metrics by scene, and the status of the run that went worst."""
+    if "" in records:
+        return dict(records[""])
+    ranks = {COMPLETED: 2, BEYOND_LAW: 1}
+    scene, worst = min(records.items(), key=lambda item: ranks.get(item[1]["status"], 0))
+    return {
+        "run": "+".join(record["run"] for record in records.values()),
+        "parameters": worst["parameters"],
+        "seed": worst["seed"],
+        "status": worst["status"],
+        "message": f"{scene}: {worst['message']}" if worst["message"] else "",
+        "metrics": {scene: record["metrics"] for scene, record in records.items()},
+    }
+
+
+# The objectives and constraints of a run: expressions of its metrics, or functions of a plug-in.
+
+Figure = Callable[[Mapping[str, Any], Any], float]
+"""From the record of a trial and its run's folder (of several runs: the folders by scene) to a number."""
+
+
+def figures(study: Optimisation) -> dict[str, Figure]:
+    """The objectives by name.
+
+    Raises:
+        StudyError: an expression is not valid, or a function cannot be loaded.
+    """
+    return {
+        name: _figure(one.text, f"objectives.{name}.{'maximise' if one.maximise is not None else 'minimise'}")
+        for name, one in study.objectives.items()
+    }
+
+
+def violations(study: Optimisation) -> dict[str, Figure]:
+    """By how much each constraint is missed: not positive where it holds.
+
+    Raises:
+        StudyError: an expression is not valid.
+    """
+    expressions = {name: Expression(text, f"constraints.{name}") for name, text in study.constraints.items()}
+
+    def of(expression: Expression) -> Figure:
+        return lambda record, folder: expression.violation(named_values(record))
+
+    return {name: of(expression) for name, expression in expressions.items()}
+
+
+def named_values(record: Mapping[str, Any]) -> dict[str, Any]:
+    """The names in an expression about a trial: its metrics (of several runs, by scene), and `parameters["KEY"]`."""
+    return {**record["metrics"], PARAMETERS: record["parameters"]}
+
+
+def _figure(text: str, key: str) -> Figure:
+    if is_function(text):
+        return _function(text, key)
+    expression = Expression(text, key)
+    return lambda record, folder: expression(named_values(record))
+
+
+def _function(text: str, key: str) -> Figure:
+    """A function of a Python file, called with parameters, metrics and folder of the run (of several: by scene)."""
+    file, _, name = text.rpartition(":")
+    spec = importlib.util.spec_from_file_location(Path(file).stem, file)
+    if spec is None or spec.loader is None or not Path(file).is_file():
+        raise StudyError(f"{key} = {text!r}: no such file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        function = getattr(module, name)
+    except Exception as error:
+        raise StudyError(f"{key} = {text!r}: cannot be loaded: {type(error).__name__}: {error}") from error
+
+    def call(record: Mapping[str, Any], folder: Any) -> float:
+        try:
+            value = float(function(record["parameters"], record["metrics"], folder))
+        except Exception as error:
+            raise StudyError(f"{key} = {text!r}: {type(error).__name__}: {error}") from error
+        if not math.isfinite(value):
+            raise StudyError(f"{key} = {text!r}: gave {value}, no finite number")
+        return value
+
+    return call
+
+
+# The loop of an optimisation: Optuna proposes values, workers make the runs, and Optuna gets the results.
+
+MESSAGE = "message"
+
+
+def run_trials(
+    study: Optimisation,
+    folder: Path,
+    trials: Any,
+    workers: Workers,
+    done: Callable[[Any, Mapping[str, Any]], None],
+) -> None:
+    """Make trials until there are `study.trials` of them.
+
+    A trial whose run fails, such as one whose geometry cannot be meshed, is a failed trial, and the others go on.
+
+    Args:
+        study: the file.
+        folder: folder of the optimisation.
+        trials: Optuna's study, see `optimiser.open_study`.
+        workers: make the runs, `count` at a time.
+        done: called with each trial and the record of its run.
+
+    Raises:
+        StudyError, SceneError: a key is not valid, or an expression cannot be computed of the first run that completes.
+    """
+    wanted, limits = figures(study), violations(study)
+    running: dict[str, tuple[Any, str, TrialRuns]] = {}
+    while True:
+        while len(running) < workers.count and len(counted(trials)) < study.trials:
+            trial = trials.ask()
+            claim_trial(trial)
+            runs = trial_runs(study, suggest(trial, study.variables), folder, pruning=_pruning(study, folder, trial))
+            trial.set_user_attr(RUNS_OF_TRIAL, {scene: job.name for scene, job in runs.jobs.items()})
+            for scene, job in runs.jobs.items():
+                key = f"trial-{trial.number} {scene}".rstrip()
+                running[key] = trial, scene, runs
+                workers.submit(key, do_run, job.to_json())
+        if not running:
+            return
+        key, answer = workers.next_done()
+        trial, scene, runs = running.pop(key)
+        runs.records[scene] = checked_record(runs.jobs[scene], answer)
+        if len(runs.records) == len(runs.jobs):
+            _tell(study, trials, trial, runs.record, runs.place, wanted, limits)
+            done(trial, runs.record)
+
+
+def trial_rows(study: Optimisation, trials: Any) -> list[dict[str, Any]]:
+    """A row of the table for each trial that has ended: values, metrics, objectives, what misses the constraints."""
+    rows = []
+    for trial in counted(trials):
+        folder, runs = Path(trials.user_attrs["folder"]) / RUNS, trial.user_attrs.get(RUNS_OF_TRIAL, {})
+        found = {scene: read_record(folder / name) for scene, name in runs.items()}
+        records = {scene: one for scene, one in found.items() if one is not None}
+        if not trial.state.is_finished() or not runs or len(records) < len(runs):
+            continue
+        record = joined(records)
+        values = dict(zip(study.objectives, trial.values or (), strict=False))
+        missed = dict(zip(study.constraints, trial.user_attrs.get(VIOLATIONS, ()), strict=False))
+        rows.append(
+            {
+                **result_row(record, f"{RUNS}/{next(iter(runs.values()))}"),
+                "metrics.trial": trial.number,
+                **{f"metrics.objectives.{name}": value for name, value in values.items()},
+                **{f"metrics.violations.{name}": value for name, value in missed.items()},
+            }
+        )
+    return rows
+
+
+def accepted(study: Optimisation, record: Mapping[str, Any]) -> bool:
+    """Whether the figures of a run count: it completed, or went beyond the law of a body where that is allowed."""
+    return record["status"] == COMPLETED or (study.beyond_the_law and record["status"] == BEYOND_LAW)
+
+
+def _pruning(study: Optimisation, folder: Path, trial: Any) -> dict[str, Any] | None:
+    """The settings of `pruning.PruningOutput`."""
+    if study.pruning is None:
+        return None
+    (objective,) = study.objectives.values()
+    return {
+        **study.pruning.model_dump(),
+        "journal": str((folder / JOURNAL).resolve()),
+        "trial": trial._trial_id,
+        "objective": objective.text,
+    }
+
+
+def _tell(
+    study: Optimisation,
+    trials: Any,
+    trial: Any,
+    record: Mapping[str, Any],
+    place: Any,
+    wanted: Mapping[str, Figure],
+    limits: Mapping[str, Figure],
+) -> None:
+    from optuna.trial import TrialState
+
+    trial.set_user_attr(STATUS, record["status"])
+    trial.set_user_attr(MESSAGE, record["message"])
+    if accepted(study, record):
+        try:
+            values = [figure(record, place) for figure in wanted.values()]
+            missed = {name: figure(record, place) for name, figure in limits.items()}
+        except StudyError as error:
+            trial.set_user_attr(MESSAGE, str(error))
+            trials.tell(trial, state=TrialState.FAIL)
+            if not trials.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
+                raise  # it is the expression that is wrong, not this run
+            return
+        trial.set_user_attr(VIOLATIONS, list(missed.values()))
+        for name, value in missed.items():
+            trial.set_constraint(name, value)
+        trials.tell(trial, values)
+    else:
+        trials.tell(trial, state=TrialState.PRUNED if record["status"] == PRUNED else TrialState.FAIL)
+
+
+# The winners of an optimisation: run again on a finer mesh, and drawn as parts that can be made.
+
+WINNERS = "winners.csv"
+
+
+def _nearest(study: Optimisation, trials: Any) -> str:
+    """The trial that misses the constraints by the least, and by how much, in words."""
+    found = nearest_trial(trials)
+    if found is None:
+        return "results.csv says why"
+    missed = zip(study.constraints.items(), found.user_attrs[VIOLATIONS], strict=True)
+    by = ", ".join(f"{name} ({text}) by {value:.4g}" for (name, text), value in missed if value > 0.0)
+    values = value_line(study.objectives, found.values)
+    return f"trial {found.number} is the nearest: {values}, and it misses {by}"
+
+
+def make_winners(
+    study: Optimisation, trials: Any, output: Path, workers: Workers, say: Callable[[str], None]
+) -> list[RunJob]:
+    """Run the best trials again with the changes of `finer`, recorded, and write `winners.csv`.
+
+    Args:
+        study: the file.
+        trials: Optuna's study, see `optimiser.open_study`.
+        output: folder of the optimisation.
+        workers: make the runs.
+        say: called with each line about a winner.
+
+    Returns:
+        The run of each winner, of several scenes the first; the best winner first.
+
+    Raises:
+        StudyError: no trial has completed and satisfies all constraints.
+    """
+    best = best_trials(trials, study.winners)
+    if not best:
+        raise StudyError(f"{output}: no trial has completed and satisfies all constraints; {_nearest(study, trials)}")
+    outputs = tuple(dict.fromkeys((*study.outputs, "recording")))
+    finer = study.model_copy(update={"set": (*study.set, *study.finer), "outputs": outputs})
+    winners = []
+    for trial in best:
+        record = read_record(output / RUNS / next(iter(trial.user_attrs[RUNS_OF_TRIAL].values())))
+        assert record is not None
+        winners.append(trial_runs(finer, record["parameters"], output))
+    unique = {job.name: job for runs in winners for job in runs.jobs.values()}
+    records = {one["run"]: one for one in make_missing(list(unique.values()), workers, lambda job, record: None)}
+    wanted = figures(study)
+    rows = [["trial", *study.variables, *wanted, *(f"{name} finer" for name in wanted), "status", "folder"]]
+    for trial, runs in zip(best, winners, strict=True):
+        runs.records.update({scene: records[job.name] for scene, job in runs.jobs.items()})
+        record, first = runs.record, next(iter(runs.jobs.values()))
+        again: list[Any] = [figure(record, runs.place) for figure in wanted.values()] if accepted(study, record) else []
+        made = value_line(wanted, again) if again else f"{record['status']}: {record['message']}"
+        say(f"best: trial {trial.number}: {value_line(wanted, trial.values)}; made again: {made}")
+        for key, value in first.parameters.items():
+            say(f"  {key} = {value}")
+        cells = [*first.parameters.values(), *trial.values, *(again or [""] * len(wanted))]
+        rows.append(
+            [trial.number, *cells, record["status"], " ".join(f"{RUNS}/{one.name}" for one in runs.jobs.values())]
+        )
+    with atomic_file(output / WINNERS, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(rows)
+    return [next(iter(runs.jobs.values())) for runs in winners]
+
+
+def draw_winner(job: RunJob, folder: Path) -> list[str]:
+    """Write the mould, or negative, of every soft body that is meshed from a geometry file, a folder for each.
+
+    Returns:
+        A line for each body: the folder of its parts, or the reason why there are none.
+    """
+    lines = []
+    for name, body in scene_from_toml(job.scene, job.source).soft_bodies.items():
+        file = Path(body.mesh.file)
+        if is_geometry(body.mesh.file):
+            kind, tables = read_tables(file)
+            try:
+                (folder / name).mkdir(parents=True, exist_ok=True)
+                changed = merge_tables(tables, body.mesh.request.get("set", {}))
+                write_mould_apart(MeshJob(kind, changed, file, {}), folder / name, {})
+                lines.append(f"{name}: mould or negative in {folder / name}; `taichisoft mould check` checks it")
+            except MeshError as error:
+                lines.append(f"{name}: no mould: {error}")
+    return lines
+
+
+def value_line(names: Mapping[str, Any], values: Sequence[float]) -> str:
+    """The objectives of a trial in one line."""
+    return ", ".join(f"{name} {value:.6g}" for name, value in zip(names, values, strict=True))
+
+
+CURVE = "optimisation.png"
+
+
+def optimise(
+    study: Annotated[str, typer.Argument(help="Study file (.toml), or the name of a shipped one.")],
+    output: study_options.Output,
+    trials: Annotated[int | None, typer.Option(help="Number of runs, earlier ones included.")] = None,
+    jobs: study_options.Jobs = None,
+    scheduler: study_options.Scheduler = None,
+    dashboard: study_options.Dashboard = None,
+) -> None:
+    """Search for the best values of keys; started again, also on another machine, it continues the same study."""
+    require("taichisoft study optimise", "distributed", "optuna", "pandas", "pyarrow", install=extra("studies"))
+    from rich.console import Console
+
+    from taichisoft.running import print_line
+    from taichisoft_studies.optimiser import (
+        Optimisation,
+        counted,
+        open_study,
+        take_over_abandoned,
+        take_over_errors,
+        with_function_paths,
+    )
+    from taichisoft_studies.results_table import write_table
+    from taichisoft_studies.study_file import check_study, find_study, read_tables
+
+    path = find_study(study)
+    tables: dict[str, Any] = with_function_paths(read_tables(path), path.parent)
+    study_options.add_cluster(tables, jobs, scheduler, dashboard)
+    study_options.add_plugins(tables)
+    tables |= {"trials": trials} if trials is not None else {}
+    asked = check_study(Optimisation, tables, str(path))
+    study_options.load_plugins(asked)
+    console = Console()
+    made = open_study(asked, output)
+    made.set_user_attr("folder", str(output.resolve()))
+    for count, what in (
+        (take_over_abandoned(made), "of a process that has ended"),
+        (take_over_errors(made), "that ended with an error"),
+    ):
+        if count:
+            print_line(console, f"{count} trials {what} are made again")
+    with study_options.announced_workers(console, asked.cluster, asked.trials, output) as workers:
+        with study_options.progress_bar(console, "trials", asked.trials, len(counted(made))) as advance:
+
+            def done(trial: Any, record: Mapping[str, Any]) -> None:
+                values = made.trials[trial.number].values
+                result = record["status"] if values is None else value_line(asked.objectives, values)
+                advance(f"trial {trial.number}: {result} {record['message']}".rstrip())
+
+            search(asked, output, made, workers, done)
+        rows = trial_rows(asked, made)
+        written = write_table(rows, output)
+        names = [f"{name} [{one.unit}]" if one.unit else name for name, one in asked.objectives.items()]
+        _draw_curve(made, names, output)
+        statuses = Counter(row["status"] for row in rows)
+        print_line(console, ", ".join(f"{count} {status}" for status, count in sorted(statuses.items())))
+        print_line(console, f"results in {written}")
+        winners = make_winners(asked, made, output, workers, lambda line: print_line(console, line))
+    for line in (f"winners in {output / WINNERS}", *draw_winner(winners[0], output / "winner")):
+        print_line(console, line)
+
+
+def _draw_curve(trials: Any, names: list[str], output: Path) -> None:
+    """Draw the objective of every trial, and the best so far among the trials that satisfy all constraints."""
+    import numpy as np
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+    from optuna.study import StudyDirection
+
+    from taichisoft.base import atomic_file
+    from taichisoft_outputs.plots import figure_bytes
+    from taichisoft_studies.optimiser import is_feasible
+
+    ended = [trial for trial in trials.trials if trial.values is not None]
+    if not ended:
+        return
+    feasible = np.array([is_feasible(trial) for trial in ended])
+    numbers, values = np.array([trial.number for trial in ended]), np.array([trial.values for trial in ended])
+    figure = Figure(figsize=(6.0, 2.8 * len(names)), layout="constrained")
+    for index, axes in enumerate(figure.subplots(len(names), 1, squeeze=False)[:, 0]):
+        value, within = values[:, index], values[feasible, index]
+        better = np.maximum if trials.directions[index] == StudyDirection.MAXIMIZE else np.minimum
+        axes.plot(numbers, value, ".", color="#999999", label="trials")
+        axes.plot(numbers[feasible], within, ".", color="#0072b2", label="within the constraints")
+        axes.step(numbers[feasible], better.accumulate(within), where="post", color="#d55e00", label="best so far")
+        axes.set_xlabel("trial")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_ylabel(names[index], parse_math=False)
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, fontsize=8)
+    with atomic_file(output / CURVE, StudyError) as partial:
+        partial.write_bytes(figure_bytes(figure, "png"))

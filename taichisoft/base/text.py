@@ -1,0 +1,79 @@
+"""Text for users: safe on a terminal, warnings that point to the user's line, packages that are missing."""
+
+import sys
+import warnings
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from taichisoft.errors import PackageMissing
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+# Warnings that point to the line of the user's program that led to them, and not to one in here.
+
+_PACKAGES = ("taichisoft", "functools")
+"""All import names of this project begin so; `functools` is between two of them where a value is cached."""
+
+
+def warn_caller(line: str) -> None:
+    """Warn, at the innermost call that no package of this project makes.
+
+    Args:
+        line: what is wrong, where, and what would be right.
+    """
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(_PACKAGES):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(line, stacklevel=level)
+
+
+# Packages that need not be installed: a missing one is one line that says what installs it.
+
+WHOLE = "pip install taichisoft"
+"""Command that installs what an installation of the engine alone has left out."""
+
+
+def extra(name: str) -> str:
+    """The command that installs an extra."""
+    return f"pip install 'taichisoft[{name}]'"
+
+
+def require(what: str, *modules: str, install: str = WHOLE) -> None:
+    """See that modules can be imported, without importing them.
+
+    Args:
+        what: the thing that needs them, which begins the error.
+        modules: import names.
+        install: command that installs them.
+
+    Raises:
+        PackageMissing: one cannot be found.
+    """
+    missing = [module for module in modules if find_spec(module) is None]
+    if missing:
+        are = "is" if len(missing) == 1 else "are"
+        raise PackageMissing(f"{what}: needs {' and '.join(missing)}, which {are} not installed: {install}")
+
+
+# Safe display of external text on a terminal.
+
+
+def printable(text: str) -> str:
+    r"""Write control characters of a text as escapes, such as "\x1b" for terminal commands.
+
+    Characters that change the direction of writing are escaped too, since they make one name look like another.
+    """
+    return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
+
+
+def plain(text: object) -> "Text":
+    """Text for a rich table without markup; rich would interpret a bare "[kPa]" as markup."""
+    from rich.text import Text  # imported here, so that --help need not wait
+
+    return Text(printable(str(text)))
+
+
+def say(line: object) -> None:
+    """Print a line that may contain names or paths, with control characters escaped."""
+    print(printable(str(line)), flush=True)

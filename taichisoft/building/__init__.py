@@ -1,5 +1,0 @@
-"""Construction of scenes, meshes, controllers and outputs by name, through plug-ins."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,0 @@
-"""Sparse Cholesky factorisation on blocks of 3x3."""

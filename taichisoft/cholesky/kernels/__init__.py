@@ -1,1 +1,0 @@
-"""Taichi kernels; see CONTRIBUTING.md for how one is written."""

@@ -1,0 +1,288 @@
+"""The hooks that a plug-in may implement, all of them; the built-in features use the same ones."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pluggy
+
+from taichisoft.errors import PluginError
+from taichisoft.mesh.volume_mesh import VolumeMesh
+
+if TYPE_CHECKING:
+    import typer
+
+    from taichisoft.control.control import Controller
+    from taichisoft.mechanics.state import State
+    from taichisoft.running.session import Output, Session
+    from taichisoft.step.solution import StepReport
+
+# The base class of every geometry that `taichisoft mesh` meshes.
+
+
+class Geometry(ABC):
+    """Base class of bodies that have been described and checked, but not meshed yet; only `mesh` must be written."""
+
+    @property
+    def presets(self) -> Mapping[str, float]:
+        """Largest element sizes [mm] by the names that `--preset` takes."""
+        return {}
+
+    @property
+    def parameters(self) -> Mapping[str, Any] | None:
+        """Everything that describes the body, defaults included, for `mesh.json`; None for the tables of its file."""
+        return None
+
+    @abstractmethod
+    def mesh(self, size: float | None = None) -> VolumeMesh:
+        """Fill the body with tetrahedra; the same description and size give the same mesh.
+
+        Closed surface groups whose names begin with "cavity" are air chambers: they point into the silicone, so that
+        the volume that they enclose is positive.
+
+        Args:
+            size: largest element size [mm] instead of the description's own, from the command line or from a search
+                for a number of nodes; may be asked for more than once.
+
+        Raises:
+            MeshError: the body cannot be meshed at this size.
+        """
+
+
+# The base class of every renderer, behind `Simulation.render`.
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Where a camera is.
+
+    Attributes:
+        eye: position [mm], shape (3,).
+        target: point that it looks at [mm], shape (3,).
+        up: direction that is up in the picture [-], shape (3,).
+    """
+
+    eye: np.ndarray
+    target: np.ndarray
+    up: np.ndarray
+
+
+@dataclass(frozen=True)
+class CameraFrame:
+    """What a camera sees.
+
+    Attributes:
+        colour: red, green and blue, shape (height, width, 3), dtype uint8.
+        depth: distance of the nearest surface along the optical axis [mm], infinite where nothing is, shape (height,
+            width), dtype float32.
+        segmentation: number of the body that is seen, by `Model.body_names`, -1 for none, shape (height, width).
+        intrinsics: camera matrix K [pixels], shape (3, 3): a point (x, y, z) in the camera's axes (right, down, ahead)
+            is seen at K (x, y, z) / z, to the right of the left edge and below the upper one.
+        rotation: the camera's axes right, down and ahead in the world, as rows, shape (3, 3).
+        eye: position of the camera [mm], shape (3,).
+    """
+
+    colour: np.ndarray
+    depth: np.ndarray
+    segmentation: np.ndarray
+    intrinsics: np.ndarray
+    rotation: np.ndarray
+    eye: np.ndarray
+
+
+class Renderer(ABC):
+    """Base class of renderers; only `picture` must be written.
+
+    A renderer is made as `factory(model, size, camera)` with the arguments of `Simulation.render`, and draws any states
+    of that model.
+    """
+
+    @abstractmethod
+    def picture(self, state: "State", marks: np.ndarray) -> np.ndarray:
+        """Draw a state: red, green and blue, shape (height, width, 3), dtype uint8.
+
+        Args:
+            state: state of the model.
+            marks: points that get a mark [mm], shape (mark_count, 3).
+        """
+
+    def frame(self, state: "State", view: CameraView) -> CameraFrame:
+        """What a camera sees of a state, with depth and segmentation; a renderer may lack it.
+
+        Raises:
+            PluginError: this renderer has no depth.
+        """
+        raise PluginError(f"{type(self).__qualname__} has no frame() for cameras of scenes")
+
+    def close(self) -> None:
+        """Give back what the renderer holds; called when the simulation is closed or deleted."""
+
+
+PROJECT = "taichisoft"
+hookspec = pluggy.HookspecMarker(PROJECT)
+hookimpl = pluggy.HookimplMarker(PROJECT)
+"""Decorator that marks a function of a plug-in, or a method of an object, as its implementation of a hook.
+
+The function has the name of the hook. With `optionalhook=True` a hook that this version of taichisoft does not have is
+no error; `tryfirst=True` and `trylast=True` change the order in which plug-ins are asked.
+"""
+
+
+@dataclass(frozen=True)
+class RunOption:
+    """An option of `taichisoft run` that a plug-in adds: it brings an output into the run, or sets something of one.
+
+    Without an output it sets something of the reader of the scene.
+
+    Attributes:
+        output: name of the output that takes part in the run when the option is given; None for one of scene readers.
+        help: one line for `taichisoft run --help`.
+        setting: argument of that output's factory, or of the scene reader, which gets the value; without one the option
+            is a flag that brings the output.
+        type: type of the value: str, int, float, bool (for a flag that is a setting) or pathlib.Path.
+        metavar: name of the value in the help.
+        controller: name of the controller if the command line names none and the scene's own ignores keys; None for
+            the scene's own in any case.
+    """
+
+    output: str | None
+    help: str
+    setting: str | None = None
+    type: type = str
+    metavar: str | None = None
+    controller: str | None = None
+
+
+@hookspec
+def taichisoft_controllers() -> "Mapping[str, Callable[..., Controller]]":  # type: ignore[empty-body]
+    """Controllers by name; called when a run looks for its controller.
+
+    Each value makes a controller. Its arguments are the keys that `controller.settings` of a scene may have; those
+    without a default must be there. Where its only argument is annotated with a dataclass or a pydantic model, the keys
+    are the fields of that. Values of another type than the annotated one are refused before the run.
+    """
+
+
+@hookspec
+def taichisoft_outputs() -> "Mapping[str, Callable[..., Output]]":  # type: ignore[empty-body]
+    """Outputs by name; called when a run looks for its outputs.
+
+    Each value makes an output from the folder into which it may write; its other arguments, with defaults, are what
+    `taichisoft_run_options` may set.
+    """
+
+
+@hookspec
+def taichisoft_run_options() -> "Mapping[str, RunOption]":  # type: ignore[empty-body]
+    """Options of `taichisoft run` by name ("--web"); called when the command line is read.
+
+    Each value is a `taichisoft.RunOption`: which output takes part in the run when the option is given, and which
+    argument of its factory, or of the scene's reader, gets the value.
+    """
+
+
+@hookspec
+def taichisoft_geometry_kinds() -> "Mapping[str, Callable[[Mapping[str, Any], Path], Geometry]]":  # type: ignore[empty-body]
+    """Kinds of bodies that `taichisoft mesh` can mesh; called when it has read a file, whose `kind` names one.
+
+    Each value makes a geometry from the file's tables without `kind`, and from the file's path: it begins every error,
+    and files that the tables name are looked for beside it.
+    """
+
+
+@hookspec
+def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":  # type: ignore[empty-body]
+    """Makers of meshes for scenes, by the suffix (".toml") of files that are not meshes; called when a model needs one.
+
+    Each value makes a mesh of the file whose path it is given first. Its other arguments are the keys that
+    `soft_bodies.NAME.mesh` of a scene may have beside `file`. What it logs to a logger below "taichisoft" is shown by
+    `taichisoft run`.
+    """
+
+
+@hookspec
+def taichisoft_scene_readers() -> "Mapping[str, Callable[..., Mapping[str, Any]]]":  # type: ignore[empty-body]
+    """Readers of scenes in other formats than TOML, by suffix (".yaml"); called when a scene is not a TOML file.
+
+    Each value reads a file, whose path it is given first, into the tables that the same scene would have in TOML.
+    Overrides, inheritance, file names and checks come after it. Its other arguments, with defaults, are what
+    `taichisoft_run_options` without an output may set, and the `reader_settings` of `load_scene`. What it logs to a
+    logger below "taichisoft" is shown by `taichisoft run`.
+    """
+
+
+@hookspec
+def taichisoft_renderers() -> "Mapping[str, Callable[..., Renderer]]":  # type: ignore[empty-body]
+    """Renderers by name; called when a simulation is to draw its first picture.
+
+    Each value makes a renderer of the arguments `model`, `size` and `camera`, as `Simulation.render` describes them.
+    """
+
+
+@hookspec
+def taichisoft_materials() -> "Mapping[str, Mapping[str, Any]]":  # type: ignore[empty-body]
+    """Materials by the name that `material` of a scene gives; called when a scene that names one is read.
+
+    Each value has the keys of a material's file: name, law, coefficients, poisson_ratio, density, highest_stretch,
+    source. A name of theirs wins over one that ships.
+    """
+
+
+@hookspec
+def taichisoft_scene_additions() -> "Mapping[str, Callable[[Mapping[str, Any], Path], Mapping[str, Any]]]":  # type: ignore[empty-body]
+    """What controllers add to scenes, by the controller's name; called when a scene that names a controller is read.
+
+    Each value gives tables by the keys of a scene (`rigid_bodies`, `frames`), from the controller's settings and the
+    folder in which files are looked for first. What the scene has under the same name stays as it is.
+    """
+
+
+@hookspec
+def taichisoft_commands(application: "typer.Typer") -> None:
+    """Add sub-commands to the command line; called once when `taichisoft` starts, also for `--help`.
+
+    Args:
+        application: an empty one, whose commands and groups are added to `taichisoft`. A group of the same name that
+            another plug-in adds has the commands of both.
+    """
+
+
+@hookspec
+def taichisoft_run_begins(session: "Session") -> None:
+    """A run is about to make its first step: the controller has been reset, and the outputs have begun.
+
+    Args:
+        session: the run in progress.
+    """
+
+
+@hookspec
+def taichisoft_step_done(session: "Session", report: "StepReport") -> None:
+    """A step is done, and every output has recorded it. Costs nothing where no plug-in implements it.
+
+    Args:
+        session: the run in progress.
+        report: what happened in the step.
+    """
+
+
+@hookspec
+def taichisoft_run_ends(session: "Session", outcome: str) -> None:
+    """A run has ended, however it did, and so have its outputs.
+
+    Args:
+        session: the run, at its last good state.
+        outcome: "completed", "stopped" by its user, "interrupted", or the text of the error.
+    """
+
+
+@hookspec
+def taichisoft_picture_wanted(session: "Session") -> None:
+    """Somebody asks for a picture of the present state; called between two steps, also while the run is paused.
+
+    Args:
+        session: the run in progress.
+    """

@@ -1,0 +1,233 @@
+"""Checks for implausible numbers in a scene: mostly mistaken units; far outside the range they are errors."""
+
+import logging
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from taichisoft.base.plausible import (
+    DENSITY,
+    DURATION,
+    FIBRE_MODULUS,
+    GRAVITY,
+    MODULUS,
+    PRESSURE,
+    SIZE,
+    SOFT_DENSITY,
+    TIME_STEP,
+    Plausible,
+    implausible,
+)
+from taichisoft.base.text import warn_caller
+from taichisoft.contact.model import Model
+from taichisoft.errors import SceneError
+from taichisoft.mechanics.selection import select_elements
+from taichisoft.mesh.mesh_files import VOLUME_SUFFIXES
+from taichisoft.mesh.surface import enclosed_volume
+from taichisoft.mesh.volume_mesh import (
+    ADVICE,
+    TOO_STIFF,
+    VolumeMesh,
+    element_volumes,
+    share_of_thin_walls,
+    share_without_nodes_inside,
+    too_stiff,
+)
+from taichisoft.scene.file import data_folder
+from taichisoft.scene.scene import Scene
+from taichisoft.scene.soft_body import SoftBodySettings
+
+LOGGER = logging.getLogger("taichisoft.running")
+
+MOST_THIN = 0.05
+"""Share of a cavity's area with a wall of one element, up to which no warning is given [-]."""
+MOST_WITHOUT_INSIDE = 0.75
+"""The same of the volume of a body in elements without a node inside it."""
+LOCKING_RATIO = 0.4
+"""Poisson's ratio above which smoothed elements are warned of on any mesh, since walls of one element lock."""
+
+MOST_HELD = 5.0 / 6.0
+"""Pressure over Young's modulus from which a cavity in rubber grows on and on [-]."""
+
+ABSURD = 1e9
+"""Factor beyond the plausible range at which a number is refused: no mistaken unit leads that far."""
+
+
+MASS_FACTOR = {"g": 1e-3, "mg": 1e-6}
+"""Kilograms per unit in which masses are mistakenly given."""
+
+
+def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
+    """Warn of implausible numbers, with the unit that was probably meant, and of meshes of several pieces.
+
+    Raises:
+        SceneError: a number is absurd.
+    """
+    _check("time.step", scene.time.step, TIME_STEP)
+    if math.isfinite(scene.time.duration):
+        _check("time.duration", scene.time.duration, DURATION)
+    strength = math.hypot(*scene.gravity)
+    if strength > 0.0:
+        _check("gravity", strength, GRAVITY)
+    for name in ("highest_pressure", "lowest_pressure"):
+        _check(f"limits.{name}", abs(getattr(scene.limits, name) or 0.0), PRESSURE)
+    for name, body in scene.soft_bodies.items():
+        for material, modulus in scene.young_moduli.items():
+            if material == name or material.startswith(f"{name}."):
+                _check(f"soft_bodies.{material}.young_modulus", modulus, MODULUS)
+        for kind in ("membranes", "fibres"):
+            for one, table in getattr(body, kind).items():
+                _check(f"soft_bodies.{name}.{kind}.{one}.young_modulus", table.young_modulus, FIBRE_MODULUS)
+        _check_pressures(f"soft_bodies.{name}.cavities", body.cavities)
+        _check_shut_pressures(name, body)
+        mesh = meshes[name]
+        _check(f"soft_bodies.{name}.mesh: its longest side", float(np.ptp(mesh.nodes, axis=0).max()), SIZE)
+        if body.density is not None:
+            _check(f"soft_bodies.{name}.density", body.density, SOFT_DENSITY)
+        elif body.mass is not None:
+            volume = float(element_volumes(mesh.nodes, mesh.elements).sum())
+            _check_mass(f"soft_bodies.{name}.mass", body.mass, volume, SOFT_DENSITY)
+        count = _piece_count(mesh.elements)
+        if count > 1:
+            warn_caller(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
+
+
+def _check_pressures(key: str, cavities: Mapping[str, Any]) -> None:
+    """Warn of pressures of cavities and their lines; of the highest, in place of several in one unit."""
+    names = ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust")
+    for cavity, table in cavities.items():
+        for part, of in ((table, ""), (table.line, ".line")):
+            given = {name: abs(getattr(part, name, None) or 0.0) for name in names}
+            highest = max(given, key=given.__getitem__)
+            _check(f"{key}.{cavity}{of}.{highest}", given[highest], PRESSURE)
+
+
+def _check_shut_pressures(name: str, body: SoftBodySettings) -> None:
+    """Warn of shut air that no rubber holds: around a cavity in a solid of modulus E it is 5/6 E, in walls it is less.
+
+    Gent and Lindley 1959, Internal rupture of bonded rubber cylinders in tension.
+    """
+    modulus = max(body.young_moduli)
+    for cavity, table in body.cavities.items():
+        if table.shut_pressure > MOST_HELD * modulus:
+            warn_caller(
+                f"soft_bodies.{name}.cavities.{cavity}.shut_pressure = {table.shut_pressure:g} kPa: no rubber with a "
+                f"Young's modulus of {modulus:g} kPa holds more than {MOST_HELD * modulus:.3g} kPa; the cavity bursts "
+                "open in the first step, and steps with so many contacts may take minutes"
+            )
+
+
+def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
+    """Warn once for each mesh that its walls are one element thick; of what is meshed for the scene, meshing does.
+
+    Of shipped meshes always, of others where the smoothed elements of a body that is hardly compressible lock.
+    """
+    said, shipped = set(), data_folder() / "meshes"
+    for name, body in scene.soft_bodies.items():
+        mesh, file, ratio = meshes[name], Path(body.mesh.file), max(body.poisson_ratios)
+        locks = body.element == "smoothed" and ratio > LOCKING_RATIO and file.suffix.lower() in VOLUME_SUFFIXES
+        if mesh.source in said or body.element == "quadratic" or not (locks or file.parent == shipped):
+            continue
+        groups = [group for group in _cavity_groups(body) if group in mesh.surface_groups]
+        shares = {group: share_of_thin_walls(mesh, mesh.surface_groups[group]) for group in groups}
+        thin = [f"{group} ({share:.0%} of the area)" for group, share in shares.items() if share > MOST_THIN]
+        if not thin and locks and (share := share_without_nodes_inside(mesh)) > MOST_WITHOUT_INSIDE:
+            thin = [f"{share:.0%} of the volume has no node inside"]
+        if thin:
+            said.add(mesh.source)
+            found = too_stiff(ratio) if body.element == "smoothed" else TOO_STIFF
+            warn_caller(f"soft_bodies.{name}.mesh: {found}: {', '.join(thin)}; {ADVICE}")
+
+
+def _cavity_groups(body: SoftBodySettings) -> list[str]:
+    return [cavity.group for cavity in body.cavities.values() if cavity.group is not None]
+
+
+def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
+    """Log the volume of the elements in each box of a region: on a coarse mesh it may differ much from the box's.
+
+    Raises:
+        SceneError: a box contains no element.
+    """
+    said = set()
+    for name, body in scene.soft_bodies.items():
+        mesh = meshes[name]
+        volumes = element_volumes(mesh.nodes, mesh.elements)
+        for index, region in enumerate(body.regions):
+            key = f"soft_bodies.{name}.regions.{index}"
+            if region.box is None or (mesh.source, region.box) in said:
+                continue
+            said.add((mesh.source, region.box))
+            caught = select_elements(mesh, region, key)
+            LOGGER.info(
+                "%s.box: %d of %d elements, %.0f of %.0f mm^3; the box has %.0f mm^3",
+                key,
+                len(caught),
+                len(volumes),
+                volumes[caught].sum(),
+                volumes.sum(),
+                float(np.prod(np.abs(np.subtract(*region.box)))),
+            )
+
+
+def check_rigid_plausibility(model: Model) -> None:
+    """Check rigid bodies and obstacles likewise, whose masses and surfaces are computed.
+
+    Raises:
+        SceneError: a number is absurd.
+    """
+    for obstacle in model.obstacles:
+        if obstacle.vertices is not None:
+            side = float(np.ptp(obstacle.vertices, axis=0).max())
+            _check(f"obstacles.{obstacle.name}: its longest side", side, SIZE)
+    for body in model.rigid_bodies:
+        key, table = f"rigid_bodies.{body.name}", model.scene.rigid_bodies[body.name]
+        _check(f"{key}: its longest side", float(np.ptp(body.vertices, axis=0).max()), SIZE)
+        if table.follows is not None:
+            continue
+        volume = enclosed_volume(body.vertices, body.triangles)
+        if table.density is not None:
+            _check(f"{key}.density", table.density, DENSITY)
+        else:
+            _check_mass(f"{key}.mass", body.mass, volume, DENSITY)
+        count = _piece_count(body.triangles)
+        if count > 1:
+            warn_caller(f"{key}.surface: has {count} pieces; they move as one body, and hollows count as solid")
+
+
+def _check(key: str, value: float, plausible: Plausible) -> None:
+    line = implausible(key, value, plausible)
+    if line and not plausible.lowest / ABSURD <= value <= plausible.highest * ABSURD:
+        raise SceneError(line)
+    if line:
+        warn_caller(line)
+
+
+def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> None:
+    """Check a mass by the resulting density."""
+    if density.lowest <= mass / volume <= density.highest:
+        return
+    line = (
+        f"{key} = {mass:g} kg: makes {mass / volume:.3g} kg/mm^3 of {volume:.3g} mm^3, where {density.lowest:g} to "
+        f"{density.highest:g} are usual (water has 1e-06)"
+    )
+    for unit, factor in MASS_FACTOR.items():
+        if density.lowest <= mass * factor / volume <= density.highest:
+            line += f"; {mass:g} {unit} are {mass * factor:g} kg"
+            break
+    if not density.lowest / ABSURD <= mass / volume <= density.highest * ABSURD:
+        raise SceneError(line)
+    warn_caller(line)
+
+
+def _piece_count(cells: np.ndarray) -> int:
+    """Number of connected parts of a mesh; `cells` are node indices, shape (count, nodes)."""
+    pairs = cells[:, [[0, k] for k in range(1, cells.shape[1])]].reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(cells.max() + 1,) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    return len(np.unique(labels[np.unique(cells)]))

@@ -1,0 +1,211 @@
+"""What every table of a scene has in common: kinds of values, and keys that are checked.
+
+Units: millimetre, kilogram, second; so forces are in mN and pressures and moduli in kPa.
+"""
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
+
+from taichisoft.errors import nearest
+
+# Errors of pydantic as one line for the user: key, value, and what would be valid.
+
+LONGEST_VALUE = 80  # of a value that is shown: a line must stay readable when the value is a whole table
+
+
+def first_problem(error: ValidationError, table: type[BaseModel], prefix: str = "") -> str:
+    """One line for the first problem, and how many more there are.
+
+    Args:
+        error: error of checking data against `table`.
+        table: table in which the valid keys are looked up.
+        prefix: text before every key, for data that is itself part of something ("controller.settings").
+    """
+    problems = error.errors()
+    # A misspelt key that must be there gives two problems, of which the unknown key is the cause.
+    problem = min(problems, key=lambda found: found["type"] != "extra_forbidden")
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return _describe(problem, problems, table, prefix) + more
+
+
+def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], prefix: str) -> str:
+    path = problem["loc"]
+    # Where a key takes values of several kinds, pydantic names the kind; the tables give them names in brackets.
+    location = tuple(part for part in path if not str(part).startswith("<"))
+    named = location[:-1] if location[-1:] == ("[key]",) else location  # the entry, of whose name pydantic speaks
+    key = ".".join([prefix] * bool(prefix) + [str(part) for part in named])
+    value = f"{key} = {short_text(problem['input'])}"
+    match problem["type"]:
+        case "extra_forbidden":
+            return f"{key}: unknown key; {nearest(str(location[-1]), _valid_keys(table, path[:-1]), 'valid keys')}"
+        case "string_pattern_mismatch" if location[-1] == "[key]":  # pydantic's mark for the name of an entry
+            name, table_key = problem["input"], ".".join(str(part) for part in location[:-2])
+            if not name.isprintable():
+                return f"{table_key} has a {name!r}: a name must not contain control characters"
+            return f"{table_key} has a '{name}': a name must not be empty nor contain any of . | /"
+        case "string_too_long" if location[-1] == "[key]":
+            table_key, most = ".".join(str(part) for part in location[:-2]), problem["ctx"]["max_length"]
+            return f"{table_key} has a '{problem['input'][:20]}...': a name must not be longer than {most} characters"
+        case "literal_error" if location[-1:] == ("[key]",):
+            valid = [part.strip("' ") for part in re.split(", | or ", problem["ctx"]["expected"])]
+            return f"{key}: unknown name; {nearest(problem['input'], valid, 'valid names')}"
+        case "missing" if isinstance(location[-1], int):  # the entries that a list of fixed length lacks
+            absent = [found for found in problems if found["type"] == "missing" and found["loc"][:-1] == path[:-1]]
+            given = len(problem["input"])
+            parent = key.rpartition(".")[0]
+            return f"{parent} = {short_text(problem['input'])}: has {given} values; {given + len(absent)} are needed"
+        case "missing":
+            return f"{key}: this key is missing"
+        case "too_long" if "max_length" in problem["ctx"]:
+            return f"{value}: has {problem['ctx']['actual_length']} values; {problem['ctx']['max_length']} are needed"
+        case "too_short":
+            return f"{value}: at least {problem['ctx']['min_length']} is needed"
+        case "model_type" | "dict_type":
+            in_list = any(isinstance(part, int) for part in location)
+            return f"{value}: must be a table" + ("" if in_list else f", [{key}]")
+        case "list_type" | "tuple_type":
+            return f"{value}: must be a list"
+        case "value_error":  # a rule of the table's own, mostly between several keys: the message names the values
+            return f"{key + ': ' if key else ''}{problem['msg'].removeprefix('Value error, ')}"
+        case _:
+            return f"{value}: {problem['msg'][0].lower()}{problem['msg'][1:]}"
+
+
+def short_text(value: Any) -> str:
+    """A value as a line shows it."""
+    text = repr(value)
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+def _valid_keys(table: type[BaseModel], path: Sequence[Any]) -> list[str]:
+    """The keys of the table that `path` leads to."""
+    annotation: Any = table
+    for part in path:
+        annotation = _inside(annotation, part)
+    found = next((inner for inner in (annotation, *get_args(annotation)) if _is_table(inner)), None)
+    return list(found.model_fields) if found is not None else []
+
+
+def _inside(annotation: Any, part: Any) -> Any:
+    """The type of a table's field or of any entry of a dictionary or list; None when there is none."""
+    if _is_table(annotation):
+        return annotation.model_fields[part].annotation if part in annotation.model_fields else None
+    if any(isinstance(mark, Tag) and mark.tag == part for mark in getattr(annotation, "__metadata__", ())):
+        return get_args(annotation)[0]
+    if get_origin(annotation) in (dict, list):
+        return get_args(annotation)[-1]
+    return next((found for inner in get_args(annotation) if (found := _inside(inner, part)) is not None), None)
+
+
+def _is_table(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+# Colours as scenes and options write them: "#rrggbb".
+
+
+def red_green_blue(colour: str) -> tuple[float, float, float]:
+    """Red, green and blue [-], each from 0 to 1, of a colour that is written "#rrggbb".
+
+    Raises:
+        ValueError: it is written otherwise; the message says how it must be.
+    """
+    if not isinstance(colour, str) or not re.fullmatch("#[0-9a-fA-F]{6}", colour):
+        raise ValueError(f'{colour!r} must be written #rrggbb in hexadecimal digits, as "#c8321e"')
+    red, green, blue = (byte / 255 for byte in bytes.fromhex(colour[1:]))
+    return red, green, blue
+
+
+def _checked(value: Any) -> Any:
+    red_green_blue(value)
+    return value
+
+
+Colour = Annotated[str, BeforeValidator(_checked)]
+"""A colour in a table of a scene."""
+
+
+LARGEST, LONGEST, SMALLEST = 1e30, 1e9, 1e-18
+"""What exceeds these is not a number of any robot in any unit, and would only be found out as a singular matrix."""
+
+
+def _not_vanishing(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"{value:g} must be {SMALLEST:g} or more")
+    return value
+
+
+# Strict: no text and no truth value is taken for a number.
+Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST), AfterValidator(_not_vanishing)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
+PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
+Component = Annotated[float, Field(strict=True, ge=-LONGEST, le=LONGEST)]
+Vector = tuple[Component, Component, Component]
+NodeNumber = Annotated[int, Field(strict=True, ge=0)]
+Groups = list[Annotated[int, Field(strict=True)]]
+KeySets = tuple[tuple[str, ...], ...]
+# Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path. Without
+# control characters, which terminals obey and at which texts in files end.
+Name = Annotated[str, Field(pattern=r"^[^.|/\x00-\x1f\x7f-\x9f]+$", max_length=200)]
+
+
+class Table(BaseModel):
+    """A table of a scene: unknown keys, NaN and infinity are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+
+    alternatives: ClassVar[KeySets] = ()
+    """Sets of keys; exactly one key of each set must be given."""
+    no_effect_beside: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that another one makes useless; they are no mistake at their defaults: a scene written out has them all."""
+
+    @model_validator(mode="after")
+    def _check_keys(self) -> Self:
+        for keys in self.alternatives:
+            given = [key for key in keys if getattr(self, key) is not None]
+            if len(given) != 1:
+                raise ValueError(f"exactly one of {', '.join(keys)} is needed; given: {', '.join(given) or 'none'}")
+        for chosen, keys in self.no_effect_beside.items():
+            useless = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
+            if useless and getattr(self, chosen) is not None:
+                raise ValueError(f"{', '.join(useless)} would have no effect beside {chosen}; remove it")
+        return self
+
+
+def key_descriptions(table: type[BaseModel]) -> dict[str, str]:
+    """Docstrings of a table's keys. Pydantic would read them from the source at every start, in a third of a second."""
+    described = {key: field.description or "" for key, field in table.model_fields.items()}
+    for kind in reversed(table.__mro__):
+        with suppress(OSError, TypeError):  # a class without source
+            (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+            for key, docstring in pairwise(definition.body):  # type: ignore[attr-defined]
+                match key, docstring:
+                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                        described[name] = inspect.cleandoc(text)
+    return {key: described[key] for key in table.model_fields}
+
+
+def check_order(table: Table, *quantities: str) -> None:
+    """Raise ValueError where the lowest value of a quantity exceeds the highest."""
+    for quantity in quantities:
+        low, high = getattr(table, f"lowest_{quantity}"), getattr(table, f"highest_{quantity}")
+        if low is not None and high is not None and low > high:
+            raise ValueError(f"lowest_{quantity} ({low:g}) must not exceed highest_{quantity} ({high:g})")

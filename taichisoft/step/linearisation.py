@@ -1,0 +1,259 @@
+"""Derivatives of a step or of an equilibrium: how what a controller sees changes with what it asks for."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from taichisoft.contact.model import Model
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation, find_figure
+from taichisoft.control.observer import Fingertips
+from taichisoft.control.requests import DRIVES, apply_control
+from taichisoft.errors import ControlError, nearest
+from taichisoft.mechanics.cavities import CAVITIES, VALVE
+from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
+from taichisoft.mechanics.state import State
+from taichisoft.step.solution import StepSolution
+from taichisoft.step.step_derivative import Edge, StepDerivative
+from taichisoft.step.time_stepper import TimeStepper
+
+NOTHING = Control()
+AXES = ("x", "y", "z")
+BASE = {"base_translation": ("mm", "base_velocity"), "base_rotation": ("rad", "base_angular_velocity")}
+"""Unit of a pose, and the key of `Control` that may ask for it in its place."""
+HALF_WIDTHS = {"kPa": 1e-3, "mN": 0.1, "mm^3": 0.1, "mm": 1e-3, "rad": 1e-5, "1": 1e-5}
+"""Half widths of the differences of what acts by what is asked for, which is all but linear."""
+MOVE = 1e-3
+"""Largest move of a node between observations whose difference is taken [mm]."""
+LOADS = ("actuator_target", "valve_opening", "supply_pressure", "frame_pose")
+"""What of a state a control changes at once."""
+BOTH_SIDES = {-1.0: 1.0 / 6.0, -0.5: -4.0 / 3.0, 0.5: 4.0 / 3.0, 1.0: -1.0 / 6.0}
+ONE_SIDE = {0.0: -3.0, 0.5: 4.0, 1.0: -1.0}
+"""Places along a control and weights of what is observed there, by which a derivative is exact up to the third and the
+second power of the way."""
+Weighted = tuple[tuple[float, Observation], ...]
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Derivatives of what is observed after a step, or in an equilibrium, by what is asked for.
+
+    `linearisation["tip_positions.finger1"]` has a column for each control, shape (3, control_count); names of figures
+    are those of `rollouts`. Its unit is the figure's, as `Observation` says, over the control's.
+
+    Attributes:
+        controls: names of the controls: "pressure.finger1.cavity", "cable_pull.finger1.tendon", "valve.finger1.cavity",
+            "base_translation.x", "base_rotation.z", and "force.finger1.y" for a force on a fingertip, spread evenly
+            over its nodes, or on the centre of mass of a rigid body.
+        units: of the controls: kPa, mm, rad, mN and so on, in the same order.
+        observation: what is observed after the step, or in the equilibrium; exact, without the scene's sensors.
+        ranges: changes of each control, below and above 0, within which contacts stay open, sticking or sliding as far
+            as the derivatives tell, in the control's unit; infinite where none changes; shape (control_count, 2).
+            Contacts that took no part, since they were farther apart, are not in it.
+        edges: contacts at such a change, nearer than the solvers' tolerances tell: derivatives are those of one side.
+    """
+
+    controls: tuple[str, ...]
+    units: tuple[str, ...]
+    observation: Observation
+    ranges: np.ndarray
+    edges: tuple[Edge, ...]
+    _body_names: tuple[str, ...]
+    _seen: tuple[Weighted, ...]
+
+    def __getitem__(self, figure: str) -> np.ndarray:
+        """Derivative of a figure by the controls, shape (..., control_count).
+
+        Raises:
+            TaichisoftError: there is no such figure, or it has no fixed shape.
+        """
+        found = find_figure(figure, self.observation, self._body_names)
+        columns = [sum(weight * found.of(seen) for weight, seen in one) for one in self._seen]
+        shape = found.of(self.observation).shape
+        return np.stack(columns, axis=-1) if columns else np.zeros((*shape, 0))
+
+
+@dataclass(frozen=True)
+class Input:
+    """A number that acts in a step.
+
+    Attributes:
+        name, unit: as in `Linearisation`.
+        value: what is asked for; None for a force, which no control has.
+        node_impulse: impulse of a unit force on the nodes [s], shape (node_count, 3).
+        rigid_velocity: change of the rigid bodies' velocities by a unit force, shape (rigid_count, 6).
+    """
+
+    name: str
+    unit: str
+    value: float | None = None
+    node_impulse: np.ndarray | None = None
+    rigid_velocity: np.ndarray | None = None
+
+
+def linearise(
+    stepper: TimeStepper, control: Control | None = None, controls: Sequence[str] | None = None
+) -> Linearisation:
+    """Linearise the step that `step(control)` would make; see `Simulation.linearise`."""
+    control = Control() if control is None else control
+    if isinstance(controls, str):
+        raise ControlError(f"controls = {controls!r}: must be a sequence of names")
+    derivative = stepper.derivative(control)
+    known = {one.name: one for one in _find_inputs(stepper.model, derivative)}
+    for name in controls or ():
+        if name not in known:
+            raise ControlError(
+                f"controls: '{name}' cannot be varied here; {nearest(str(name), list(known), 'there are')}"
+            )
+    chosen = list(known.values()) if controls is None else [known[name] for name in controls]
+    ends = _NearEnds(stepper, derivative, control)
+    seen = tuple(ends.along(one) for one in chosen)
+    names, units = tuple(one.name for one in chosen), tuple(one.unit for one in chosen)
+    ranges = np.array(ends.ranges).reshape(-1, 2)
+    return Linearisation(names, units, ends.here, ranges, tuple(derivative.edges()), stepper.model.body_names, seen)
+
+
+class _NearEnds:
+    """Ends of a step with a little more and a little less of a control."""
+
+    def __init__(self, stepper: TimeStepper, derivative: StepDerivative, control: Control):
+        self._stepper, self._derivative, self._control = stepper, derivative, control
+        causes = derivative.causes(derivative.start)
+        self._nothing = causes.difference(causes, 0.0)
+        self._unmoved = derivative.along(self._nothing)
+        self.here = self._observe(derivative.start, self._unmoved, 0.0)
+        self.ranges: list[tuple[float, float]] = []
+
+    def along(self, one: Input) -> Weighted:
+        """What is observed with more and with less of a number, with the weights whose sum is the derivative."""
+        derivative, low, high = self._derivative, -1.0, 1.0
+        if one.value is None:
+            force: dict[str, Any] = {"node_impulse": one.node_impulse, "rigid_velocity": one.rigid_velocity}
+            change = derivative.along(replace(self._nothing, **force))
+        else:
+            width = HALF_WIDTHS[one.unit]
+            down, up = (self._start(one, sign * width) for sign in (low, high))
+            # At the end of a range only one side is free to move.
+            low, high = (sign * self._is_moved(side) for sign, side in ((low, down), (high, up)))
+            if low == high:  # limits hold it
+                self.ranges.append((-np.inf, np.inf))
+                return ((0.0, self.here),)
+            causes = derivative.causes(up), derivative.causes(down)
+            change = derivative.along(causes[0].difference(causes[1], 1.0 / (width * (high - low))))
+        self.ranges.append(derivative.range_along(change))
+        velocities = change.node_velocity, change.rigid_velocity[:, :3]
+        speed = max(float(np.abs(velocity).max(initial=0.0)) for velocity in velocities)
+        # What a control moves is seen where it moves a node by so much, what it does not move where it acts alone.
+        half = MOVE / (self._stepper.model.scene.time.step * speed) if speed > 0.0 else HALF_WIDTHS[one.unit]
+        stencil = BOTH_SIDES
+        if low == 0.0 or high == 0.0:
+            stencil, half = ONE_SIDE, half * (low + high)
+        return tuple(
+            (weight / half, self._observe(self._start(one, share * half), change, share * half))
+            for share, weight in stencil.items()
+        )
+
+    def _start(self, one: Input, amount: float) -> State:
+        start, stepper = self._derivative.start, self._stepper
+        if one.value is None or amount == 0.0:
+            return start
+        value = one.value + amount
+        if one.name.startswith(VALVE.asked):  # which no limit holds back
+            value = min(max(value, VALVE.nearest), VALVE.furthest)
+        return apply_control(stepper.model, stepper.state, asking(start, {one.name: value}, self._control))
+
+    def _is_moved(self, side: State) -> bool:
+        """Whether limits let a request have an effect."""
+        start = self._derivative.start
+        return any((getattr(side, name) != getattr(start, name)).any() for name in LOADS)
+
+    def _observe(self, start: State, change: StepSolution, share: float) -> Observation:
+        end = self._stepper.end_along(self._derivative, start, change, share)
+        return self._stepper.observe_state(end)
+
+
+def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
+    """All numbers that can be varied in a step."""
+    start = derivative.start
+    for kind in ACTUATOR_KINDS:
+        actuators, place = model.actuators.sets[kind.name], model.actuators.place(kind)
+        for index, name in enumerate(actuators.names):
+            driven = kind.coordinate if start.actuator_imposed[place][index] else kind.effort
+            values = {driven: float(start.actuator_request[place][index])}
+            if kind is CAVITIES:
+                values[VALVE] = float(start.valve_request[index])
+            for drive, value in values.items():
+                if not actuators.why_not(drive, index):
+                    yield Input(f"{drive.asked}.{name}", drive.unit, value)
+    if all(body.modes is None for body in model.soft_bodies):
+        for row, (key, (unit, _)) in enumerate(BASE.items()):
+            for axis, letter in enumerate(AXES):
+                yield Input(f"{key}.{letter}", unit, float(start.frame_request[0, row, axis]))
+    yield from _forces(model, derivative)
+
+
+def asking(state: State, values: Mapping[str, float], control: Control = NOTHING) -> Control:
+    """A control that asks for values of inputs, beside what another control asks for.
+
+    Args:
+        state: has the pose of the base that is asked for, of which an input is one coordinate.
+        values: by the names of `Linearisation`.
+        control: the other one.
+
+    Raises:
+        ControlError: no control has such a name.
+    """
+    for name, value in values.items():
+        key, _, of = name.partition(".")
+        if key in BASE:
+            pose = getattr(control, key)
+            pose = np.array(state.frame_request[0, list(BASE).index(key)] if pose is None else pose, dtype=np.float64)
+            pose[_axis(name, of)] = value
+            changes: dict[str, Any] = {key: pose, BASE[key][1]: None}
+        elif key in (*DRIVES, VALVE.asked) and of:
+            changes = {key: {**getattr(control, key), of: value}}
+        else:
+            example = "pressure.finger1.cavity or base_translation.x"
+            raise ControlError(f"'{name}' is not the name of a control, such as {example}")
+        control = replace(control, **changes)
+    return control
+
+
+def asked_for(model: Model, state: State, name: str) -> float:
+    """The value of an input that is asked for now, 0 of an actuator that is driven in another way."""
+    key, _, of = name.partition(".")
+    if key in BASE:
+        return float(state.frame_request[0, list(BASE).index(key), _axis(name, of)])
+    if key == VALVE.asked and of in model.cavities.names:
+        return float(state.valve_request[model.cavities.names.index(of)])
+    for kind in ACTUATOR_KINDS:
+        for drive in (kind.effort, kind.coordinate):
+            if drive.asked == key and of in model.actuators.names_of(kind):
+                place = model.actuators.names.index(of)
+                same = bool(state.actuator_imposed[place]) == (drive is kind.coordinate)
+                return float(state.actuator_request[place]) if same else 0.0
+    return 0.0
+
+
+def _axis(name: str, letter: str) -> int:
+    if letter not in AXES:
+        raise ControlError(f"'{name}' is not the name of a control: must end with .x, .y or .z")
+    return AXES.index(letter)
+
+
+def _forces(model: Model, derivative: StepDerivative) -> Iterator[Input]:
+    """Forces on fingertips and on the centres of mass of rigid bodies."""
+    step, none = model.scene.time.step, np.zeros((len(model.rigid_bodies), 6))
+    tips = Fingertips(model.soft_bodies, model.frames)
+    for name, nodes in zip(tips.names, tips.nodes, strict=True):
+        for axis, letter in enumerate(AXES):
+            impulse = np.zeros((model.node_count, 3))
+            impulse[nodes, axis] = step / len(nodes)
+            yield Input(f"force.{name}.{letter}", "mN", None, impulse, none)
+    for number, body in enumerate(model.rigid_bodies):
+        for axis, letter in enumerate(AXES):
+            velocity = none.copy()
+            velocity[number] = step * derivative.inverse_mass[number][:, axis]
+            yield Input(f"force.{body.name}.{letter}", "mN", None, np.zeros((model.node_count, 3)), velocity)
