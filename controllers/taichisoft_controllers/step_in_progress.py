@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 #
 #     condition  = comparison | condition "and" condition | condition "or" condition | "not" condition
 #     comparison = number ("<" | "<=" | ">" | ">=" | "==" | "!=") number, also in chains: 20 < pressure < 50
-#     number     = 60 | 1.5e3 | quantity | quantity["key"] | number (+ - * /) number | -number | abs, min, max of numbers
+#     number     = 60 | 1.5e3 | quantity | quantity["key"] | number (+ - * /) number | -number
+#                | abs, min, max of numbers
 #
 # and parentheses: less than `taichisoft.base.expressions` evaluates, and each part known to be a truth or a number
 # beforehand.

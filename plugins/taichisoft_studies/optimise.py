@@ -427,7 +427,7 @@ def optimise(
                 result = record["status"] if values is None else value_line(asked.objectives, values)
                 advance(f"trial {trial.number}: {result} {record['message']}".rstrip())
 
-            search(asked, output, made, workers, done)
+            run_trials(asked, output, made, workers, done)
         rows = trial_rows(asked, made)
         written = write_table(rows, output)
         names = [f"{name} [{one.unit}]" if one.unit else name for name, one in asked.objectives.items()]

@@ -174,7 +174,7 @@ class ActuatorGeometry:
     Attributes:
         value: volumes [mm^3] and lengths [mm] where they were last measured, shape (actuator_count,).
         gradient: of all coordinates.
-        grip: of each coordinate, see `mechanics/kernels/actuator_coordinates.py`; 0 where nothing rubs, (coordinate_count,).
+        grip: of each coordinate, see `kernels/actuator_coordinates.py`; 0 where nothing rubs, (coordinate_count,).
     """
 
     def __init__(self, actuators: Actuators, node_count: int):

@@ -7,7 +7,7 @@ U(J) = lambda / 2 (J - 1)^2. The energy of shape has one of two forms:
     StretchLaw    w(s1) + w(s2) + w(s3) + w'(1) ((J - 1)^2 / 2 - (J - 1)).
 All agree with Hooke's law for small strains, and none has a barrier at J = 0, so that inverted elements can come back.
 
-The derivatives of W and w are functions for numpy and for Taichi alike (`mechanics/kernels/domain_deformation.py`): plain
+The derivatives of W and w are functions for numpy and for Taichi alike (`domain_deformation.py`): plain
 arithmetic without branches, with functions such as `numpy.exp` that Taichi has under the same name. Stresses, tangents,
 moduli at rest, curves of tension and fits all follow from them.
 """

@@ -12,7 +12,7 @@ from taichisoft_outputs import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEPS = 20
-WRITERS = ("recording/running_file.py", "recording/finished_file.py", "recording/output.py", "atomic_file.py")
+WRITERS = ("recording/recording_file.py", "recording/recording_output.py", "base/files.py")
 
 
 def record(folder: Path) -> None:

@@ -226,9 +226,9 @@ def test_ctrl_c_ends_everything_and_leaves_nothing(run, tmp_path, number, monkey
     program = f"""
 from pathlib import Path
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.rendering import render
+from taichisoft_outputs.rendering import video
 from taichisoft_outputs.rendering.video import render_video
-render.WORKER = {fake_worker.FUNCTION!r}
+video.WORKER = {fake_worker.FUNCTION!r}
 show = lambda done, total: print(done, flush=True)
 render_video(Path({str(run)!r}), Path({str(tmp_path / "new" / "run.mp4")!r}), Style(size=(32, 16)), on_frame=show)
 """

@@ -90,7 +90,8 @@ def deformation_and_rate(d: ti.i32, domains: Domains, movement: Movement):
 #
 # `taichisoft/runtime/rubber_laws.py` has the energies; the energies of shape and of volume have weights of their own.
 # The second derivatives by F = U diag(s) V^T have, in the axes of U and V, the Hessian by the stretches, and for each
-# pair of axes i, j with the third one k two eigenvalues (Smith, de Goes and Kim 2019, Analytic Eigensystems for Isotropic
+# pair of axes i, j with the third one k two eigenvalues (Smith,
+# de Goes and Kim 2019, Analytic Eigensystems for Isotropic
 # Distortion Energies): of the symmetric part ("flip") and of the antisymmetric part ("twist"),
 #     flip_k = (psi_i - psi_j) / (s_i - s_j),   twist_k = (psi_i + psi_j) / (s_i + s_j).
 
