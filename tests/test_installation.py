@@ -26,7 +26,7 @@ FOLDERS = {
     "taichisoft_sofa": "plugins/taichisoft_sofa",
     "taichisoft_reduction": "plugins/taichisoft_reduction",
     "taichisoft_studies": "plugins/taichisoft_studies",
-    "taichisoft/plugin_system/plugin_template": "taichisoft/plugin_system/plugin_template",
+    "taichisoft/running/plugin_template": "taichisoft/running/plugin_template",
     "taichisoft/tiny_gripper": "taichisoft/tiny_gripper",
     "taichisoft/data/arms": "data/arms",
     "taichisoft/data/fingers": "data/fingers",
