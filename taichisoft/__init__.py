@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from taichisoft.mesh.mesh_files import read_volume_mesh as read_volume_mesh
     from taichisoft.mesh.mesh_files import write_volume_mesh as write_volume_mesh
     from taichisoft.mesh.volume_mesh import VolumeMesh as VolumeMesh
-    from taichisoft.running.hookspecs import CameraFrame as CameraFrame
-    from taichisoft.running.hookspecs import CameraView as CameraView
-    from taichisoft.running.hookspecs import Geometry as Geometry
-    from taichisoft.running.hookspecs import Renderer as Renderer
     from taichisoft.running.hookspecs import RunOption as RunOption
     from taichisoft.running.hookspecs import hookimpl as hookimpl
     from taichisoft.running.loop import run as run
     from taichisoft.running.plugin_commands import group_with_default as group_with_default
+    from taichisoft.running.plugin_interfaces import CameraFrame as CameraFrame
+    from taichisoft.running.plugin_interfaces import CameraView as CameraView
+    from taichisoft.running.plugin_interfaces import Geometry as Geometry
+    from taichisoft.running.plugin_interfaces import Renderer as Renderer
     from taichisoft.running.plugins import load_plugin as load_plugin
     from taichisoft.running.plugins import load_plugins_folder as load_plugins_folder
     from taichisoft.running.plugins import register_plugin as register_plugin
@@ -62,7 +62,8 @@ _NAMES = {
     "mesh.volume_mesh": ["VolumeMesh"],
     "contact.model": ["Model"],
     "running.plugin_commands": ["group_with_default"],
-    "running.hookspecs": ["CameraFrame", "CameraView", "Geometry", "Renderer", "RunOption", "hookimpl"],
+    "running.plugin_interfaces": ["CameraFrame", "CameraView", "Geometry", "Renderer"],
+    "running.hookspecs": ["RunOption", "hookimpl"],
     "running.plugins": ["load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"],
     "running.loop": ["run"],
     "scene.scene": ["Scene"],

@@ -182,10 +182,10 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from matplotlib.figure import Figure
 
     from taichisoft.scene import file
-    from taichisoft_meshing import mesh_job, mesh_process, mould_command
+    from taichisoft_meshing import body_pictures, mesh_job, mesh_process
     from taichisoft_outputs.rendering import video
-    from taichisoft_outputs.web import view_command, web_output
-    from taichisoft_reduction import reduce_command, training_plan
+    from taichisoft_outputs.web import recording_page, web_output
+    from taichisoft_reduction import shape_reduction, training_plan
     from taichisoft_studies import workers
 
     shutil.copytree(ROOT / "data", data)
@@ -196,15 +196,15 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Figure, "savefig", save_nothing)
     for module in (video, video):
         monkeypatch.setattr(module, "draw_frames", draw_nothing)
-    monkeypatch.setattr(mould_command, "draw_parts", lambda parts: [])
+    monkeypatch.setattr(body_pictures, "draw_parts", lambda parts: [])
     monkeypatch.setattr(mesh_process, "_known_elsewhere", lambda job: False)
     monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
     monkeypatch.setattr(training_plan, "PRESSES", 2)
-    monkeypatch.setattr(reduce_command, "ATTEMPTS", 1)
+    monkeypatch.setattr(shape_reduction, "ATTEMPTS", 1)
     monkeypatch.setattr(workers, "dask_workers", workers_here)
     monkeypatch.setattr(web_output.WebOutput, "follow", lambda self, session: None)
-    monkeypatch.setattr(view_command.RecordingPage, "serve", lambda self: None)
+    monkeypatch.setattr(recording_page.RecordingPage, "serve", lambda self: None)
 
 
 def tiny_gripper() -> str:

@@ -45,7 +45,7 @@ def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
 @hookimpl
 def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
     """The function that meshes geometry files of every kind that a plug-in knows, and STEP files as they are."""
-    return Imported(__name__, dict.fromkeys((".toml", ".step", ".stp"), "mesh_command:mesh_for_scene"))
+    return Imported(__name__, dict.fromkeys((".toml", ".step", ".stp"), "scene_meshes:mesh_for_scene"))
 
 
 @hookimpl
@@ -54,10 +54,8 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     import typer
 
     from taichisoft.running import group_with_default
-    from taichisoft_meshing.mesh_command import mesh
-    from taichisoft_meshing.mesh_info import mesh_info
-    from taichisoft_meshing.mesh_record import mesh_cache
-    from taichisoft_meshing.mould_command import mould, mould_check
+    from taichisoft_meshing.mesh_cache import mesh_cache
+    from taichisoft_meshing.mesh_commands import mesh, mesh_info, mould, mould_check
     from taichisoft_meshing.new_gripper import gripper
 
     group = group_with_default(mesh)

@@ -99,13 +99,13 @@ def scene_text(count: int, finger: str, opening: float) -> str:
     Raises:
         MeshError: the fingers would stand in each other or in the cube, or the geometry is not that of a finger.
     """
-    from taichisoft_meshing import mesh_command
+    from taichisoft_meshing import mesh_commands
     from taichisoft_meshing.geometry_file import make_geometry
     from taichisoft_meshing.pneunet_finger import PneunetFinger, stiff_layer_box
 
     if not 1 <= count <= 100:
         raise MeshError(f"--fingers {count}: must be from 1 to 100")
-    job = mesh_command.geometry_job(finger, None, {})
+    job = mesh_commands.geometry_job(finger, None, {})
     geometry = make_geometry(job.kind, job.tables, job.file)
     if not isinstance(geometry, PneunetFinger):
         raise MeshError(f"--finger {finger}: kind = {job.kind!r}: must be pneunet_finger")

@@ -90,12 +90,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
 
     from taichisoft_outputs.doctor_command import doctor
     from taichisoft_outputs.materials_command import materials
-    from taichisoft_outputs.paraview import export
-    from taichisoft_outputs.plot_command import plot
-    from taichisoft_outputs.recording.recording_commands import repair, resume
-    from taichisoft_outputs.rendering.render_command import render
-    from taichisoft_outputs.report import report
-    from taichisoft_outputs.web.view_command import view
+    from taichisoft_outputs.recording_commands import export, plot, render, repair, report, resume, view
 
     recording = typer.Typer(help="Work with recordings: render, plot, report, export, repair.", no_args_is_help=True)
     for anywhere in (render, view, resume):

@@ -1,4 +1,8 @@
-"""The command `taichisoft recording export`: VTU files for ParaView."""
+"""A recording as VTU files for ParaView.
+
+`body` numbers the bodies in the order of the scene: soft bodies, rigid bodies, obstacles. Quantities have units in
+their names, as columns of `run.csv` have.
+"""
 
 import zlib
 from base64 import b64encode
@@ -6,13 +10,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-import typer
 
-from taichisoft.base import atomic_file, say
+from taichisoft.base import atomic_file
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Plane, Stretches
 from taichisoft_outputs.drawing.stage import square_of_plane
@@ -119,9 +122,6 @@ def _packed(content: bytes) -> str:
 
 
 # Grids of a frame for ParaView: soft bodies, cavities, cables, surfaces of the other bodies, and contacts.
-#
-# `body` numbers the bodies in the order of the scene: soft bodies, rigid bodies, obstacles. Quantities have units in
-# their names, as columns of `run.csv` have.
 
 PLANE_SIZE = 4.0
 """Half the side of the square that stands for a plane, in radii of the bodies [-]."""
@@ -338,29 +338,3 @@ def chosen_frames(recording: Recording, every: int | None, times: Sequence[float
     if every is not None and every < 1:
         raise ExportError(f"--every {every}: must be 1 or more; 10 takes each tenth recorded frame")
     return list(range(recording.last_start, recording.frame_count, every or 1))
-
-
-# The command `taichisoft recording export`.
-
-
-def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder of the files  \\[default: vtu, beside RUN]")
-    ] = None,
-    every: Annotated[int | None, typer.Option(metavar="N", help="Each N-th recorded frame  \\[default: 1]")] = None,
-    time: Annotated[list[float] | None, typer.Option(help="The frame nearest to this time \\[s] (repeatable).")] = None,
-) -> None:
-    """Write the frames of a recording for ParaView."""
-    from rich.console import Console  # --help need not wait for any of these
-    from rich.progress import track
-
-    from taichisoft_outputs.recording.reader import read_recording
-
-    with read_recording(run) as recording:
-        frames = chosen_frames(recording, every, time)
-        if recording.last_start and not time:
-            typer.echo(f"the run was restarted; only frames after the last start are exported ({len(frames)} frames)")
-        shown = track(frames, description=f"exporting {len(frames)} frames", console=Console(stderr=True))
-        for path in export_vtu(recording, shown, output or run.parent / "vtu"):
-            say(path)

@@ -1,4 +1,4 @@
-"""The output "report" and the command `taichisoft recording report`: one page about a run."""
+"""The output "report": one page about a run."""
 
 import base64
 import json
@@ -8,14 +8,13 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
-import typer
 
 import taichisoft
-from taichisoft.base import atomic_file, say
+from taichisoft.base import atomic_file
 from taichisoft.errors import TaichisoftError
 from taichisoft.running import Output
 from taichisoft_outputs.html_template import render, svg_element
@@ -327,17 +326,3 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
     with atomic_file(path, ReportError) as partial:
         partial.write_text(page, encoding="utf-8", errors="replace")  # names of files need not be text
     return path
-
-
-# The command `taichisoft recording report`.
-
-
-def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The page  \\[default: report.html beside RUN]")
-    ] = None,
-) -> None:
-    """Write one page with the pictures in a run's folder, its plots, metrics and scene."""
-
-    say(write_report(run, output))

@@ -35,6 +35,6 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
             "reduced-check", "Run the full model beside reduced bodies, and say where they part."
         ),
         "--check-tolerance": RunOption(
-            "reduced-check", "The same, to within PERCENT of the largest change.", "run_request", str, "PERCENT"
+            "reduced-check", "The same, to within PERCENT of the largest change.", "tolerance", str, "PERCENT"
         ),
     }

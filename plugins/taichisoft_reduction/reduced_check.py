@@ -13,7 +13,7 @@ from taichisoft.errors import SimulationDiverged
 from taichisoft_reduction.body_shapes import relative_motions
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.run_frames import RunFigures
-from taichisoft_reduction.run_request import tolerance_share
+from taichisoft_reduction.tolerance import tolerance_share
 from taichisoft_reduction.validation import POSITION, UNITS, changes
 
 FILE_NAME = "reduced_check.json"

@@ -13,15 +13,8 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     """Add `taichisoft characterise`, `converge`, `study` and what is below it, `mesh sweep`, `new measured-case`."""
     import typer
 
-    from taichisoft_studies.calibration import calibrate
-    from taichisoft_studies.characterise import characterise
-    from taichisoft_studies.compare import compare
-    from taichisoft_studies.converge import converge
-    from taichisoft_studies.mesh_sweep import mesh_sweep
-    from taichisoft_studies.new_measured_case import measured_case
-    from taichisoft_studies.optimise import optimise
-    from taichisoft_studies.scene_sweep import sweep
-    from taichisoft_studies.study_report import report
+    from taichisoft_studies.finger_commands import characterise, converge, measured_case, mesh_sweep
+    from taichisoft_studies.study_commands import calibrate, compare, optimise, report, sweep
 
     study = typer.Typer(help="Study many runs: sweep, optimise, calibrate, compare, report.", no_args_is_help=True)
     for command in (sweep, optimise, calibrate, compare, report):

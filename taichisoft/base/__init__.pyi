@@ -22,11 +22,6 @@ from .plausible import SIZE as SIZE
 from .plausible import implausible as implausible
 from .plausible import likely_unit as likely_unit
 from .processes import PYTHON as PYTHON
-from .processes import Link as Link
-from .processes import Worker as Worker
-from .processes import WorkerLost as WorkerLost
-from .processes import WorkerSlow as WorkerSlow
-from .processes import call_apart as call_apart
 from .processes import deferred_signals as deferred_signals
 from .processes import last_line as last_line
 from .processes import run_python as run_python
@@ -41,3 +36,8 @@ from .text import printable as printable
 from .text import require as require
 from .text import say as say
 from .text import warn_caller as warn_caller
+from .worker import Link as Link
+from .worker import Worker as Worker
+from .worker import WorkerLost as WorkerLost
+from .worker import WorkerSlow as WorkerSlow
+from .worker import call_apart as call_apart

@@ -10,7 +10,7 @@ import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
 from scipy.sparse import csgraph
 
-from taichisoft.base.files import kept_arrays, source_of
+from taichisoft.base.kept_files import kept_arrays, source_of
 from taichisoft.mechanics import elimination_order
 
 # Nested dissection: a fill-reducing order whose elimination tree is bushy, from the graph alone.

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.base.files import atomic_file, is_file, kept_arrays, source_of
+from taichisoft.base.files import atomic_file, is_file
+from taichisoft.base.kept_files import kept_arrays, source_of
 from taichisoft.errors import MeshError
 from taichisoft.mesh.msh_reader import is_msh41, read_msh41
 from taichisoft.mesh.volume_mesh import MeshContent, VolumeMesh, four_triangles, refuse_coordinates

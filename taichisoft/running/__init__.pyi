@@ -2,10 +2,6 @@ from .hooks import Imported as Imported
 from .hooks import notify as notify
 from .hooks import provided as provided
 from .hooks import provided_by_plugin as provided_by_plugin
-from .hookspecs import CameraFrame as CameraFrame
-from .hookspecs import CameraView as CameraView
-from .hookspecs import Geometry as Geometry
-from .hookspecs import Renderer as Renderer
 from .hookspecs import RunOption as RunOption
 from .hookspecs import hookimpl as hookimpl
 from .loop import run as run
@@ -19,6 +15,10 @@ from .plugin_commands import group_with_default as group_with_default
 from .plugin_commands import load_requested as load_requested
 from .plugin_commands import requested as requested
 from .plugin_commands import takes_run_options as takes_run_options
+from .plugin_interfaces import CameraFrame as CameraFrame
+from .plugin_interfaces import CameraView as CameraView
+from .plugin_interfaces import Geometry as Geometry
+from .plugin_interfaces import Renderer as Renderer
 from .plugins import failures_of as failures_of
 from .plugins import hook_names as hook_names
 from .plugins import load_plugin as load_plugin

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from taichisoft.base.processes import Link, Worker, WorkerLost
+from taichisoft.base.worker import Link, Worker, WorkerLost
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import ObservedFigure, find_figure

@@ -17,13 +17,13 @@ from taichisoft.mechanics.state import State
 from taichisoft.mesh.mesh_files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.mesh.volume_mesh import VolumeMesh
 from taichisoft.running.hooks import find, provided
-from taichisoft.running.hookspecs import CameraFrame, CameraView, Renderer
 from taichisoft.running.plausibility import (
     check_plausibility,
     check_rigid_plausibility,
     say_region_volumes,
     warn_of_thin_walls,
 )
+from taichisoft.running.plugin_interfaces import CameraFrame, CameraView, Renderer
 from taichisoft.running.plugins import failures_of
 from taichisoft.scene.scene import Scene
 from taichisoft.scene.soft_body import BodyMesh

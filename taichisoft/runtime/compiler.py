@@ -31,7 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.base.files import cache_folder, keep
+from taichisoft.base.files import cache_folder
+from taichisoft.base.kept_files import keep
 from taichisoft.errors import ForkedProcess, TaichisoftError
 from taichisoft.runtime import machine_code
 from taichisoft.runtime.language import KERNELS, THREADS, VARIABLE, Arrays, Function, TaichiExpression, is_bundle

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.base.files import keep, kept_folder, read_kept
+from taichisoft.base.kept_files import keep, kept_folder, read_kept
 from taichisoft.runtime.language import THREADS, Arrays, Function, TaichiExpression, available_cores, is_bundle
 
 HERE = Path(__file__).parent

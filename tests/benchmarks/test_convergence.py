@@ -12,7 +12,7 @@ from taichisoft_benchmarks.studies import convergence
 from taichisoft_benchmarks.studies.convergence import ConvergenceStudy, Point
 from taichisoft_benchmarks.studies.extrapolation import limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
-from taichisoft_studies.converge import MESH_ORDER
+from taichisoft_studies.refinement import MESH_ORDER
 
 
 def test_a_series_with_a_known_limit_is_extrapolated_to_it() -> None:

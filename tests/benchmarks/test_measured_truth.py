@@ -23,9 +23,9 @@ from taichisoft_benchmarks.studies.measured_truth import (
     pulled_stretch,
     tension_section,
 )
-from taichisoft_studies.calibration import Calibration, Experiment, read_measurement
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.new_measured_case import measured_case
+from taichisoft_studies.finger_commands import measured_case
+from taichisoft_studies.least_squares import Calibration, Experiment, read_measurement
 from taichisoft_studies.study_file import check_study, read_tables
 
 SCENE = """

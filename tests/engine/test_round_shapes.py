@@ -15,8 +15,8 @@ from taichisoft.mechanics import body_surfaces
 from taichisoft.mechanics.rigid_body_arrays import RoundShape
 from taichisoft.scene import scene_from_dict, scene_to_toml
 from taichisoft_outputs import read_recording
-from taichisoft_outputs.recording.recording_commands import ResumeError, recorded_scene, resumed_simulation
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import ResumeError, recorded_scene, resumed_simulation
 
 BALL: dict[str, Any] = {"sphere": {"radius": 10.0}, "mass": 0.01}
 ROD: dict[str, Any] = {"cylinder": {"radius": 2.0, "length": 60.0}, "mass": 0.01}

@@ -138,7 +138,7 @@ def test_a_call_returns_the_value_of_a_function() -> None:
 
 PARENT = """
 import os, sys, time
-from taichisoft.base.processes import Worker
+from taichisoft.base.worker import Worker
 
 worker = Worker("odd_work:stay")
 print(worker.receive(), flush=True)

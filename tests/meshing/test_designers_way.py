@@ -15,10 +15,10 @@ from test_step_solids import HEIGHT, LAYER, LENGTH, WIDTH, finger
 from taichisoft.command_line import main
 from taichisoft.running import plugins
 from taichisoft_studies.make_run import make_run
-from taichisoft_studies.optimise import run_trials
 from taichisoft_studies.optimiser import Optimisation, best_trials, open_study
 from taichisoft_studies.run_folder import RunJob
 from taichisoft_studies.study_file import check_study
+from taichisoft_studies.trials import run_trials
 
 FINGER = """
 gravity = [0.0, 0.0, 0.0]

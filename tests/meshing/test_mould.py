@@ -15,7 +15,7 @@ from conftest import Figures
 from taichisoft.errors import GoalMissed, MeshError
 from taichisoft_meshing.cad_body import read_step
 from taichisoft_meshing.finger_dimensions import FingerParameters
-from taichisoft_meshing.mesh_command import geometry_job
+from taichisoft_meshing.mesh_commands import geometry_job, mould_check, pour_line
 from taichisoft_meshing.mould_check import (
     CheckedCast,
     check_cast,
@@ -24,9 +24,8 @@ from taichisoft_meshing.mould_check import (
     read_mould_record,
     wall_thickness,
 )
-from taichisoft_meshing.mould_command import mould_check, pour_line
 from taichisoft_meshing.mould_parts import write_mould
-from taichisoft_outputs.materials_command import find_material
+from taichisoft_outputs.tension_test import find_material
 
 SMALL = {
     "body": {"length": 55.0},

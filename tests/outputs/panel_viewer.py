@@ -89,7 +89,7 @@ class PanelViewer(Viewer):
 def served(path: Path) -> Iterator[tuple[Any, PanelViewer, Callable[[Callable[[], bool]], None]]]:
     """The page of a recording, a viewer of it, and what lets the page go on until a condition holds."""
     from taichisoft_outputs.web.address import find_address
-    from taichisoft_outputs.web.view_command import RecordingPage
+    from taichisoft_outputs.web.recording_page import RecordingPage
 
     address = find_address("127.0.0.1:0")
     page = RecordingPage(path, address)

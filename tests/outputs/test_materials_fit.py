@@ -7,8 +7,15 @@ import pytest
 from typer.testing import CliRunner
 
 from taichisoft.scene import initial_shear_modulus, read_material
-from taichisoft_outputs.materials_command import fit_law, materials, nominal_stress, shipped_materials
-from taichisoft_outputs.tension_test import MaterialError, TensionTest, read_tension_test
+from taichisoft_outputs.materials_command import materials
+from taichisoft_outputs.tension_test import (
+    MaterialError,
+    TensionTest,
+    fit_law,
+    nominal_stress,
+    read_tension_test,
+    shipped_materials,
+)
 
 STRETCH = np.linspace(1.02, 3.0, 120)
 RUBBERS = [

@@ -11,8 +11,8 @@ from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import Recording, read_recording
 from taichisoft_outputs.csv_output import CsvOutput
 from taichisoft_outputs.plots import PANELS, expected
-from taichisoft_outputs.recording.recording_commands import recorded_scene, resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import recorded_scene, resumed_simulation, state_at
 
 LINE = (
     "{supply = 60.0, conductance = 0.02, tube_length = 200.0, tube_diameter = 2.0, delay = 0.03, response_time = 0.02}"

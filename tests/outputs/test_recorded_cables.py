@@ -12,8 +12,8 @@ from taichisoft import Output, Simulation, State, StepReport
 from taichisoft.mechanics import CABLES
 from taichisoft.scene import scene_from_toml
 from taichisoft_outputs import Recording, read_recording
-from taichisoft_outputs.recording.recording_commands import ResumeError, resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import ResumeError, resumed_simulation, state_at
 
 
 class Kept(Output):

@@ -11,8 +11,8 @@ from taichisoft.scene import scene_from_dict
 from taichisoft_outputs import read_recording
 from taichisoft_outputs.csv_output import CsvOutput
 from taichisoft_outputs.plots import PANELS, RunCurves
-from taichisoft_outputs.recording.recording_commands import ResumeError, recorded_scene, resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import ResumeError, recorded_scene, resumed_simulation, state_at
 
 STEPS = 25
 SCENE = {

@@ -12,8 +12,8 @@ from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import Recording, read_recording
 from taichisoft_outputs.drawing.colouring import stress
 from taichisoft_outputs.paraview import export_vtu
-from taichisoft_outputs.recording.recording_commands import recorded_scene, resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import recorded_scene, resumed_simulation, state_at
 from taichisoft_outputs.stress import StressLaw, nodal_mean, von_mises
 
 REGION = "{box = [[-100.0, -100.0, -100.0], [100.0, 100.0, 0.0]], young_modulus = 300.0}"

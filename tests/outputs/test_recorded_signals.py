@@ -12,8 +12,8 @@ from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import read_recording
 from taichisoft_outputs.plots import PlotError, draw_plots
 from taichisoft_outputs.recording.layout import SIGNAL_COUNT
-from taichisoft_outputs.recording.recording_commands import rescue
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import rescue
 from taichisoft_outputs.report import collect, report_page
 
 SIGNALS = [{"phase": 1.0}, {"phase": 2.0, "$late$ <b>": 7.5}, {}, {"phase": 3.0}]

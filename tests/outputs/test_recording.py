@@ -10,8 +10,8 @@ import pytest
 
 from taichisoft.scene import scene_to_toml
 from taichisoft_outputs import RecordingError, read_recording
-from taichisoft_outputs.recording.recording_commands import rescue
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import rescue
 
 STEPS = 113
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from taichisoft_benchmarks.faults.damage import DAMAGES, cut_off, flip_bit
 from taichisoft_outputs import RecordingError, read_recording
-from taichisoft_outputs.recording.recording_commands import rescue
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import rescue
 
 STEPS = 250
 

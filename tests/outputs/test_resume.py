@@ -9,7 +9,7 @@ import pytest
 from taichisoft.command_line import main
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import read_recording
-from taichisoft_outputs.recording.recording_commands import state_at
+from taichisoft_outputs.recording.resume import state_at
 
 # The pads close, press on the cube, and lift it: contacts and friction are there at 0.3 s.
 SCRIPT = """

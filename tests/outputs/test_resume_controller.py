@@ -20,8 +20,8 @@ from taichisoft.running import run_session
 from taichisoft.running.loop import saved_as_json
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs import read_recording
-from taichisoft_outputs.recording.recording_commands import resumed_simulation, state_at
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.recording.resume import resumed_simulation, state_at
 
 STEPS = """
 interpolation = "smooth"

@@ -11,8 +11,8 @@ from taichisoft_outputs import RecordingError, Style, read_recording
 from taichisoft_outputs.drawing.camera import followed_part
 from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.recording.reader import recorded_fingertips, tip_state
-from taichisoft_outputs.rendering import render_command, video
-from taichisoft_outputs.rendering.render_command import pictures_side_by_side, video_side_by_side
+from taichisoft_outputs.rendering import side_by_side, video
+from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def styles(monkeypatch: pytest.MonkeyPatch) -> list[Style]:
 
 def test_bars_and_cameras_are_those_of_all_and_each_part_has_its_name(recordings, styles, tmp_path, monkeypatch):
     style = Style(size=(321, 90), colour_by="displacement", view="front")
-    monkeypatch.setattr(render_command, "colour_bars_width", lambda scales, letters: 60.5 * len(scales))
+    monkeypatch.setattr(side_by_side, "colour_bars_width", lambda scales, letters: 60.5 * len(scales))
     times = {"start": 0.0, "late": 0.02}
     paths = pictures_side_by_side(recordings, times, tmp_path / "new", style)
     first, second = styles

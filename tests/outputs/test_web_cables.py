@@ -16,7 +16,7 @@ from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.page_messages import lines_shown
 from taichisoft_outputs.web.page_process import frame_of as live_frame
-from taichisoft_outputs.web.view_command import frame_of as recorded_frame
+from taichisoft_outputs.web.recording_page import frame_of as recorded_frame
 from taichisoft_outputs.web.web_output import page_setup, snapshot
 
 

@@ -17,8 +17,8 @@ from taichisoft_outputs.web.curves import MOST_POINTS, WINDOW, History, plotted_
 from taichisoft_outputs.web.page import ASPECT, FREE, view_above_panel
 from taichisoft_outputs.web.page_messages import PageFrame
 from taichisoft_outputs.web.page_process import frame_of as live_frame
-from taichisoft_outputs.web.view_command import Playback
-from taichisoft_outputs.web.view_command import frame_of as recorded_frame
+from taichisoft_outputs.web.recording_page import Playback
+from taichisoft_outputs.web.recording_page import frame_of as recorded_frame
 from taichisoft_outputs.web.web_output import page_setup, snapshot
 
 

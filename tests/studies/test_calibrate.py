@@ -13,7 +13,8 @@ from taichisoft import load_plugin
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.scene import scene_from_toml
-from taichisoft_studies.calibration import (
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.least_squares import (
     Calibration,
     CalibrationFit,
     Experiment,
@@ -25,10 +26,9 @@ from taichisoft_studies.calibration import (
     read_measurement,
     statics,
 )
-from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import read_curves
-from taichisoft_studies.scene_sweep import job_for, make_missing
 from taichisoft_studies.study_file import check_study
+from taichisoft_studies.sweep_runs import job_for, make_missing
 
 MODULUS, DAMPING = "soft_bodies.left.young_modulus", "soft_bodies.left.rayleigh_stiffness"
 TIP = "tip_positions['left'][0]"

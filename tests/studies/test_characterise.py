@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import taichisoft
-from taichisoft_studies.characterise import (
+from taichisoft_studies.characteristics import (
     Characteristics,
     equilibrium_count,
     find_characteristics,
     trust_line,
     write_datasheet,
 )
-from taichisoft_studies.characterise import characterise as command
 from taichisoft_studies.errors import StudyError
+from taichisoft_studies.finger_commands import characterise as command
 
 PRESSURES = [0.0, 12.0, 24.0]
 

@@ -10,9 +10,10 @@ from conftest import Figures
 
 from taichisoft import Scene, load_scene, scene_from_dict
 from taichisoft.mesh import write_volume_mesh
-from taichisoft_studies.converge import TABLE, changed, finer_meshes, refine, refinement_error
-from taichisoft_studies.converge import converge as command
 from taichisoft_studies.errors import StudyError
+from taichisoft_studies.finger_commands import TABLE
+from taichisoft_studies.finger_commands import converge as command
+from taichisoft_studies.refinement import changed, finer_meshes, refine, refinement_error
 
 SIZE = (40.0, 10.0, 10.0)
 TIP = "final_tip_positions_mm.block.2"

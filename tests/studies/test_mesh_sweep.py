@@ -16,10 +16,10 @@ from conftest import PATIENCE
 from taichisoft import load_plugin, read_volume_mesh
 from taichisoft.errors import MeshError
 from taichisoft.running import locked_folder
-from taichisoft_meshing.mesh_command import geometry_job
+from taichisoft_meshing.mesh_commands import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.mesh_sweep import Variant, plan
+from taichisoft_studies.mesh_variants import Variant, plan
 from taichisoft_studies.study_file import MOST, Sweep, check_study, varied
 from taichisoft_studies.worker_task import MeshRun, do_mesh, make_variant
 

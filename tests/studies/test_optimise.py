@@ -11,7 +11,6 @@ from taichisoft.base import text
 from taichisoft.errors import PackageMissing
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.optimise import figures, make_winners, run_trials, trial_rows
 from taichisoft_studies.optimiser import (
     OWNER,
     Optimisation,
@@ -22,6 +21,7 @@ from taichisoft_studies.optimiser import (
     take_over_errors,
 )
 from taichisoft_studies.study_file import check_study
+from taichisoft_studies.trials import figures, make_winners, run_trials, trial_rows
 
 PRESSURE = "controller.settings.pressure"
 
@@ -255,8 +255,8 @@ def test_where_all_trials_violate_constraints_the_nearest_one_is_named_and_by_ho
     """Trial 1 misses one constraint by little; in units of their own, the volume's 90 mm^3 are less than 2 of force."""
     from types import SimpleNamespace
 
-    from taichisoft_studies.optimise import _nearest
     from taichisoft_studies.optimiser import VIOLATIONS, nearest_trial
+    from taichisoft_studies.trials import _nearest
 
     missed = ([2.0, 1000.0], [-0.5, 90.0], [4.0, -1.0])
     ended = [

@@ -8,11 +8,11 @@ import pytest
 from studies import PLUGIN, Here
 
 from taichisoft import load_plugin
-from taichisoft_studies.optimise import run_trials, trial_rows
 from taichisoft_studies.optimiser import Optimisation, best_trials, open_study
 from taichisoft_studies.results_table import result_row
-from taichisoft_studies.scene_sweep import make_missing, sweep_jobs
 from taichisoft_studies.study_file import Sweep, check_study
+from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
+from taichisoft_studies.trials import run_trials, trial_rows
 
 PRESSURE = "controller.settings.pressure"
 PRESSURES = [20.0, 60.0]

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 from taichisoft import load_plugin
 from taichisoft_studies import taichisoft_commands
-from taichisoft_studies.compare import differences, draw_comparison, labels
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.results_table import read_table, write_table
-from taichisoft_studies.scene_sweep import make_missing, sweep_jobs
-from taichisoft_studies.study_report import best_runs, effects, figure_columns, parameter_columns, study_page
+from taichisoft_studies.run_comparison import differences, draw_comparison, labels
+from taichisoft_studies.study_page import best_runs, effects, figure_columns, parameter_columns, study_page
+from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
 
 
 def table(count: int = 60) -> Any:

@@ -24,7 +24,6 @@ from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import REASONS, reason
 from taichisoft_studies.results_table import WALL_CLOCK, read_table, result_row, write_table
 from taichisoft_studies.run_folder import COMPLETED, ERROR, PRUNED, read_record, run_hash
-from taichisoft_studies.scene_sweep import UNSURE, checked_record, make_missing, sweep_jobs
 from taichisoft_studies.study_file import (
     Range,
     Sample,
@@ -35,6 +34,7 @@ from taichisoft_studies.study_file import (
     scene_with,
     varied,
 )
+from taichisoft_studies.sweep_runs import UNSURE, checked_record, make_missing, sweep_jobs
 from taichisoft_studies.worker_task import do_run
 
 

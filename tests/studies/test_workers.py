@@ -25,8 +25,8 @@ from studies import command
 from taichisoft_benchmarks.faults.ports import listening, open_doors, ports_of_studies
 from taichisoft_studies import workers
 from taichisoft_studies.errors import StudyError
+from taichisoft_studies.study_commands import announced_workers
 from taichisoft_studies.study_file import Cluster, Study, check_study
-from taichisoft_studies.study_options import announced_workers
 from taichisoft_studies.workers import dask_workers, own_credentials, slurm_cluster
 
 ROOT = Path(__file__).parents[2]

@@ -25,8 +25,8 @@ from taichisoft_benchmarks.program import run_program
 from taichisoft_benchmarks.studies.extrapolation import Limit, limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
 from taichisoft_meshing.geometry_file import read_geometry
-from taichisoft_meshing.mesh_command import mesh_for_scene
 from taichisoft_meshing.mesh_quality import measure
+from taichisoft_meshing.scene_meshes import mesh_for_scene
 
 SIZES = "18,12,10,7.75,6,5,4"
 """Largest elements of the graded meshes [mm]."""

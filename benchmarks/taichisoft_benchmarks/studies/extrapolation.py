@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_studies.converge import MESH_ORDER
+from taichisoft_studies.refinement import MESH_ORDER
 
 
 @dataclass(frozen=True)

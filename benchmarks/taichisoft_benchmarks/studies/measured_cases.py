@@ -8,14 +8,16 @@ import numpy as np
 
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.marked_page import heading, row
-from taichisoft_studies.calibration import (
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.least_squares import (
     Calibration,
     Measurement,
     experiment_job,
     read_measurement,
     scaled_differences,
 )
-from taichisoft_studies.converge import (
+from taichisoft_studies.make_run import make_run
+from taichisoft_studies.refinement import (
     MESH_ORDER,
     changed,
     finer_meshes,
@@ -24,10 +26,8 @@ from taichisoft_studies.converge import (
     refinement_error,
     time_order,
 )
-from taichisoft_studies.errors import StudyError
-from taichisoft_studies.make_run import make_run
-from taichisoft_studies.scene_sweep import fixed_overrides
 from taichisoft_studies.study_file import check_study, find_study, read_tables, scene_with
+from taichisoft_studies.sweep_runs import fixed_overrides
 
 CASE = "case.toml"
 

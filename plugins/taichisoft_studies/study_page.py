@@ -1,15 +1,13 @@
-"""`taichisoft study report`: one page about a study."""
+"""The page about a study: tables and pictures of its runs."""
 
 import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
-from taichisoft.base import extra, printable, require, say
 from taichisoft_outputs.html_template import render, svg_element
 from taichisoft_outputs.plots import figure_bytes
 from taichisoft_studies.errors import StudyError
@@ -199,53 +197,3 @@ def _pictures(runs: Any, folder: Path) -> Iterator[tuple[str, str]]:
 
 def _name(column: str) -> str:
     return column.removeprefix("metrics.")
-
-
-PAGE = "report.html"
-
-
-def report(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the study.")],
-    metric: Annotated[
-        list[str] | None,
-        typer.Option("--metric", help="A metric that the page is about; the first decides which runs are best."),
-    ] = None,
-    smallest: Annotated[bool, typer.Option("--smallest", help="The smallest value of it is best.")] = False,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The page  \\[default: FOLDER/report.html]")
-    ] = None,
-) -> None:
-    """Write one page: effect of each parameter, scatter, best runs with pictures, failures."""
-    require("taichisoft study report", "pandas", "pyarrow", install=extra("studies"))
-    from taichisoft.base import atomic_file
-    from taichisoft_studies.results_table import read_table
-
-    table = read_table(folder)
-    figures = figure_columns(table, metric)
-    if figures:
-        for place in best_runs(table, figures[0], not smallest, BEST)["folder"]:
-            _draw(folder / place)
-    page = study_page(table, folder, metric, smallest)
-    path = output or folder / PAGE
-    with atomic_file(path, StudyError) as partial:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(page, encoding="utf-8")
-    say(path)
-
-
-def _draw(run: Path) -> Any:
-    """Draw the last moment of a run that was recorded, unless it is drawn; where that cannot be done, say why."""
-    from taichisoft.errors import TaichisoftError
-    from taichisoft_outputs.recording.layout import FILE_NAME
-    from taichisoft_outputs.recording.reader import read_recording
-    from taichisoft_outputs.rendering.video import render_pictures
-
-    recording = run / FILE_NAME
-    if not recording.is_file() or any((run / picture).is_file() for picture in PICTURES):
-        return
-    try:
-        with read_recording(recording) as opened:
-            last = float(opened.times[-1])
-        render_pictures(recording, {"after": last}, run)
-    except TaichisoftError as error:
-        typer.echo(printable(f"no picture of {run}: {error}"), err=True)

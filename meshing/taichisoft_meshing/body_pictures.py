@@ -1,22 +1,17 @@
-"""`taichisoft mesh info`: the figures of any mesh or surface that can be read, and the faces of a STEP body."""
+"""Pictures and tables of bodies: their numbered faces, and the parts of a mould."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from rich.console import Group
 
-from taichisoft.base import atomic_file, require
-from taichisoft.errors import GoalMissed, MeshError
-from taichisoft_meshing import mesh_command
+from taichisoft.base import WorkerLost, atomic_file, call_apart, require
+from taichisoft.errors import MeshError
 from taichisoft_meshing.cad_body import CadBody
 from taichisoft_meshing.mesh_quality import aligned_table
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from taichisoft.mesh import SectionPlane, VolumeMesh
+from taichisoft_meshing.mould_check import CheckedPart
 
 # The tables that `taichisoft mesh info` prints of a body from CAD.
 
@@ -49,6 +44,90 @@ def body_tables(body: CadBody) -> Group:
         aligned_table("", (">face", "solids", ">area [mm²]", "centre [mm]", "normal", ""), faces),
         *([aligned_table("", ("air", ">volume [mm³]", ""), air)] * bool(air)),
     )
+
+
+# A picture of each part of a mould, from above and from below, with the places that the check found.
+
+SIZE = (900, 640)
+"""Width and height of each of the two views [pixels]."""
+PRINTED, SILICONE, HELD, THIN = (0.55, 0.66, 0.76), (0.86, 0.80, 0.68), (0.80, 0.10, 0.10), (0.95, 0.60, 0.05)
+"""Colours of what is printed and of silicone, of what an undercut holds, and of walls too thin to print."""
+INK, LETTERS = (0.1, 0.12, 0.14), 22.0
+"""Colour [-] and height [pixels] of the letters."""
+TIME_LIMIT = 300.0
+"""Longest time that the pictures may take [s]."""
+
+
+def draw_parts(parts: Sequence[CheckedPart]) -> list[Path]:
+    """Draw each part to a PNG beside its STL file.
+
+    Raises:
+        PackageMissing: Open3D is not installed.
+        MeshError: nothing can be drawn here, or a file cannot be written.
+    """
+    require("pictures of a mould", "open3d")
+    from PIL import Image
+
+    try:
+        images = call_apart(
+            "taichisoft_meshing.body_pictures:draw_views",
+            [(part.corners, _colours(part)) for part in parts],
+            time_limit=TIME_LIMIT,
+        )
+    except (WorkerLost, OSError, RuntimeError) as error:
+        raise MeshError(f"the parts cannot be drawn: {error}; `taichisoft doctor` says what is missing") from error
+    from taichisoft_outputs.drawing.overlay import paint_caption
+
+    files = [part.file.with_suffix(".png") for part in parts]
+    for image, file, part in zip(images, files, parts, strict=True):
+        picture = Image.fromarray(image)
+        size = " x ".join(f"{length:.1f}" for length in np.ptp(part.corners, axis=(0, 1)))
+        paint_caption(picture, [file.stem, f"{size} mm", "from above and from below"], INK, LETTERS)
+        with atomic_file(file, MeshError) as partial:
+            picture.save(partial, format="png")
+    return files
+
+
+def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """What the drawing process does: two views of each part, beside each other, dtype uint8.
+
+    Args:
+        parts: corners [mm], shape (count, 3, 3), and colours of the triangles [-], (count, 3), of each part.
+    """
+    from taichisoft_outputs.drawing.camera import fit_camera, scene_axes, seen_from_front
+    from taichisoft_outputs.drawing.drawer import antialias
+    from taichisoft_outputs.drawing.painting import KEY_LIGHT, shade
+    from taichisoft_outputs.drawing.stage import EMPTY, Stage
+    from taichisoft_outputs.drawing.surface_painter import draw_lines
+
+    stage = Stage(SIZE)  # a process can have only one
+    images = []
+    for corners, colours in parts:
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+        views = []
+        for up in (np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])):
+            key = np.array(KEY_LIGHT) @ scene_axes(up)
+            camera = fit_camera(corners.reshape(-1, 3), up, "iso", SIZE[0] / SIZE[1])
+            front = seen_from_front(camera, corners)
+            points, triangles = corners[front].reshape(-1, 3), np.arange(3 * front.sum()).reshape(-1, 3)
+            shown = shade(colours[front], normals[front], key / np.linalg.norm(key), up)
+            for name, of_triangle in (("part", shown), ("normals", 0.5 + 0.5 * normals[front])):
+                stage.put(name, points, triangles, np.repeat(of_triangle, 3, axis=0))
+            image = stage.image(camera, ["part"])
+            draw_lines(image, stage.image(camera, ["normals"]))
+            image[(image == EMPTY).all(axis=2)] = 255
+            views.append(antialias(image))
+        images.append(np.concatenate(views, axis=1))
+    return images
+
+
+def _colours(part: CheckedPart) -> np.ndarray:
+    colours = np.tile(PRINTED if part.printed else SILICONE, (len(part.corners), 1))
+    colours[part.thin] = THIN
+    for undercut in part.undercuts:
+        colours[undercut.triangles] = HELD
+    return colours
 
 
 # The picture of a body from CAD with the numbers of its faces, seen from two opposite corners.
@@ -145,133 +224,3 @@ def _doubled(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     u, v = b - a, c - a
     area: np.ndarray = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
     return area
-
-
-def mesh_info(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE",
-            help="Mesh (.msh, .vtk, .vtu), surface (.stl, .obj, .ply), STEP body (.step, .stp), or a shipped mesh.",
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="File for the figures (.json), or for a picture of a mesh or of a body's faces (.png).",
-        ),
-    ] = None,
-    section: mesh_command.Section = None,
-) -> None:
-    """Show the figures of a mesh or surface (exit code 1 when it is not fit), or the faces of a STEP body."""
-    from rich.console import Console  # --help need not wait for any of these
-
-    from taichisoft.errors import MeshError
-    from taichisoft.mesh import SURFACE_SUFFIXES, VOLUME_SUFFIXES, require_suffix
-    from taichisoft.running import print_line
-    from taichisoft.scene import find_file
-    from taichisoft_meshing.geometry_file import STEP_SUFFIXES
-    from taichisoft_meshing.mesh_quality import summary
-    from taichisoft_meshing.mesh_set import prepare_folder
-
-    suffixes = (*VOLUME_SUFFIXES, *SURFACE_SUFFIXES, *STEP_SUFFIXES)
-    path = require_suffix(find_file(file, "meshes", suffixes, error=MeshError), "mesh or surface", suffixes)
-    plane = mesh_command.section_plane(section)
-    if plane is not None and path.suffix.lower() not in VOLUME_SUFFIXES:
-        raise MeshError(f"--section {section}: has no effect on {path}; only meshes (.msh, .vtk, .vtu) are cut open")
-    surface = path.suffix.lower() in SURFACE_SUFFIXES
-    if output is not None:
-        require_suffix(output, "report", (".json",) if surface else (".json", ".png"))
-        prepare_folder(output.parent, output)
-    console = Console()
-    if path.suffix.lower() in STEP_SUFFIXES:
-        problems = _show_body(console, path, output)
-    else:
-        problems = _show_surface(console, path, output) if surface else _show_mesh(console, path, output, plane)
-    if output is not None:
-        print_line(console, f"written to {output}")
-    if problems:
-        raise GoalMissed(f"{path}: {summary(problems)}")
-
-
-def _show_mesh(console: "Console", path: Path, output: Path | None, section: "SectionPlane | None") -> list[str]:
-    """Print and write the figures of a mesh; returns its problems."""
-    from taichisoft.errors import MeshError
-    from taichisoft.mesh import read_unchecked_mesh
-    from taichisoft.running import print_warning
-    from taichisoft_meshing.mesh_quality import QualityLimits, cautions, faults, measure, mesh_tables, missed_limits
-    from taichisoft_meshing.mesh_record import mesh_figures, write_record
-    from taichisoft_meshing.report_picture import draw_report
-
-    mesh = read_unchecked_mesh(path)
-    refused = []
-    try:
-        mesh.check()
-    except MeshError as error:
-        if not _can_be_measured(mesh):
-            raise
-        refused = [str(error).removeprefix(f"{path}: ")]
-    quality, limits = measure(mesh), QualityLimits()
-    problems, remarks = refused + faults(quality), cautions(quality) + missed_limits(quality, limits)
-    console.print(mesh_tables(path.name, quality, limits))
-    for remark in remarks:
-        print_warning(console, remark)
-    if output is not None and output.suffix.lower() == ".png":
-        draw_report(mesh, quality, limits, path.name, output, section)
-    elif output is not None:
-        figures = mesh_figures(mesh, quality)
-        write_record({"file": path.name, **figures, "problems": problems, "remarks": remarks}, output)
-    return problems
-
-
-def _can_be_measured(mesh: "VolumeMesh") -> bool:
-    import numpy as np
-
-    from taichisoft.mesh import LARGEST
-
-    inside = (mesh.elements >= 0).all() and (mesh.elements < len(mesh.nodes)).all()
-    return bool(mesh.elements.size and inside and (np.abs(mesh.nodes) <= LARGEST).all())
-
-
-def _show_surface(console: "Console", path: Path, output: Path | None) -> list[str]:
-    """Print and write the figures of a surface; returns its problems."""
-    import numpy as np
-
-    from taichisoft.base import SIZE, implausible
-    from taichisoft.mesh import read_surface
-    from taichisoft.running import print_warning
-    from taichisoft_meshing.mesh_quality import surface_table
-    from taichisoft_meshing.mesh_record import surface_figures, write_record
-    from taichisoft_meshing.wall_quality import connected_pieces, measure_surface
-
-    vertices, triangles = read_surface(path)
-    surface = measure_surface(path.stem, vertices, triangles)
-    pieces, extent = len(connected_pieces(triangles, len(vertices))), np.ptp(vertices, axis=0)
-    problems = [f"is not closed: {surface.open_edges} edges do not join two triangles"] if surface.open_edges else []
-    console.print(surface_table(path.name, surface, pieces, extent))
-    if caution := implausible("its longest side", float(extent.max()), SIZE):
-        print_warning(console, caution)
-    if output is not None:
-        figures = {**surface_figures(surface), "volume_mm3": surface.volume, "pieces": pieces}
-        record = {"file": path.name, **figures, "extent_mm": extent.tolist(), "problems": problems}
-        write_record(record, output)
-    return problems
-
-
-def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]:
-    """Print the solids, faces and openings of a STEP body, and write or draw them."""
-    from taichisoft.running import print_warning
-    from taichisoft_meshing.mesh_process import read_step_apart
-    from taichisoft_meshing.mesh_record import body_figures, write_record
-
-    body = read_step_apart(path)
-    console.print(body_tables(body))
-    if body.doubt:
-        print_warning(console, body.doubt)
-    if output is not None and output.suffix.lower() == ".png":
-        draw_faces(body, output)
-    elif output is not None:
-        write_record({"file": path.name, **body_figures(body)}, output)
-    return []

@@ -1,14 +1,17 @@
-"""`taichisoft converge`: the figures of a run with their errors by step and mesh."""
+"""Errors of a run's figures by its step and its mesh: the same run with half the step, and on a finer mesh.
 
-import csv
+Richardson's extrapolation (Phil. Trans. R. Soc. A 210, 1911): where the error of v(h) goes with h^p, v(h) - v(h / r) is
+1 - r^-p of it. Two runs cannot tell whether it does: a figure that jumps, such as a slip that starts in one run alone,
+has an estimate without meaning.
+"""
+
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import typer
 
 from taichisoft import Scene
 from taichisoft.scene import scene_from_toml, scene_to_toml
@@ -17,15 +20,6 @@ from taichisoft_studies.make_run import make_run
 from taichisoft_studies.results_table import flat
 from taichisoft_studies.run_folder import COMPLETED, RunJob, make_job
 from taichisoft_studies.study_file import toml_value
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-# Errors of a run's figures by its step and its mesh: the same run with half the step, and on a finer mesh.
-#
-# Richardson's extrapolation (Phil. Trans. R. Soc. A 210, 1911): where the error of v(h) goes with h^p, v(h) - v(h / r)
-# is 1 - r^-p of it. Two runs cannot tell whether it does: a figure that jumps, such as a slip that starts in one run
-# alone, has an estimate without meaning.
 
 Value = TypeVar("Value", float, np.ndarray)
 
@@ -204,7 +198,7 @@ def physical_figures(metrics: Mapping[str, Any]) -> dict[str, float]:
 def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     """The change of the table `mesh` of a body, what follows its name; empty where nothing finer is known."""
     from taichisoft_meshing.geometry_file import is_geometry, make_geometry, read_tables
-    from taichisoft_meshing.mesh_command import merge_tables
+    from taichisoft_meshing.scene_meshes import merge_tables
 
     path = Path(file)
     if not is_geometry(file):
@@ -253,71 +247,3 @@ def _ended(name: str, job: RunJob, made: Callable[[str], None]) -> dict[str, Any
         raise StudyError(f"{name}: {record['status']}: {record['message']}")
     made(f"{name}: {record['status']}")
     return record
-
-
-TABLE = "convergence.csv"
-SMALLEST = 1e-5
-"""Figures, in their units, that the table on the terminal leaves out: what solvers leave over."""
-
-
-def converge(
-    scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped one.")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder of the runs  \\[default: out/SCENE-convergence]")
-    ] = None,
-    set: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="Override a value (repeatable).")] = None,
-    controller: Annotated[str | None, typer.Option(help="Controller instead of the scene's.")] = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]  \\[default: the scene's]")] = None,
-    finer: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="What makes the mesh finer (repeatable)  \\[default: the next preset, or 0.7 of the size]",
-        ),
-    ] = None,
-) -> None:
-    """Estimate errors of a run by its step and its mesh, from finer runs."""
-    import math
-
-    from rich.console import Console
-
-    from taichisoft import load_scene
-    from taichisoft.base import atomic_file
-    from taichisoft.running import print_line, print_warning, warnings_printed_to
-    from taichisoft_studies.errors import StudyError
-    from taichisoft_studies.study_options import progress_bar, requested_plugins
-
-    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
-        raise StudyError(f"--duration {duration:g}: must be a number of seconds above 0")
-    loaded = load_scene(scene, set or (), controller)
-    folder = output or Path("out") / f"{Path(scene).stem}-convergence"
-    console = Console()
-    with warnings_printed_to(console), progress_bar(console, "runs", 3) as made:
-        found = refine(loaded, folder, finer, duration, requested_plugins(), made)
-    if found.remark:
-        print_warning(console, f"no error by the mesh is known of all: {found.remark}; --finer says what is finer")
-    console.print(_table(found))
-    with atomic_file(folder / TABLE, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["figure", "value", "half_step", "step_error", "finer_mesh", "mesh_error"])
-        for one in found.figures:
-            writer.writerow([one.name, one.value, one.half_step, one.step_error, one.finer_mesh, one.mesh_error])
-    print_line(console, str(folder / TABLE))
-
-
-def _table(found: "Refinement") -> "Table":
-    """A row for each figure; the values of the finer runs are in the file."""
-    from rich.table import Table
-
-    from taichisoft.base import plain
-
-    mesh = "" if found.nodes is None else f"; {found.nodes[0]} nodes, {found.nodes[1]} on the finer mesh"
-    table = Table(title=plain(f"steps of {1e3 * found.step:g} ms, order {found.order}{mesh}"))
-    for title in ("figure", "value", "error by step", *(() if found.nodes is None else ("error by mesh",))):
-        table.add_column(plain(title), justify="left" if title == "figure" else "right", overflow="fold")
-    for one in found.figures:
-        if max(abs(one.value), one.error) < SMALLEST:
-            continue
-        errors = [f"{error:+.2g}" for error in (one.step_error, one.mesh_error) if error is not None]
-        table.add_row(plain(one.name.removeprefix("final_")), f"{one.value:.5g}", *errors)
-    return table

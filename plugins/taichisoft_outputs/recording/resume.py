@@ -1,19 +1,17 @@
-"""The commands `taichisoft resume` and `taichisoft recording repair`."""
+"""Going on from a frame of a recording: scene, meshes and state from the file, so that the bits are the same."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
 from taichisoft import Scene
-from taichisoft.base import say
 from taichisoft.contact import Model
 from taichisoft.errors import StateError, TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, State, body_surfaces
-from taichisoft.running import GoalOption, OutputsOption, Simulation, SpeedOption, requested, takes_run_options
+from taichisoft.running import Simulation
 from taichisoft.scene import scene_from_toml
 from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.layout import RecordingError, group_of
@@ -77,8 +75,6 @@ def _rows(recording: Recording, frame: int) -> dict[str, np.ndarray]:
     rows = recording.rows_of_frames(frame, frame + 1)
     return {path: values[0] if group_of(path) == "steps" else values for path, values in rows.items()}
 
-
-# Going on from a frame of a recording: scene, meshes and state from the file, so that the bits are the same.
 
 SAME_PLACE = 1e-6
 """Positions [mm] that differ by less are the same: another machine rounds in another order."""
@@ -285,78 +281,3 @@ def _check_positions(path: Path, name: str, what: str, recorded: np.ndarray, pre
             f"{path}: '{name}' is not as it was recorded: its {what} differ by up to {moved:.3g} mm; undo what "
             "--set or its file changed"
         )
-
-
-@takes_run_options
-def resume(
-    context: typer.Context,
-    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that was killed.")],
-    at: Annotated[float | None, typer.Option(help="Time to go on from \\[s]  \\[default: the last frame]")] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(help="Simulated time from there \\[s]  \\[default: to the end of the scene]"),
-    ] = None,
-    controller: Annotated[str | None, typer.Option(help="Name of a controller  \\[default: the recorded one]")] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for the results  \\[default: RUN's, with the time in its name]"),
-    ] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", help="Override a value of the recorded scene (repeatable).")
-    ] = None,
-    goal: GoalOption = None,
-    outputs: OutputsOption = "recording,metrics",
-    speed: SpeedOption = None,
-    reset_controller: Annotated[
-        bool, typer.Option("--reset-controller", help="Let the controller begin again instead of going on as it was.")
-    ] = False,
-) -> None:
-    """Go on from a frame of a recording, into a new folder.
-
-    The run continues to the bit, the controller included: it goes on with what it remembered then. One that does not
-    save what it remembers, and another one than the recorded, begins with a reset.
-    """
-    import rich
-
-    with rich.get_console().status("starting Taichi"):  # for which --help need not wait
-        from taichisoft.running import RunRequest, run_simulation
-    from taichisoft_outputs.recording.layout import FILE_NAME, RecordingError
-    from taichisoft_outputs.recording.reader import read_recording
-
-    asked = requested(context, outputs)
-    with read_recording(run) as recording:
-        frame = recording.frame_count - 1 if at is None else recording.frame_at(at)
-        scene = recorded_scene(recording, set_ or [], controller or asked.controller, goal)
-        folder = output or _new_folder(recording, frame)
-        if (folder / FILE_NAME).resolve() == run.resolve():
-            raise RecordingError(f"--output {folder}: would replace the recording; name another folder")
-        if scene.goal is not None and base_has_moved(recording, frame):
-            typer.echo("the goal of the scene is not judged: the base had moved before")
-            scene = scene.model_copy(update={"goal": None})
-        saved, said = (None, "") if reset_controller else saved_controller(recording, frame, scene)
-        typer.echo(f"going on from {recording.row('time', frame):g} s{said}")
-        run_simulation(
-            str(run),
-            scene,
-            lambda: resumed_simulation(recording, frame, scene),
-            RunRequest(folder, asked.outputs, duration, speed, saved=saved),
-            usual_duration=lambda: remaining_time(recording, frame, scene),
-        )
-
-
-def _new_folder(recording: "Recording", frame: int) -> Path:
-    """A folder beside the recording's, with the time in its name."""
-    folder = recording.path.resolve().parent
-    return folder.with_name(f"{folder.name}-from-{recording.row('time', frame):.2f}s")
-
-
-def repair(
-    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording, damaged or of a killed run; it stays.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.h5", help="The new recording.")],
-) -> None:
-    """Rescue the frames of a damaged recording that are whole; make an HDF5 file of that of a killed run."""
-
-    rescued = rescue(run, output)
-    say(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")
-    if rescued.damage:
-        say(f"the first that is not whole: {rescued.damage}")

@@ -1,14 +1,11 @@
-"""The command `taichisoft view`."""
+"""The page of a recording: to play, to scrub, and to follow while its run goes on."""
 
-import contextlib
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
-from taichisoft.base import extra, require
 from taichisoft.errors import MeshError
 from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.mesh import SectionPlane
@@ -20,8 +17,6 @@ from taichisoft_outputs.web.address import Address
 from taichisoft_outputs.web.curves import MOST_POINTS, plotted_row
 from taichisoft_outputs.web.page import SPEEDS, Page, clamped
 from taichisoft_outputs.web.page_messages import PageFrame, PageScene, lines_shown
-
-# The page of a recording: to play, to scrub, and to follow while its run goes on.
 
 FRAMES_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
@@ -237,30 +232,3 @@ def _plotted_row(
     return plotted_row(
         recording.scene, np.concatenate(efforts).tolist(), forces_by_pair, peaks_by_pair, wrench[0], places
     )
-
-
-def view(
-    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that goes on.")],
-    address: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Where the page listens  \\[default: 127.0.0.1 and a free port]"),
-    ] = None,
-    section: Annotated[
-        str, typer.Option(metavar="PLANE", help="Cut bodies open \\[mm]: y=0, z<12.5 (what is kept), x+2*y=30")
-    ] = "",
-) -> None:
-    """Serve a web page on which a recording is played and scrubbed."""
-    from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
-
-    require("a web page", "viser", install=extra("web"))
-
-    found = find_address(address)
-    with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way
-        served = RecordingPage(run, found, section)
-    typer.echo(f"web page: {found.at(served.page.port).url}; Ctrl and c ends it")
-    if found.is_open:
-        typer.echo(f"warning: {found.host}: other machines reach the page; {NOT_ENCRYPTED}", err=True)
-    with contextlib.redirect_stdout(None):
-        with contextlib.suppress(KeyboardInterrupt):
-            served.serve()
-        served.close()

@@ -1,0 +1,367 @@
+"""The commands about recordings: resume, repair, export, report, plot, render and view."""
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from taichisoft.base import extra, require, say
+from taichisoft.errors import TaichisoftError
+from taichisoft.running import GoalOption, OutputsOption, SpeedOption, requested, takes_run_options
+from taichisoft_outputs.drawing.style import COLOURINGS, FPS, VIEWS, Style, parse_point, parse_size
+
+if TYPE_CHECKING:
+    from taichisoft_outputs.recording.reader import Recording
+
+# The command `taichisoft recording export`.
+
+
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the files  \\[default: vtu, beside RUN]")
+    ] = None,
+    every: Annotated[int | None, typer.Option(metavar="N", help="Each N-th recorded frame  \\[default: 1]")] = None,
+    time: Annotated[list[float] | None, typer.Option(help="The frame nearest to this time \\[s] (repeatable).")] = None,
+) -> None:
+    """Write the frames of a recording for ParaView."""
+    from rich.console import Console  # --help need not wait for any of these
+    from rich.progress import track
+
+    from taichisoft_outputs.paraview import chosen_frames, export_vtu
+    from taichisoft_outputs.recording.reader import read_recording
+
+    with read_recording(run) as recording:
+        frames = chosen_frames(recording, every, time)
+        if recording.last_start and not time:
+            typer.echo(f"the run was restarted; only frames after the last start are exported ({len(frames)} frames)")
+        shown = track(frames, description=f"exporting {len(frames)} frames", console=Console(stderr=True))
+        for path in export_vtu(recording, shown, output or run.parent / "vtu"):
+            say(path)
+
+
+# The command `taichisoft recording report`.
+
+
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The page  \\[default: report.html beside RUN]")
+    ] = None,
+) -> None:
+    """Write one page with the pictures in a run's folder, its plots, metrics and scene."""
+    from taichisoft_outputs.report import write_report  # --help need not wait for it
+
+    say(write_report(run, output))
+
+
+# The command `taichisoft recording plot`.
+
+
+def plot(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the picture  \\[default: RUN's]")
+    ] = None,
+    format: Annotated[str, typer.Option(help="Format of the picture: png or svg.")] = "png",
+    only: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="Panels, such as bending,slip; one that is unknown is answered with all."),
+    ] = None,
+    x: Annotated[
+        str | None, typer.Option("--x", metavar="NAME", help="Horizontal axis instead of time, such as pressure.")
+    ] = None,
+    y: Annotated[
+        str | None, typer.Option("--y", metavar="NAMES", help="What is plotted over it, such as bending; as --only.")
+    ] = None,
+) -> None:
+    """Plot pressures, tensions, motion, forces and step times of a recording."""
+    from taichisoft.base import atomic_file  # --help need not wait for any of these
+    from taichisoft_outputs.plots import PANELS, PlotError, draw_plots
+    from taichisoft_outputs.recording.reader import read_recording
+
+    if (x is None) != (y is None):
+        raise PlotError("--x and --y go together: --x pressure --y bending")
+    if y is not None and only is not None:
+        raise PlotError("--only has no effect beside --y, which names what is plotted")
+    only = only if y is None else y
+    names = [name.strip() for name in only.split(",") if name.strip()] if only is not None else None
+    if names == []:
+        raise PlotError(f"--only names no panel; there are: {', '.join(PANELS)}")
+    with read_recording(run) as recording:
+        plots = draw_plots(recording, format, names, None if x == "time" else x)
+    for name in plots.left_out:
+        say(f"no plot of {name}: nothing of the kind in this run")
+    stem = "plots" if x is None else f"{'-'.join(names or ())}-over-{x}".replace(" ", "-")
+    path = (output or run.parent) / f"{stem}.{format}"
+    with atomic_file(path, PlotError) as partial:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(plots.pictures[0])
+    say(path)
+
+
+# The command `taichisoft render`.
+
+STYLE = Style()
+
+
+def render(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN.h5", help="Recording of a run; several with --side-by-side.")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the pictures  \\[default: RUN's]")
+    ] = None,
+    image: Annotated[bool, typer.Option("--image", help="Draw pictures; always without --video.")] = False,
+    time: Annotated[
+        list[float] | None,
+        typer.Option(help="Moment of a picture \\[s]; may be repeated  \\[default: before, grasped, lifted]"),
+    ] = None,
+    video: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw a video: .mp4, .gif, or a folder for PNG files.")
+    ] = None,
+    fps: Annotated[float, typer.Option(help="Frames per second of the video.")] = FPS,
+    slow_motion: Annotated[float, typer.Option(help="How many times slower than in reality things move.")] = 1.0,
+    size: Annotated[str, typer.Option(help="Width and height in pixels.")] = "{}x{}".format(*STYLE.size),
+    view: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"Where the camera stands: {', '.join(VIEWS)}; each of several gets its own files  "
+            "\\[default: the scene's camera, or iso]"
+        ),
+    ] = None,
+    eye: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Where the camera stands instead of a view \\[mm].")
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
+    ] = None,
+    follow: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BODY", help="Stay near a body, or a fingertip (finger.tip): --view follow:BODY in short."
+        ),
+    ] = None,
+    section: Annotated[
+        str | None,
+        typer.Option(metavar="PLANE", help="Cut bodies open: y=0 \\[mm], or y<0, which keeps that part."),
+    ] = None,
+    side_by_side: Annotated[
+        bool, typer.Option("--side-by-side", help="Several recordings in one picture: same times, same bars, names.")
+    ] = False,
+    opacity: Annotated[
+        float | None,
+        typer.Option(help="Opacity of soft bodies, up to 1  \\[default: 0.6; 1 with data or a section]"),
+    ] = None,
+    background: Annotated[
+        str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything  \\[default: the scene's]")
+    ] = None,
+    colour_by: Annotated[
+        str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")
+    ] = STYLE.colour_by,
+    cavity_pressure: Annotated[bool, typer.Option(help="Colour cavities by their pressure.")] = STYLE.cavity_pressure,
+    cable_tension: Annotated[bool, typer.Option(help="Colour cables by their tension.")] = STYLE.cable_tension,
+    arrows: Annotated[bool, typer.Option(help="Draw contact forces as arrows.")] = STYLE.arrows,
+    axes: Annotated[
+        bool | None,
+        typer.Option("--axes/--no-axes", help="Show the scene's axes in a corner  \\[default: the scene's]"),
+    ] = None,
+    body_axes: Annotated[
+        bool, typer.Option(help="Show the axes of bodies that have axes = true in the scene.")
+    ] = STYLE.body_axes,
+    caption: Annotated[bool, typer.Option(help="Write time, pressures, tensions and heights.")] = STYLE.caption,
+    font_size: Annotated[
+        float | None, typer.Option(help="Height of letters in pixels  \\[default: 1/36 of the height]")
+    ] = None,
+    surface: Annotated[
+        Path | None, typer.Option(help="Finer surface (STL, OBJ, PLY) to draw instead of each soft body's own.")
+    ] = None,
+) -> None:
+    """Draw pictures or a video of a recording; no display is needed.
+
+    A run that its user restarted is drawn from its last start.
+    """
+    import rich  # --help need not wait for any of these
+
+    from taichisoft.running import warnings_printed_to
+    from taichisoft_outputs.recording.reader import read_recording
+    from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side
+    from taichisoft_outputs.rendering.video import (
+        check_slow_motion,
+        check_video,
+        frame_progress,
+        key_moments,
+        render_pictures,
+        render_video,
+    )
+
+    if follow is not None:
+        view = [*(view or ()), f"follow:{follow}"]
+    if eye is not None and view:
+        raise TaichisoftError("--eye takes the place of a view; give either --eye, or --view and --follow")
+    views: list[str | None] = list(dict.fromkeys(view)) if view else [None]
+    styles = {
+        one: Style(
+            size=parse_size(size),
+            view=one,
+            eye=parse_point("eye", eye),
+            target=parse_point("target", target),
+            opacity=opacity,
+            background=background,
+            colour_by=colour_by,
+            cavity_pressure=cavity_pressure,
+            cable_tension=cable_tension,
+            arrows=arrows,
+            axes=axes,
+            body_axes=body_axes,
+            caption=caption,
+            surface=surface,
+            section=section,
+            font_size=font_size,
+        )
+        for one in views
+    }
+    check_slow_motion(slow_motion)
+    if video is not None:
+        check_video(video, fps)
+    run, *others = runs
+    if bool(others) != side_by_side:
+        raise TaichisoftError("--side-by-side goes with two recordings or more, and several recordings with it")
+    with read_recording(run) as recording:
+        moments = {f"at_{moment:.2f}s": moment for moment in time} if time else key_moments(recording)
+    with warnings_printed_to(rich.get_console()):
+        for one, style in styles.items():
+            ending = f"_{one.replace(':', '_')}" if one is not None and len(styles) > 1 else ""
+            if image or time or video is None:
+                times = {name + "_side_by_side" * side_by_side + ending: moment for name, moment in moments.items()}
+                folder = output or run.parent
+                drawn = pictures_side_by_side(runs, times, folder, style) if others else None
+                for path in drawn or render_pictures(run, times, folder, style):
+                    say(path)
+            if video is not None:
+                file = video.with_name(f"{video.stem}{ending}{video.suffix}")
+                with frame_progress(file.name) as show:
+                    if others:
+                        video_side_by_side(runs, file, style, fps, slow_motion, show)
+                    else:
+                        render_video(run, file, style, fps, slow_motion, show)
+                say(file)
+
+
+# The command `taichisoft view`.
+
+
+def view(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that goes on.")],
+    address: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Where the page listens  \\[default: 127.0.0.1 and a free port]"),
+    ] = None,
+    section: Annotated[
+        str, typer.Option(metavar="PLANE", help="Cut bodies open \\[mm]: y=0, z<12.5 (what is kept), x+2*y=30")
+    ] = "",
+) -> None:
+    """Serve a web page on which a recording is played and scrubbed."""
+    from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
+
+    require("a web page", "viser", install=extra("web"))
+    from taichisoft_outputs.web.recording_page import RecordingPage
+
+    found = find_address(address)
+    with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way
+        served = RecordingPage(run, found, section)
+    typer.echo(f"web page: {found.at(served.page.port).url}; Ctrl and c ends it")
+    if found.is_open:
+        typer.echo(f"warning: {found.host}: other machines reach the page; {NOT_ENCRYPTED}", err=True)
+    with contextlib.redirect_stdout(None):
+        with contextlib.suppress(KeyboardInterrupt):
+            served.serve()
+        served.close()
+
+
+# The commands `taichisoft resume` and `taichisoft recording repair`.
+
+
+@takes_run_options
+def resume(
+    context: typer.Context,
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that was killed.")],
+    at: Annotated[float | None, typer.Option(help="Time to go on from \\[s]  \\[default: the last frame]")] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(help="Simulated time from there \\[s]  \\[default: to the end of the scene]"),
+    ] = None,
+    controller: Annotated[str | None, typer.Option(help="Name of a controller  \\[default: the recorded one]")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for the results  \\[default: RUN's, with the time in its name]"),
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="Override a value of the recorded scene (repeatable).")
+    ] = None,
+    goal: GoalOption = None,
+    outputs: OutputsOption = "recording,metrics",
+    speed: SpeedOption = None,
+    reset_controller: Annotated[
+        bool, typer.Option("--reset-controller", help="Let the controller begin again instead of going on as it was.")
+    ] = False,
+) -> None:
+    """Go on from a frame of a recording, into a new folder.
+
+    The run continues to the bit, the controller included: it goes on with what it remembered then. One that does not
+    save what it remembers, and another one than the recorded, begins with a reset.
+    """
+    import rich
+
+    with rich.get_console().status("starting Taichi"):  # for which --help need not wait
+        from taichisoft.running import RunRequest, run_simulation
+    from taichisoft_outputs.recording.layout import FILE_NAME, RecordingError
+    from taichisoft_outputs.recording.reader import read_recording
+    from taichisoft_outputs.recording.resume import (
+        base_has_moved,
+        recorded_scene,
+        remaining_time,
+        resumed_simulation,
+        saved_controller,
+    )
+
+    asked = requested(context, outputs)
+    with read_recording(run) as recording:
+        frame = recording.frame_count - 1 if at is None else recording.frame_at(at)
+        scene = recorded_scene(recording, set_ or [], controller or asked.controller, goal)
+        folder = output or _new_folder(recording, frame)
+        if (folder / FILE_NAME).resolve() == run.resolve():
+            raise RecordingError(f"--output {folder}: would replace the recording; name another folder")
+        if scene.goal is not None and base_has_moved(recording, frame):
+            typer.echo("the goal of the scene is not judged: the base had moved before")
+            scene = scene.model_copy(update={"goal": None})
+        saved, said = (None, "") if reset_controller else saved_controller(recording, frame, scene)
+        typer.echo(f"going on from {recording.row('time', frame):g} s{said}")
+        run_simulation(
+            str(run),
+            scene,
+            lambda: resumed_simulation(recording, frame, scene),
+            RunRequest(folder, asked.outputs, duration, speed, saved=saved),
+            usual_duration=lambda: remaining_time(recording, frame, scene),
+        )
+
+
+def _new_folder(recording: "Recording", frame: int) -> Path:
+    """A folder beside the recording's, with the time in its name."""
+    folder = recording.path.resolve().parent
+    return folder.with_name(f"{folder.name}-from-{recording.row('time', frame):.2f}s")
+
+
+def repair(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording, damaged or of a killed run; it stays.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.h5", help="The new recording.")],
+) -> None:
+    """Rescue the frames of a damaged recording that are whole; make an HDF5 file of that of a killed run."""
+    from taichisoft_outputs.recording.resume import rescue as rescue
+
+    rescued = rescue(run, output)
+    say(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")
+    if rescued.damage:
+        say(f"the first that is not whole: {rescued.damage}")

@@ -1,0 +1,284 @@
+"""The commands `taichisoft characterise`, `converge`, `mesh sweep` and `new measured-case`."""
+
+import csv
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from taichisoft.base import extra, require, say
+from taichisoft.errors import GoalMissed
+from taichisoft_meshing import mesh_commands
+from taichisoft_studies.study_commands import (
+    Dashboard,
+    Jobs,
+    Scheduler,
+    add_cluster,
+    announced_workers,
+    requested_plugins,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from taichisoft_studies.mesh_variants import Variant
+    from taichisoft_studies.refinement import Refinement
+    from taichisoft_studies.study_file import Cluster
+
+# `taichisoft converge`: the figures of a run with their errors by step and mesh.
+
+TABLE = "convergence.csv"
+SMALLEST = 1e-5
+"""Figures, in their units, that the table on the terminal leaves out: what solvers leave over."""
+
+
+def converge(
+    scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped one.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the runs  \\[default: out/SCENE-convergence]")
+    ] = None,
+    set: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="Override a value (repeatable).")] = None,
+    controller: Annotated[str | None, typer.Option(help="Controller instead of the scene's.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]  \\[default: the scene's]")] = None,
+    finer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="What makes the mesh finer (repeatable)  \\[default: the next preset, or 0.7 of the size]",
+        ),
+    ] = None,
+) -> None:
+    """Estimate errors of a run by its step and its mesh, from finer runs."""
+    import math
+
+    from rich.console import Console
+
+    from taichisoft import load_scene
+    from taichisoft.base import atomic_file
+    from taichisoft.running import print_line, print_warning, warnings_printed_to
+    from taichisoft_studies.errors import StudyError
+    from taichisoft_studies.refinement import refine as refine
+    from taichisoft_studies.study_commands import progress_bar, requested_plugins
+
+    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
+        raise StudyError(f"--duration {duration:g}: must be a number of seconds above 0")
+    loaded = load_scene(scene, set or (), controller)
+    folder = output or Path("out") / f"{Path(scene).stem}-convergence"
+    console = Console()
+    with warnings_printed_to(console), progress_bar(console, "runs", 3) as made:
+        found = refine(loaded, folder, finer, duration, requested_plugins(), made)
+    if found.remark:
+        print_warning(console, f"no error by the mesh is known of all: {found.remark}; --finer says what is finer")
+    console.print(_table(found))
+    with atomic_file(folder / TABLE, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["figure", "value", "half_step", "step_error", "finer_mesh", "mesh_error"])
+        for one in found.figures:
+            writer.writerow([one.name, one.value, one.half_step, one.step_error, one.finer_mesh, one.mesh_error])
+    print_line(console, str(folder / TABLE))
+
+
+def _table(found: "Refinement") -> "Table":
+    """A row for each figure; the values of the finer runs are in the file."""
+    from rich.table import Table
+
+    from taichisoft.base import plain
+
+    mesh = "" if found.nodes is None else f"; {found.nodes[0]} nodes, {found.nodes[1]} on the finer mesh"
+    table = Table(title=plain(f"steps of {1e3 * found.step:g} ms, order {found.order}{mesh}"))
+    for title in ("figure", "value", "error by step", *(() if found.nodes is None else ("error by mesh",))):
+        table.add_column(plain(title), justify="left" if title == "figure" else "right", overflow="fold")
+    for one in found.figures:
+        if max(abs(one.value), one.error) < SMALLEST:
+            continue
+        errors = [f"{error:+.2g}" for error in (one.step_error, one.mesh_error) if error is not None]
+        table.add_row(plain(one.name.removeprefix("final_")), f"{one.value:.5g}", *errors)
+    return table
+
+
+# `taichisoft mesh sweep`: one mesh for each value of a dimension.
+
+
+def mesh_sweep(
+    file: Annotated[str, mesh_commands.FILE],
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary",
+            metavar="KEY=VALUE,VALUE,...",
+            help="A key of the file and the values it is given (repeatable: all combinations are meshed).",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for a folder per mesh, and summary.csv about all of them.")
+    ],
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
+    time_limit: Annotated[float, typer.Option(help="Longest time for one mesh \\[s].")] = 3600.0,
+    size: mesh_commands.Size = None,
+    nodes: mesh_commands.Nodes = None,
+    preset: mesh_commands.Preset = None,
+    set_: mesh_commands.Set = None,
+    force: mesh_commands.Force = False,
+) -> None:
+    """Mesh every variant of a geometry; one that fails is reported, the others go on, and the exit code is 1.
+
+    A variant whose mesh lies there already, of the same inputs, is not meshed again. One command at a time works in a
+    folder.
+    """
+    require("taichisoft mesh sweep", "distributed", install=extra("studies"))
+    from rich.console import Console  # --help need not wait for any of these
+
+    from taichisoft.running import locked_folder, print_line, print_warning
+    from taichisoft_meshing.mesh_set import prepare_folder
+    from taichisoft_studies.mesh_variants import plan, summary_rows, summary_table, write_summary
+    from taichisoft_studies.study_file import Sweep, check_study, varied
+
+    tables: dict[str, Any] = {"scene": file, "vary": varied(vary)}
+    add_cluster(tables, jobs, scheduler, dashboard)
+    study = check_study(Sweep, tables, "mesh sweep")
+    job = mesh_commands.geometry_job(file, set_, mesh_commands.asked_size(size, nodes, preset))
+    variants = plan(job, study.vary)
+    prepare_folder(output)
+    console = Console()
+    with locked_folder(output):  # two would move different meshes into folders of the same name
+        outcomes = make_variants(console, variants, output, study.cluster, force, time_limit)
+        rows = summary_rows(variants, outcomes)
+        written = write_summary(rows, output)
+    console.print(summary_table(rows, str(output)))
+    for variant, outcome in zip(variants, outcomes, strict=True):
+        for remark in (*outcome["remarks"], *([f"failed: {outcome['problem']}"] if outcome["problem"] else [])):
+            print_warning(console, f"{variant.name}: {remark}")
+    print_line(console, f"summary in {written}")
+    failed = sum(bool(outcome["problem"]) for outcome in outcomes)
+    if failed:
+        raise GoalMissed(f"{output}: {failed} of {len(variants)} variants failed")
+
+
+def make_variants(
+    console: "Console", variants: "Sequence[Variant]", output: Path, cluster: "Cluster", force: bool, time_limit: float
+) -> "list[Mapping[str, Any]]":
+    """Have every variant meshed into its folder, and show how far that is.
+
+    Returns:
+        The outcome of each, in the order of `variants`, see `make_mesh.make_variant`.
+
+    Raises:
+        StudyError: the workers are gone.
+    """
+    from taichisoft_studies.study_commands import progress_bar
+    from taichisoft_studies.worker_task import MeshRun, do_mesh, mesh_failure
+    from taichisoft_studies.workers import LOST
+
+    plugins = tuple(requested_plugins())
+    runs = {}
+    for variant in variants:
+        geometry = {**vars(variant.job), "file": str(variant.job.file.resolve())}
+        runs[variant.name] = MeshRun(variant.name, str(output.resolve()), geometry, force, plugins, time_limit)
+    outcomes: dict[str, Mapping[str, Any]] = {}
+    title = variants[0].job.file.name
+    try:
+        with (
+            announced_workers(console, cluster, len(runs), output) as workers,
+            progress_bar(console, title, len(runs)) as count,
+        ):
+            for name, run in runs.items():
+                workers.submit(name, do_mesh, run.to_json())
+            for _ in runs:
+                name, outcome = workers.next_done()
+                outcomes[name] = outcome or mesh_failure(runs[name], LOST)
+                count(f"{name}: {_said(outcomes[name])}")
+    finally:
+        for run in runs.values():
+            if run.name not in outcomes:
+                mesh_failure(run, "interrupted")
+    return [outcomes[name] for name in runs]
+
+
+def _said(outcome: "Mapping[str, Any]") -> str:
+    """A line about a variant that has come to its end."""
+    figures = outcome["figures"]
+    time = f"{figures['seconds']} s" if "seconds" in figures else "made before"
+    return outcome["problem"] or f"{figures['nodes']} nodes, {time}"
+
+
+# `taichisoft new measured-case`: a folder to fill with what was measured of a finger.
+
+FOLDER = "measured-case"
+
+
+def measured_case(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path(FOLDER),
+) -> None:
+    """Write a folder for a measured finger: geometry, silicone, pressures, positions and their errors."""
+    from taichisoft.base import named_os_errors
+    from taichisoft.scene import data_folder
+    from taichisoft_studies.errors import StudyError
+
+    if output.exists():
+        raise StudyError(f"--output {output}: exists already; choose another name")
+    with named_os_errors(output, StudyError):
+        shutil.copytree(data_folder() / FOLDER, output)
+    say(f"{output}: begin with {output / 'README.md'}")
+
+
+# `taichisoft characterise`: how far a finger bends, and how hard it presses.
+
+
+def characterise(
+    scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped one, with a finger.")],
+    pressure: Annotated[float, typer.Option(help="Last pressure \\[kPa]; below 0 it is suction.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the results  \\[default: out/SCENE-characteristics]"),
+    ] = None,
+    body: Annotated[str | None, typer.Option(help="The finger  \\[default: the first soft body]")] = None,
+    steps: Annotated[int, typer.Option(min=2, max=200, help="Steps of pressure.")] = 8,
+    bends: Annotated[
+        int, typer.Option(min=1, max=50, help="Bends at which a block holds the tip, at most one for each step.")
+    ] = 3,
+    set: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="Override a value (repeatable).")] = None,
+    second: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="What differs on a second mesh, for the error (repeatable)  \\[default: a finer one, if known]",
+        ),
+    ] = None,
+) -> None:
+    """Find a finger's free bending, blocked force and stiffness over its pressure: table, plot and datasheet."""
+    import math  # --help need not wait for any of these
+
+    import numpy as np
+    from rich.console import Console
+
+    from taichisoft import load_scene
+    from taichisoft.running import warnings_printed_to
+    from taichisoft_studies.characteristics import equilibrium_count, trust_line, write_datasheet
+    from taichisoft_studies.characteristics import find_characteristics as find_characteristics
+    from taichisoft_studies.errors import StudyError
+    from taichisoft_studies.refinement import finer_meshes
+    from taichisoft_studies.study_commands import progress_bar
+
+    if not (math.isfinite(pressure) and pressure != 0.0):
+        raise StudyError(f"--pressure {pressure:g}: must be a number of kPa other than 0")
+    pressures = np.linspace(0.0, pressure, steps + 1).tolist()
+    loaded = load_scene(scene, set or ())
+    if pressure < -loaded.atmosphere:
+        raise StudyError(f"--pressure {pressure:g}: must be at least the vacuum's {-loaded.atmosphere:g} kPa")
+    console, found = Console(), []
+    with warnings_printed_to(console):
+        changes = second or finer_meshes(loaded, body or next(iter(loaded.soft_bodies), None))[0]
+        for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
+            of_mesh = load_scene(scene, (*(set or ()), *overrides))
+            with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
+                found.append(find_characteristics(of_mesh, body, pressures, bends, advance))
+    other, change = (found[1], ", ".join(changes)) if changes else (None, "")
+    folder = output or Path("out") / f"{Path(scene).stem}-characteristics"
+    say(trust_line(found[0], other, change))
+    for path in write_datasheet(folder, loaded, found[0], other, change):
+        say(path)
