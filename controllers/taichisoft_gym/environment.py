@@ -17,7 +17,6 @@ from taichisoft.errors import SceneError, SimulationDiverged, nearest
 from taichisoft.mechanics import State
 from taichisoft.running import Session, load_scene, make_output, notify, with_reduced_bodies
 from taichisoft.scene import RigidBodySettings, scene_from_dict
-from taichisoft_gym import environment
 from taichisoft_gym.actuation import Actuation, ArmTravel, Travel, scene_axes
 from taichisoft_gym.channels import (
     Channel,
@@ -127,7 +126,7 @@ USUAL_RATE = 300.0
 """Default fastest change of a pressure [kPa/s]."""
 
 
-def pressure_range(scene: Scene, asked: Any, usual: tuple[float, float]) -> tuple[float, float]:
+def range_of_pressure(scene: Scene, asked: Any, usual: tuple[float, float]) -> tuple[float, float]:
     """Pressures of the actions -1 and 1 [kPa].
 
     Args:
@@ -152,7 +151,7 @@ def pressure_range(scene: Scene, asked: Any, usual: tuple[float, float]) -> tupl
     return low, high
 
 
-def pressure_rate(scene: Scene, asked: float | None) -> float:
+def rate_of_pressure(scene: Scene, asked: float | None) -> float:
     """Fastest change of a pressure [kPa/s]: `asked`, or the default within the scene's limit if None.
 
     Raises:
@@ -291,8 +290,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         read = scene if isinstance(scene, Scene) else load_scene(scene)
         if reduced is not None:
             read = with_reduced_bodies(read, Path(reduced), "reduced")
-        between = environment.pressure_range(read, pressure, self.usual_pressure)
-        rate = environment.pressure_rate(read, pressure_rate)
+        between = range_of_pressure(read, pressure, self.usual_pressure)
+        rate = rate_of_pressure(read, pressure_rate)
         if objects is not None and (object is not None or not isinstance(objects, Mapping) or not objects):
             raise SceneError("objects: must be changed keys of the object by at least one name, without object")
         changes = {"": object} if objects is None else objects

@@ -12,7 +12,6 @@ import typer
 
 from taichisoft.base import require
 from taichisoft.errors import GoalMissed, MeshError, SceneError
-from taichisoft_meshing import mesh_commands
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -193,7 +192,7 @@ def mesh_info(
             help="File for the figures (.json), or for a picture of a mesh or of a body's faces (.png).",
         ),
     ] = None,
-    section: mesh_commands.Section = None,
+    section: Section = None,
 ) -> None:
     """Show the figures of a mesh or surface (exit code 1 when it is not fit), or the faces of a STEP body."""
     from rich.console import Console  # --help need not wait for any of these
@@ -208,7 +207,7 @@ def mesh_info(
 
     suffixes = (*VOLUME_SUFFIXES, *SURFACE_SUFFIXES, *STEP_SUFFIXES)
     path = require_suffix(find_file(file, "meshes", suffixes, error=MeshError), "mesh or surface", suffixes)
-    plane = mesh_commands.section_plane(section)
+    plane = section_plane(section)
     if plane is not None and path.suffix.lower() not in VOLUME_SUFFIXES:
         raise MeshError(f"--section {section}: has no effect on {path}; only meshes (.msh, .vtk, .vtu) are cut open")
     surface = path.suffix.lower() in SURFACE_SUFFIXES
@@ -320,7 +319,7 @@ Stiff = Annotated[
 
 
 def mould(
-    files: Annotated[list[str], mesh_commands.FILE],
+    files: Annotated[list[str], FILE],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the files.")],
     surfaces: Annotated[
         bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): their negative is made.")
@@ -331,7 +330,7 @@ def mould(
     parting: Annotated[str | None, typer.Option(metavar="z=0", help="Parting plane of a negative.")] = None,
     silicone: Silicone = None,
     stiff: Stiff = None,
-    set_: mesh_commands.Set = None,
+    set_: Set = None,
 ) -> None:
     """Write the mould of a finger as STEP and STL, and check it.
 
@@ -342,9 +341,9 @@ def mould(
     from taichisoft_meshing.mesh_set import prepare_folder
 
     if surfaces:
-        job = mesh_commands.surfaces_job(files, set_, {})
+        job = surfaces_job(files, set_, {})
     elif len(files) == 1:
-        job = mesh_commands.geometry_job(files[0], set_, {})
+        job = geometry_job(files[0], set_, {})
     else:
         raise MeshError(f"{files[1]}: one file is taken at a time; several need --surfaces")
     materials = _materials(silicone, stiff)
@@ -443,7 +442,7 @@ STAGES = ("meshing", "measuring", "writing")
 
 
 def mesh(
-    files: Annotated[list[str], mesh_commands.FILE],
+    files: Annotated[list[str], FILE],
     output: Annotated[
         Path,
         typer.Option(
@@ -456,16 +455,16 @@ def mesh(
     surfaces: Annotated[
         bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): the outer one, then cavities.")
     ] = False,
-    size: mesh_commands.Size = None,
-    nodes: mesh_commands.Nodes = None,
-    preset: mesh_commands.Preset = None,
-    order: mesh_commands.Order = None,
-    set_: mesh_commands.Set = None,
-    face: mesh_commands.Face = None,
-    solid: mesh_commands.Solid = None,
-    close_inlets: mesh_commands.CloseInlets = False,
-    section: mesh_commands.Section = None,
-    force: mesh_commands.Force = False,
+    size: Size = None,
+    nodes: Nodes = None,
+    preset: Preset = None,
+    order: Order = None,
+    set_: Set = None,
+    face: Face = None,
+    solid: Solid = None,
+    close_inlets: CloseInlets = False,
+    section: Section = None,
+    force: Force = False,
 ) -> None:
     """Mesh a finger, a body from CAD, or what a plug-in knows of another kind, with tetrahedra."""
     from rich.console import Console  # --help need not wait for any of these
@@ -479,13 +478,10 @@ def mesh(
     require("taichisoft mesh", "gmsh", "matplotlib")
     if len(files) > 1 and not surfaces:
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
-    asked = mesh_commands.asked_size(size, nodes, preset)
-    if surfaces:
-        job = mesh_commands.surfaces_job(files, set_, asked)
-    else:
-        job = mesh_commands.geometry_job(files[0], set_, asked)
-    job = mesh_commands.with_options(job, order, face, solid, close_inlets)
-    plane = mesh_commands.section_plane(section)
+    asked = asked_size(size, nodes, preset)
+    job = surfaces_job(files, set_, asked) if surfaces else geometry_job(files[0], set_, asked)
+    job = with_options(job, order, face, solid, close_inlets)
+    plane = section_plane(section)
     prepare(output)
     console = Console()
     with stages_bar(console, job.file.name) as stage:

@@ -13,7 +13,6 @@ import typer
 
 from taichisoft.base import extra, printable, require, say
 from taichisoft.errors import GoalMissed
-from taichisoft_studies import study_commands
 from taichisoft_studies.errors import StudyError
 
 if TYPE_CHECKING:
@@ -22,6 +21,105 @@ if TYPE_CHECKING:
     from taichisoft_studies.study_file import Cluster
     from taichisoft_studies.workers import DaskWorkers
 
+# Options and progress of the commands of studies.
+
+
+@contextmanager
+def progress_bar(console: "Console", title: str, total: int, finished: int = 0) -> Iterator[Callable[[str], None]]:
+    """Show a bar of `total` runs; the yielded function counts one, and prints a line about it unless it is empty."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    from taichisoft.base import printable
+    from taichisoft.running import print_line
+
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
+    with Progress(
+        *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(printable(title), total=total, completed=finished)
+
+        def count(line: str) -> None:
+            progress.advance(task)
+            if line:
+                print_line(console, line)
+
+        yield count
+
+
+Jobs = Annotated[
+    int | None,
+    typer.Option("--jobs", "-j", metavar="N", help="Runs at a time on this machine; as many as CPUs otherwise."),
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="tls://HOST:8786", help="A Dask scheduler whose workers are used.")
+]
+Dashboard = Annotated[
+    str | None,
+    typer.Option(
+        "--dashboard", metavar="HOST:PORT", help="Where Dask's dashboard listens  \\[default: 127.0.0.1, any port]."
+    ),
+]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the study.")]
+
+
+def requested_plugins(arguments: Sequence[str] | None = None) -> list[str]:
+    """Absolute paths of the plug-ins that the command line names, for the processes that make the runs."""
+    from taichisoft.running import FILE_OPTION, FOLDER_OPTION
+
+    found: list[Path] = []
+    waiting = iter(sys.argv[1:] if arguments is None else arguments)
+    for argument in waiting:
+        option, separator, value = argument.partition("=")
+        if option not in (FILE_OPTION, FOLDER_OPTION):
+            continue
+        path = Path(value if separator else next(waiting, "")).expanduser().resolve()
+        inside = sorted(one for one in path.glob("[!_.]*") if one.suffix == ".py" or (one / "__init__.py").is_file())
+        found += [path] if option == FILE_OPTION else inside
+    return list(dict.fromkeys(map(str, found)))
+
+
+def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None, dashboard: str | None) -> None:
+    """Put what the command line says of workers into a study's tables.
+
+    Raises:
+        StudyError: the number of workers is not positive.
+    """
+    if jobs is not None and jobs < 1:
+        raise StudyError(f"--jobs {jobs}: must be at least 1")
+    said = {"workers": jobs, "scheduler": scheduler, "dashboard": dashboard}
+    given = {key: value for key, value in said.items() if value is not None}
+    if given:
+        tables["cluster"] = {**tables.get("cluster", {}), **given}
+
+
+def add_plugins(tables: dict[str, Any]) -> None:
+    """Put the plug-ins that the command line names into a study's tables."""
+    plugins = requested_plugins()
+    if plugins:
+        tables["plugins"] = list(dict.fromkeys([*tables.get("plugins", []), *plugins]))
+
+
+def load_plugins(study: Any) -> None:
+    """Load the plug-ins of a study here as well: its keys are checked against what they provide."""
+    from taichisoft.running import load_plugin
+
+    for plugin in study.plugins:
+        load_plugin(plugin)
+
+
+@contextmanager
+def announced_workers(console: "Console", cluster: "Cluster", tasks: int, folder: Path) -> "Iterator[DaskWorkers]":
+    """The workers of a study, see `workers.dask_workers`, with a line about them and warnings about access."""
+    from taichisoft.running import print_line, print_warning
+    from taichisoft_studies.workers import cautions, dask_workers
+
+    for caution in cautions(cluster):
+        print_warning(console, caution)
+    with dask_workers(cluster, tasks, folder) as workers:
+        print_line(console, workers.about)
+        yield workers
+
+
 # `taichisoft study optimise`: the values that make a figure of a run largest or smallest.
 
 CURVE = "optimisation.png"
@@ -29,11 +127,11 @@ CURVE = "optimisation.png"
 
 def optimise(
     study: Annotated[str, typer.Argument(help="Study file (.toml), or the name of a shipped one.")],
-    output: study_commands.Output,
+    output: Output,
     trials: Annotated[int | None, typer.Option(help="Number of runs, earlier ones included.")] = None,
-    jobs: study_commands.Jobs = None,
-    scheduler: study_commands.Scheduler = None,
-    dashboard: study_commands.Dashboard = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
 ) -> None:
     """Search for the best values of keys; started again, also on another machine, it continues the same study."""
     require("taichisoft study optimise", "distributed", "optuna", "pandas", "pyarrow", install=extra("studies"))
@@ -55,11 +153,11 @@ def optimise(
 
     path = find_study(study)
     tables: dict[str, Any] = with_function_paths(read_tables(path), path.parent)
-    study_commands.add_cluster(tables, jobs, scheduler, dashboard)
-    study_commands.add_plugins(tables)
+    add_cluster(tables, jobs, scheduler, dashboard)
+    add_plugins(tables)
     tables |= {"trials": trials} if trials is not None else {}
     asked = check_study(Optimisation, tables, str(path))
-    study_commands.load_plugins(asked)
+    load_plugins(asked)
     console = Console()
     made = open_study(asked, output)
     made.set_user_attr("folder", str(output.resolve()))
@@ -69,8 +167,8 @@ def optimise(
     ):
         if count:
             print_line(console, f"{count} trials {what} are made again")
-    with study_commands.announced_workers(console, asked.cluster, asked.trials, output) as workers:
-        with study_commands.progress_bar(console, "trials", asked.trials, len(counted(made))) as advance:
+    with announced_workers(console, asked.cluster, asked.trials, output) as workers:
+        with progress_bar(console, "trials", asked.trials, len(counted(made))) as advance:
 
             def done(trial: Any, record: Mapping[str, Any]) -> None:
                 values = made.trials[trial.number].values
@@ -129,14 +227,14 @@ FIT, FIT_PICTURE = "fit.json", "fit.png"
 
 def calibrate(
     study: Annotated[str, typer.Argument(help="Study file (.toml), or the name of a shipped one.")],
-    output: study_commands.Output,
+    output: Output,
     data: Annotated[
         list[Path] | None,
         typer.Option("--data", help="Measured data (CSV), one for each experiment that names none (repeatable)."),
     ] = None,
-    jobs: study_commands.Jobs = None,
-    scheduler: study_commands.Scheduler = None,
-    dashboard: study_commands.Dashboard = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
 ) -> None:
     """Fit parameters to measured curves, with an interval of confidence and a plot of the data over the fit."""
     require("taichisoft study calibrate", "distributed", install=extra("studies"))
@@ -150,10 +248,10 @@ def calibrate(
 
     path = find_study(study)
     tables: dict[str, Any] = read_tables(path)
-    study_commands.add_cluster(tables, jobs, scheduler, dashboard)
-    study_commands.add_plugins(tables)
+    add_cluster(tables, jobs, scheduler, dashboard)
+    add_plugins(tables)
     asked = check_study(Calibration, tables, str(path))
-    study_commands.load_plugins(asked)
+    load_plugins(asked)
     files = _files(asked, path, data or [])
     measured = [
         read_measurement(experiment, file, f"{path}: experiments.{index}")
@@ -169,7 +267,7 @@ def calibrate(
         print_line(console, f"{said}: cost {cost:.6g}")
 
     most = len(measured) * 2 * len(asked.parameters)
-    with study_commands.announced_workers(console, asked.cluster, most, output) as workers:
+    with announced_workers(console, asked.cluster, most, output) as workers:
         fit = fit_parameters(asked, measured, output, workers, tried)
     for key, value in fit.values.items():
         low, high = fit.intervals[key]
@@ -336,105 +434,6 @@ def _draw(run: Path) -> Any:
         typer.echo(printable(f"no picture of {run}: {error}"), err=True)
 
 
-# Options and progress of the commands of studies.
-
-
-@contextmanager
-def progress_bar(console: "Console", title: str, total: int, finished: int = 0) -> Iterator[Callable[[str], None]]:
-    """Show a bar of `total` runs; the yielded function counts one, and prints a line about it unless it is empty."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    from taichisoft.base import printable
-    from taichisoft.running import print_line
-
-    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
-    with Progress(
-        *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task(printable(title), total=total, completed=finished)
-
-        def count(line: str) -> None:
-            progress.advance(task)
-            if line:
-                print_line(console, line)
-
-        yield count
-
-
-Jobs = Annotated[
-    int | None,
-    typer.Option("--jobs", "-j", metavar="N", help="Runs at a time on this machine; as many as CPUs otherwise."),
-]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", metavar="tls://HOST:8786", help="A Dask scheduler whose workers are used.")
-]
-Dashboard = Annotated[
-    str | None,
-    typer.Option(
-        "--dashboard", metavar="HOST:PORT", help="Where Dask's dashboard listens  \\[default: 127.0.0.1, any port]."
-    ),
-]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the study.")]
-
-
-def requested_plugins(arguments: Sequence[str] | None = None) -> list[str]:
-    """Absolute paths of the plug-ins that the command line names, for the processes that make the runs."""
-    from taichisoft.running import FILE_OPTION, FOLDER_OPTION
-
-    found: list[Path] = []
-    waiting = iter(sys.argv[1:] if arguments is None else arguments)
-    for argument in waiting:
-        option, separator, value = argument.partition("=")
-        if option not in (FILE_OPTION, FOLDER_OPTION):
-            continue
-        path = Path(value if separator else next(waiting, "")).expanduser().resolve()
-        inside = sorted(one for one in path.glob("[!_.]*") if one.suffix == ".py" or (one / "__init__.py").is_file())
-        found += [path] if option == FILE_OPTION else inside
-    return list(dict.fromkeys(map(str, found)))
-
-
-def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None, dashboard: str | None) -> None:
-    """Put what the command line says of workers into a study's tables.
-
-    Raises:
-        StudyError: the number of workers is not positive.
-    """
-    if jobs is not None and jobs < 1:
-        raise StudyError(f"--jobs {jobs}: must be at least 1")
-    said = {"workers": jobs, "scheduler": scheduler, "dashboard": dashboard}
-    given = {key: value for key, value in said.items() if value is not None}
-    if given:
-        tables["cluster"] = {**tables.get("cluster", {}), **given}
-
-
-def add_plugins(tables: dict[str, Any]) -> None:
-    """Put the plug-ins that the command line names into a study's tables."""
-    plugins = requested_plugins()
-    if plugins:
-        tables["plugins"] = list(dict.fromkeys([*tables.get("plugins", []), *plugins]))
-
-
-def load_plugins(study: Any) -> None:
-    """Load the plug-ins of a study here as well: its keys are checked against what they provide."""
-    from taichisoft.running import load_plugin
-
-    for plugin in study.plugins:
-        load_plugin(plugin)
-
-
-@contextmanager
-def announced_workers(console: "Console", cluster: "Cluster", tasks: int, folder: Path) -> "Iterator[DaskWorkers]":
-    """The workers of a study, see `workers.dask_workers`, with a line about them and warnings about access."""
-    from taichisoft.running import print_line, print_warning
-    from taichisoft_studies.workers import cautions, dask_workers
-
-    for caution in cautions(cluster):
-        print_warning(console, caution)
-    with dask_workers(cluster, tasks, folder) as workers:
-        print_line(console, workers.about)
-        yield workers
-
-
 # `taichisoft study sweep`: a scene with many values of its keys.
 
 STUDY = "study.toml"
@@ -444,7 +443,7 @@ def sweep(
     study: Annotated[
         str, typer.Argument(help="Study file (.toml), or a scene's file or name with --vary.", metavar="STUDY|SCENE")
     ],
-    output: study_commands.Output,
+    output: Output,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -465,9 +464,9 @@ def sweep(
     duration: Annotated[float | None, typer.Option(help="Simulated time of each run \\[s].")] = None,
     record: Annotated[bool, typer.Option("--record", help="Record every run (recording.h5).")] = False,
     time_limit: Annotated[float | None, typer.Option(help="Longest time for one run \\[s].")] = None,
-    jobs: study_commands.Jobs = None,
-    scheduler: study_commands.Scheduler = None,
-    dashboard: study_commands.Dashboard = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
     again: Annotated[
         bool, typer.Option("--again", help="Repeat runs that timed out, or whose process or workers were lost.")
     ] = False,
@@ -496,10 +495,10 @@ def sweep(
         tables["sample"] = _sample(sample)
     if record:
         tables["outputs"] = list(dict.fromkeys([*tables.get("outputs", ["metrics"]), "recording"]))
-    study_commands.add_plugins(tables)
-    study_commands.add_cluster(tables, jobs, scheduler, dashboard)
+    add_plugins(tables)
+    add_cluster(tables, jobs, scheduler, dashboard)
     asked = check_study(Sweep, tables, source)
-    study_commands.load_plugins(asked)
+    load_plugins(asked)
     planned = sweep_jobs(asked, output)
     _write_study(tables, output)
     if again:
@@ -512,8 +511,8 @@ def sweep(
         print_line(console, f"{failed_before} runs that ended with an error are made again")
     if ended < len(planned):
         with (
-            study_commands.announced_workers(console, asked.cluster, len(planned) - ended, output) as workers,
-            study_commands.progress_bar(console, "runs", len(planned), ended) as count,
+            announced_workers(console, asked.cluster, len(planned) - ended, output) as workers,
+            progress_bar(console, "runs", len(planned), ended) as count,
         ):
 
             def done(job: Any, record: Mapping[str, Any]) -> None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.contact import surfaces
 from taichisoft.contact.kernels.box_trees import NodeMotion, Trees, move_bodies, refit
 from taichisoft.contact.kernels.contacts import (
     SMOOTH,
@@ -398,7 +397,7 @@ class ContactSurfaces:
         self.vertex_is_feature, self.edge_is_feature = find_features(self.topology, self.carriers, is_smooth)
         is_round = find_round_vertices(self.topology, self.carriers)
         self.vertex_is_round = np.where(is_smooth, SMOOTH, is_round).astype(np.int32)
-        self.trees = surfaces.build(
+        self.trees = build(
             self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
         )
         self.body_size = np.full(first_obstacle + len(obstacles), np.inf)

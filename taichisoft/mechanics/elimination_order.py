@@ -1,7 +1,6 @@
 """The order in which nodes are eliminated, chosen for each body by the predicted time of its factorisation."""
 
 import heapq
-import sys
 from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
@@ -11,7 +10,6 @@ import scipy.sparse.linalg as sparse_linalg
 from scipy.sparse import csgraph
 
 from taichisoft.base.kept_files import kept_arrays, source_of
-from taichisoft.mechanics import elimination_order
 
 # Nested dissection: a fill-reducing order whose elimination tree is bushy, from the graph alone.
 #
@@ -355,9 +353,8 @@ def find_supernodes(adjacency: sparse.csr_matrix) -> Supernodes:
 
     What was found is kept for the next process.
     """
-    sources = [source_of(module.__file__) for module in (sys.modules[__name__], elimination_order, elimination_order)]
-    pattern = [adjacency.indptr.tobytes(), adjacency.indices.tobytes()]
-    return Supernodes(*kept_arrays("orders", [*sources, *pattern], lambda: astuple(_find_supernodes(adjacency))))
+    pattern = [source_of(__file__), adjacency.indptr.tobytes(), adjacency.indices.tobytes()]
+    return Supernodes(*kept_arrays("orders", pattern, lambda: astuple(_find_supernodes(adjacency))))
 
 
 def _find_supernodes(adjacency: sparse.csr_matrix) -> Supernodes:
