@@ -14,7 +14,7 @@ from taichisoft.errors import SceneError
 from taichisoft.scene import NotNegative, Number, Positive, Table
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import read_curves
-from taichisoft_studies.run_folder import COMPLETED, RunJob
+from taichisoft_studies.run_folder import COMPLETED, LOG, RunJob, read_record
 from taichisoft_studies.study_file import Count, Expression, Study, scene_with
 from taichisoft_studies.sweep_runs import fixed_overrides, job_for, make_missing
 from taichisoft_studies.workers import Workers
@@ -314,6 +314,17 @@ def misfits(study: Calibration, measurements: Sequence[Measurement], fit: Calibr
                     f"hint: {curve.column[:40]}: the residual, {residual:.3g}, is far above the noise, {noise:.2g}: "
                     "the scene leaves something out (mesh, law, clamp, geometry), and the values make up for it"
                 )
+
+
+def complaints(study: Calibration, fit: CalibrationFit, folder: Path) -> Iterator[str]:
+    """A sentence for each experiment whose run with the fitted values has warned: of an unstable equilibrium first."""
+    for index in range(len(study.experiments)):
+        job = experiment_job(study, index, fit.values, folder)
+        said = (read_record(job.place) or {}).get("warnings", [])
+        if said:
+            first = next((one for one in said if "equilibrium" in one), said[0])
+            more = f" ({len(said) - 1} more in its {LOG})" if len(said) > 1 else ""
+            yield f"experiments.{index}: run {job.name}: {first}{more}"
 
 
 def _residuals(

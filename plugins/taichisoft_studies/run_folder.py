@@ -6,7 +6,7 @@ import os
 import shutil
 import socket
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -203,7 +203,8 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     """The content of `run.json` in a folder; None if it is missing or incomplete.
 
     Keys: "run", "parameters", "seed", "version", "outputs", "status" ("completed" or a reason such as "diverged"),
-    "message" (one line, empty where it completed), "metrics".
+    "message" (one line, empty where it completed), "metrics",
+    "warnings" (one line each).
     """
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
@@ -247,7 +248,9 @@ def new_folder(job: RunJob) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def write_record(job: RunJob, folder: Path, status: str, message: str, metrics: Mapping[str, Any]) -> dict[str, Any]:
+def write_record(
+    job: RunJob, folder: Path, status: str, message: str, metrics: Mapping[str, Any], warnings: Sequence[str] = ()
+) -> dict[str, Any]:
     """Write `run.json`, and return its content.
 
     Raises:
@@ -264,6 +267,7 @@ def write_record(job: RunJob, folder: Path, status: str, message: str, metrics: 
         "status": status,
         "message": message,
         "metrics": dict(metrics),
+        "warnings": list(warnings),
     }
     with atomic_file(folder / RECORD, StudyError) as partial:
         partial.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
