@@ -73,9 +73,10 @@ class FoundEquilibrium:
     def warning(self) -> str:
         """What is to be said of its stability and its contacts, or nothing."""
         when = f"at {self.state.time:.6g} s the equilibrium"
-        if self.restless:
-            searched = f"another search for contacts {self.restless} after {MOST_SEARCHES} of them"
-            return f"{when} is not one: {searched}, which is too much to trust its forces"
+        restless = f"{when} is not one: another search for contacts {self.restless}" if self.restless else ""
+        return "; ".join(filter(None, (restless, self._instability(when))))
+
+    def _instability(self, when: str) -> str:
         if self.stiffness is not None and self.stiffness <= -NEUTRAL:
             return f"{when} is unstable (stiffness {self.stiffness:.2g} of that without loads): no motion ends in it"
         if self.left is not None:
