@@ -32,10 +32,12 @@ class Equilibrium:
             matter, 0 where the equilibrium becomes unstable, negative beyond; to a tenth of itself. Contacts act as
             they do: those that press stay closed, those that stick do not slide, those at the limit of friction do
             against the friction they have, and open ones stay open; pressures and tensions turn with the bodies, sealed
-            air and imposed volumes or pulls resist. Left out is how contacts turn with rigid bodies, so that a stack
-            about to topple counts as stable. None without soft bodies.
+            air and imposed volumes or pulls resist. Left out is how contacts turn with rigid bodies, see `unchecked`.
+            None without soft bodies.
         left: `stiffness` of the unstable equilibrium from which the bodies have gone on to this one; else None.
         warning: what is to be said of its stability, or nothing.
+        unchecked: free rigid bodies that something presses. Whether they stay is not checked: a box balanced on an edge
+            and a stack about to topple rest as one that lies flat does; a motion from a small tilt tells.
     """
 
     state: State
@@ -46,6 +48,7 @@ class Equilibrium:
     stiffness: float | None
     left: float | None
     warning: str
+    unchecked: tuple[str, ...]
     _stepper: TimeStepper = field(repr=False, compare=False)
 
     @cached_property
@@ -155,6 +158,15 @@ class Statics:
         state = found.state.changed(**changes)
         stepper.restore(state)
         state = stepper.state
-        linearisations = found.report.linearisations
-        told = (linearisations, found.increments, found.residual, found.stiffness, found.left, found.warning)
-        return Equilibrium(state, stepper.observe(), *told, stepper)
+        return Equilibrium(
+            state=state,
+            observation=stepper.observe(),
+            linearisations=found.report.linearisations,
+            increments=found.increments,
+            residual=found.residual,
+            stiffness=found.stiffness,
+            left=found.left,
+            warning=found.warning,
+            unchecked=found.unchecked,
+            _stepper=stepper,
+        )

@@ -115,7 +115,12 @@ class TimeStepper:
                 warn_caller(found.warning)
             self.state = found.state
             self.report = replace(
-                found.report, signals=dict(control.signals), step_time=taken, stiffness=found.stiffness, left=found.left
+                found.report,
+                signals=dict(control.signals),
+                step_time=taken,
+                stiffness=found.stiffness,
+                left=found.left,
+                unchecked=found.unchecked,
             )
         else:
             self.state, self.report = self._move(start, control, started)

@@ -11,7 +11,7 @@ from taichisoft.errors import SceneError
 from taichisoft_studies.calibration_file import Calibration, Measurement, Parameter
 from taichisoft_studies.curves_output import read_curves
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.run_folder import COMPLETED
+from taichisoft_studies.run_folder import COMPLETED, LOG, read_record
 from taichisoft_studies.run_job import RunJob
 from taichisoft_studies.scene_keys import scene_with
 from taichisoft_studies.study_expressions import Expression
@@ -132,6 +132,17 @@ def misfits(study: Calibration, measurements: Sequence[Measurement], fit: Calibr
                     f"hint: {curve.column[:40]}: the residual, {residual:.3g}, is far above the noise, {noise:.2g}: "
                     "the scene leaves something out (mesh, law, clamp, geometry), and the values make up for it"
                 )
+
+
+def complaints(study: Calibration, fit: CalibrationFit, folder: Path) -> Iterator[str]:
+    """A sentence for each experiment whose run with the fitted values has warned: of an unstable equilibrium first."""
+    for index in range(len(study.experiments)):
+        job = experiment_job(study, index, fit.values, folder)
+        said = (read_record(job.place) or {}).get("warnings", [])
+        if said:
+            first = next((one for one in said if "equilibrium" in one), said[0])
+            more = f" ({len(said) - 1} more in its {LOG})" if len(said) > 1 else ""
+            yield f"experiments.{index}: run {job.name}: {first}{more}"
 
 
 def _residuals(

@@ -3,8 +3,9 @@
 import errno
 import json
 import random
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -71,11 +72,27 @@ def make_run(
     if record is not None:
         return record
     with new_folder(job) as folder:
-        with logged_in(folder / LOG):
+        with logged_in(folder / LOG), _warnings_kept() as said:
             status, message = _run(job, folder)
-        record = write_record(job, folder, status, message, _metrics(folder))
+        record = write_record(job, folder, status, message, _metrics(folder), said)
     remove_partial(job)
     return record
+
+
+@contextmanager
+def _warnings_kept() -> Iterator[list[str]]:
+    """The warnings within the context, one line each, which are printed as well."""
+    said: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")  # what an earlier run of this process has said counts again
+        show: Callable[..., None] = warnings.showwarning
+
+        def keep(message: Warning | str, *others: Any, **named: Any) -> None:
+            said.append(" ".join(str(message).split()))
+            show(message, *others, **named)
+
+        warnings.showwarning = keep
+        yield said
 
 
 def reason(error: Exception) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     """The content of `run.json` in a folder; None if it is missing or incomplete.
 
     Keys: "run", "parameters", "seed", "version", "outputs", "status" ("completed" or a reason such as "diverged"),
-    "message" (one line, empty where it completed), "metrics".
+    "message" (one line, empty where it completed), "metrics",
+    "warnings" (one line each).
     """
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
@@ -66,7 +67,9 @@ def new_folder(job: RunJob) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def write_record(job: RunJob, folder: Path, status: str, message: str, metrics: Mapping[str, Any]) -> dict[str, Any]:
+def write_record(
+    job: RunJob, folder: Path, status: str, message: str, metrics: Mapping[str, Any], warnings: Sequence[str] = ()
+) -> dict[str, Any]:
     """Write `run.json`, and return its content.
 
     Raises:
@@ -83,6 +86,7 @@ def write_record(job: RunJob, folder: Path, status: str, message: str, metrics: 
         "status": status,
         "message": message,
         "metrics": dict(metrics),
+        "warnings": list(warnings),
     }
     with atomic_file(folder / RECORD, StudyError) as partial:
         partial.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

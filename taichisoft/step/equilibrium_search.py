@@ -56,6 +56,7 @@ class FoundEquilibrium:
         residual: largest move of a node by another linearisation, or by another move [mm].
         stiffness: least stiffness of a small move, see `Softest`; negative: unstable; None of rigid bodies alone.
         left: that of the unstable equilibrium from which the bodies have gone on, or None.
+        unchecked: free rigid bodies that something presses: their stability is not known, see `Equilibrium.unchecked`.
         restless: by how much a last search for contacts has moved which body, if that is too much to be at rest.
     """
 
@@ -66,14 +67,16 @@ class FoundEquilibrium:
     stiffness: float | None = None
     left: float | None = None
     restless: str = ""
+    unchecked: tuple[str, ...] = ()
 
     @property
     def warning(self) -> str:
         """What is to be said of its stability and its contacts, or nothing."""
         when = f"at {self.state.time:.6g} s the equilibrium"
-        if self.restless:
-            searched = f"another search for contacts {self.restless} after {MOST_SEARCHES} of them"
-            return f"{when} is not one: {searched}, which is too much to trust its forces"
+        restless = f"{when} is not one: another search for contacts {self.restless}" if self.restless else ""
+        return "; ".join(filter(None, (restless, self._instability(when))))
+
+    def _instability(self, when: str) -> str:
         if self.stiffness is not None and self.stiffness <= -NEUTRAL:
             return f"{when} is unstable (stiffness {self.stiffness:.2g} of that without loads): no motion ends in it"
         if self.left is not None:
@@ -92,7 +95,8 @@ class EquilibriumSearch:
         self._soft = [(body.name, body.nodes) for body in model.soft_bodies]
         self._rigid = [body.name for body in model.rigid_bodies]
         self._radius = np.array([body.radius for body in model.rigid_bodies])
-        self._has_free = bool((model.rigid_frame < 0).any())
+        self._is_free = model.rigid_frame < 0
+        self._has_free = bool(self._is_free.any())
         self._may_touch = bool(model.surfaces.may_touch.any())
         self._model = model
 
@@ -129,7 +133,12 @@ class EquilibriumSearch:
                 )
             linearisations += found.report.linearisations
             found = self._at_rest(loads, replace(found, state=state), linearisations, self._time.newton_tolerance, 1)
-        return found
+        return replace(found, unchecked=self._unchecked(found.state))
+
+    def _unchecked(self, state: State) -> tuple[str, ...]:
+        """Free rigid bodies that something presses."""
+        pressed = np.unique(state.contact_body_pair[state.contact_impulse.any(axis=1)]) - len(self._soft)
+        return tuple(name for number, name in enumerate(self._rigid) if self._is_free[number] and number in pressed)
 
     def _pushed(self, state: State, check: StabilityCheck, softest: Softest, start: State) -> State:
         """Bodies a little way from an unstable equilibrium, on the side from which they came."""

@@ -36,7 +36,7 @@ class StepReport:
             (`time.newton`).
         find_imbalance: function that computes `imbalance`.
         find_stretch: function that computes `stretch_over_law`.
-        stiffness, left: of a static step, as of `Equilibrium`; else None.
+        stiffness, left, unchecked: of a static step, as of `Equilibrium`; else None, and none.
     """
 
     step: int
@@ -60,6 +60,7 @@ class StepReport:
     find_stretch: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
     stiffness: float | None = None
     left: float | None = None
+    unchecked: tuple[str, ...] = ()
 
     @property
     def contact_count(self) -> int:

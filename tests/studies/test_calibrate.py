@@ -1,6 +1,7 @@
 """Calibration: data that a run made give back what made them; bounds, failures and wrong files are told."""
 
 import csv
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from taichisoft.scenes.file import scene_from_toml
 from taichisoft_studies.calibration_file import Calibration, Experiment, Measurement, Parameter, read_measurement
 from taichisoft_studies.curves_output import read_curves
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.least_squares import CalibrationFit, calibrate, experiment_job, misfits, statics
+from taichisoft_studies.least_squares import CalibrationFit, calibrate, complaints, experiment_job, misfits, statics
 from taichisoft_studies.study_file import check_study
 from taichisoft_studies.sweep_runs import job_for, make_missing
 
@@ -79,6 +80,27 @@ def test_the_interval_of_noisy_data_holds_the_truth(tmp_path: Path, taichisoft_p
         assert low < value < high
         assert 1.001 < high / low < 3.0
     assert fit.residuals[0][0] == pytest.approx(noise, rel=0.4)
+
+
+def test_warnings_of_the_fitted_run_are_told_with_its_name(
+    tmp_path: Path, taichisoft_plugins: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line, the unstable equilibrium first; the same warning in a second run of the process counts again."""
+
+    def simulate(*_: Any) -> None:
+        for line in ("something else", "at 0.1 s the equilibrium is unstable"):
+            warnings.warn(line, stacklevel=1)
+
+    monkeypatch.setattr("taichisoft_studies.make_run._simulate", simulate)
+    study = calibration_of(tmp_path)
+    for modulus in (130.0, 140.0):
+        values = {**TRUE, MODULUS: modulus}
+        job = experiment_job(study, 0, values, tmp_path)
+        with pytest.warns(UserWarning, match="unstable"):
+            make_missing([job], Here(), lambda *_: None)
+        fit = CalibrationFit(values, {}, [], [], 1, 0.0)
+        (told,) = complaints(study, fit, tmp_path)
+        assert f"run {job.name}: at 0.1 s the equilibrium is unstable (1 more in its log.txt)" in told
 
 
 def test_rows_are_chosen_shifted_and_computed_from_columns(tmp_path: Path, taichisoft_plugins: Any) -> None:

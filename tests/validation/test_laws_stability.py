@@ -109,3 +109,35 @@ def test_static_steps_buckle_a_column_between_clamps(column: Any, figures: Figur
             warnings.simplefilter("error")
             again = simulation.step(Control(anchor_positions={"column": places}))
         assert again.left is None, "it stays"
+
+
+BOX = {"box": [10.0, 10.0, 10.0], "density": 1e-6}
+BALL = {"sphere": {"radius": 5.0}, "density": 1e-6}
+FLOOR = {"floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}}
+DOME = {"dome": {"sphere": {"radius": 10.0}}}
+
+
+@pytest.mark.parametrize(
+    ("bodies", "obstacles"),
+    [
+        ({"flat": {**BOX, "position": [0.0, 0.0, 5.1]}}, FLOOR),
+        ({"edge": {**BOX, "position": [0.0, 0.0, 50.0**0.5 + 0.1], "rotation": [0.0, 45.0, 0.0]}}, FLOOR),
+        ({"ball": {**BALL, "position": [0.0, 0.0, 15.1]}}, DOME),
+        ({"low": {**BOX, "position": [0.0, 0.0, 5.1]}, "high": {**BOX, "position": [4.0, 0.0, 15.2]}}, FLOOR),
+    ],
+)
+def test_stability_of_rigid_bodies_is_not_claimed(bodies: dict[str, Any], obstacles: dict[str, Any]) -> None:
+    """Whether it lies flat or stands on an edge: what the check leaves out is named, and no stiffness given."""
+    tables = {"gravity": [0.0, 0.0, -9810.0], "rigid_bodies": bodies, "obstacles": obstacles}
+    contact = {"friction": 0.5, "contact_distance": 0.1, "alarm_distance": 2.0}
+    found = equilibrium(Simulation(scene_from_dict({**tables, "contact": contact})))
+    assert found.unchecked == tuple(bodies) and found.stiffness is None
+
+
+def test_a_stack_that_must_topple_ends_on_the_floor() -> None:
+    """A box whose centre is 1 mm beyond the edge of the one below it does not rest there."""
+    bodies = {"low": {**BOX, "position": [0.0, 0.0, 5.1]}, "high": {**BOX, "position": [6.0, 0.0, 15.2]}}
+    tables = {"gravity": [0.0, 0.0, -9810.0], "rigid_bodies": bodies, "obstacles": FLOOR}
+    contact = {"friction": 0.5, "contact_distance": 0.1, "alarm_distance": 2.0}
+    found = equilibrium(Simulation(scene_from_dict({**tables, "contact": contact})))
+    assert found.state.rigid_position[:, 2] == pytest.approx(5.1, abs=1e-3)

@@ -30,10 +30,10 @@ def calibrate(
     from rich.console import Console
 
     from taichisoft.atomic_file import atomic_file
-    from taichisoft.running import print_line
+    from taichisoft.running import print_line, print_warning
     from taichisoft_studies.calibration_file import Calibration, read_measurement
     from taichisoft_studies.least_squares import calibrate as fit_parameters
-    from taichisoft_studies.least_squares import misfits, statics
+    from taichisoft_studies.least_squares import complaints, misfits, statics
     from taichisoft_studies.study_file import check_study, find_study, read_tables
 
     path = find_study(study)
@@ -64,6 +64,8 @@ def calibrate(
         print_line(console, f"{key} = {value:.6g} (95 %: {low:.6g} to {high:.6g})")
     for file, residuals in zip(files, fit.residuals, strict=True):
         print_line(console, f"{file.name}: residual {', '.join(f'{one:.4g}' for one in residuals)}")
+    for complaint in complaints(asked, fit, output):
+        print_warning(console, complaint)
     for hint in misfits(asked, measured, fit):
         print_line(console, f"{hint}; look at {PICTURE}")
     found = {
