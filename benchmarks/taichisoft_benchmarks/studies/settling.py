@@ -2,9 +2,9 @@
 
     python -m taichisoft_benchmarks.studies.settling
 
-prints the table, in some fifteen minutes; docs/notes/experiments.md quotes it. Creep by errors of the contacts would not
-end, or would change in proportion to the step. Settling of viscous fingers falls exponentially, with a time constant in
-proportion to their damping, and hardly depends on the step.
+prints the table, in some fifteen minutes; docs/notes/experiments.md quotes it. Creep by errors of the contacts would
+not end, or would change in proportion to the step. Settling of viscous fingers falls exponentially, with a time
+constant in proportion to their damping, and hardly depends on the step.
 """
 
 import math
