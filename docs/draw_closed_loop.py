@@ -1,6 +1,6 @@
 """Draws docs/notes/closed_loop.svg: `python docs/draw_closed_loop.py RUN [FILE.svg]`.
 
-RUN is the folder of the run of sixty seconds that docs/notes/closed_loop.md describes, with its run.csv.
+RUN is the folder of the run of sixty seconds that docs/notes/experiments.md describes, with its run.csv.
 """
 
 import sys

@@ -162,8 +162,9 @@ def time_step_table(results: Results) -> str:
 
 
 def peers_table(results: Results) -> str:
-    """Parts of the job that other programs leave out, and the bend of their fingers beside ours."""
-    rows = []
+    """Parts of the job that other programs leave out, each named once, and the bend of their fingers beside ours."""
+    rows: list[list[Any]] = []
+    first: dict[str, str] = {}
     for name, case in results.cases.items():
         peer = next((peer for peer in reversed(PEERS) if case.group.endswith(f"_{peer}")), None)
         if peer is None:
@@ -173,7 +174,9 @@ def peers_table(results: Results) -> str:
             rows.append([f"`{name}`", NOTHING, NOTHING, NOTHING, case.skipped or case.problem])
             continue
         facts = [_fact(ours, "displacement_mm"), _fact(case, "displacement_mm"), _fact(case, "unsolved")]
-        rows.append([f"`{name}`", *facts, case.does_not])
+        first.setdefault(case.does_not, name)
+        repeated = first[case.does_not] != name
+        rows.append([f"`{name}`", *facts, f"as `{first[case.does_not]}`" if repeated else case.does_not])
     header = ["case", "displacement, ours, mm", "theirs, mm", "solves that stopped early", "does not"]
     return _table(header, rows)
 

@@ -51,6 +51,7 @@ def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
             facts={"nodes": 376, "displacement_mm": 10.5, "unsolved": 9},
             does_not="no air",
         ),
+        "finger_fine_mujoco": case_of({"step_ms": [9.0]}, group="finger_fine_mujoco", does_not="no air"),
         "finger_coarse_drake": case_of({}, group="finger_coarse_drake", skipped="drake is not installed"),
     }
     tables = page.fill_page("<!-- bench:targets -->\n<!-- end --><!-- bench:peers -->\n<!-- end -->", results_of(cases))
@@ -58,6 +59,7 @@ def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
     assert "| `finger_coarse.step_ms` | 1.2 ± 0.35 | 0.9 | 6 | 3 ± 0.1 | - | - | 0.40 | 0.3 |" in tables
     assert "| `finger_coarse.python_ms` | 0.2 | 0.15 | - | - | - | - | - | - |" in tables
     assert "| `finger_coarse_mujoco` | 12.3 | 10.5 | 9 | no air |" in tables
+    assert "| `finger_fine_mujoco` | - | - | - | as `finger_coarse_mujoco` |" in tables
     assert "| `finger_coarse_drake` | - | - | - | drake is not installed |" in tables
 
 

@@ -9,7 +9,7 @@ from taichisoft_controllers.grasp_sensing import GraspSettings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 GUIDE = (DOCS / "controllers.md").read_text(encoding="utf-8").partition("\n## Closed-loop\n")[2]
-NOTES = (DOCS / "notes" / "closed_loop.md").read_text(encoding="utf-8")
+NOTES = (DOCS / "notes" / "experiments.md").read_text(encoding="utf-8")
 
 
 def test_every_setting_has_its_row_in_the_guide_and_in_the_notes() -> None:

@@ -19,7 +19,7 @@ from taichisoft_meshing.tendon_finger import TendonFingerTable
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "meshing.md").read_text(encoding="utf-8")
-NOTE = DOCS / "notes" / "mesh-convergence.md"
+NOTE = DOCS / "notes" / "experiments.md"
 
 
 def blocks(language: str) -> list[str]:

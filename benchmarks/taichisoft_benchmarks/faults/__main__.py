@@ -1,4 +1,4 @@
-"""The table of docs/reliability.md: `python -m taichisoft_benchmarks.faults`, or some of its rows with fewer tries."""
+"""A table of faults, tries and failures: `python -m taichisoft_benchmarks.faults`, or some of its rows."""
 
 from typing import Annotated
 

@@ -1,6 +1,6 @@
 """How the finger's bend converges with its mesh.
 
-    python -m taichisoft_benchmarks.studies.convergence --output docs/notes/mesh-convergence.md
+    python -m taichisoft_benchmarks.studies.convergence --output docs/notes/experiments.md
 
 fills the section "convergence" of the page, and draws the plot beside it. It takes some twenty minutes. `--sizes` and
 `--even-sizes` choose other meshes; `--tutorial-meshes DIR` adds the two of SOFA's tutorial, which are not part of the

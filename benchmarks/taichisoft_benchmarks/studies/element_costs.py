@@ -16,7 +16,7 @@ MESHES: tuple[Any, ...] = ("tutorial-coarse", "tutorial-medium", {"file": "tutor
 """Meshes of linear and smoothed elements; quadratic ones, which have six times the nodes, leave out the last."""
 POISSON_RATIOS = (0.3, 0.49)
 LIMITS = {0.3: 72.9}
-"""Where quadratic elements lead under refinement [mm] (docs/notes/mesh-convergence.md), where it is known."""
+"""Where quadratic elements lead under refinement [mm] (docs/notes/experiments.md), where it is known."""
 WARM_UP, STEPS = 5, 15
 
 

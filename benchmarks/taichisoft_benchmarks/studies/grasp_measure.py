@@ -77,7 +77,6 @@ def measure(grasp: MeasuredGrasp) -> dict[str, Any]:
         steps, unconverged: number of steps, and of unconverged steps.
         sweeps_median, sweeps_most: of the solver in a step.
         penetration: deepest penetration of the contact distance of 1 mm [mm].
-        step_ms: median wall-clock time of a step [ms].
 
     Raises:
         TaichisoftError: the scene is refused, or the simulation diverged.
@@ -107,7 +106,6 @@ def measure(grasp: MeasuredGrasp) -> dict[str, Any]:
         "sweeps_median": float(np.median(sweeps)),
         "sweeps_most": max(sweeps),
         "penetration": max(report.max_penetration for report in reports),
-        "step_ms": 1e3 * float(np.median([report.step_time for report in reports])),
     }
 
 

@@ -1,6 +1,6 @@
 """Grasps with the shipped gripper, as a table.
 
-    python -m taichisoft_benchmarks.studies.grasps --element smoothed --output docs/notes/grasps.md
+    python -m taichisoft_benchmarks.studies.grasps --element smoothed --output docs/notes/experiments.md
 
 fills the section "grasps smoothed" of the page, in some ten minutes. Without `--element` fingers are of linear
 elements, at higher pressures, for a section "grasps". `--only NAME` tries the grasps whose name has NAME in it. What
@@ -27,7 +27,7 @@ CREEP = 0.01
 """Largest motion in the last second of what counts as held [mm]."""
 HEADINGS = (
     "object", "mass, g", "kPa", "friction", "friction over weight", "held", f"lifted, mm of {LIFT:g}", "creep, mm",
-    "steps not converged", "sweeps, median, most", "deepest, mm", "ms a step",
+    "steps not converged", "sweeps, median, most", "deepest, mm",
 )  # fmt: skip
 
 
@@ -87,7 +87,7 @@ def grasp_row(grasp: MeasuredGrasp, figures: Mapping[str, Any]) -> str:
     setting = [f"{grasp.object}{', exact' if grasp.exact else ''}"]
     setting += [f"{value:g}" for value in (grasp.mass, grasp.pressure, grasp.friction)]
     if "problem" in figures:
-        return row([*setting, "", figures["problem"], *6 * [""]])
+        return row([*setting, "", figures["problem"], *5 * [""]])
     held = abs(figures["lift"] - LIFT) <= YIELD and figures["creep"] <= CREEP
     shown = [
         f"{figures['margin']:.1f}",
@@ -97,7 +97,6 @@ def grasp_row(grasp: MeasuredGrasp, figures: Mapping[str, Any]) -> str:
         f"{figures['unconverged']} of {figures['steps']}",
         f"{figures['sweeps_median']:.0f}, {figures['sweeps_most']}",
         f"{figures['penetration']:.2g}",
-        f"{figures['step_ms']:.1f}",
     ]
     return row([*setting, *shown])
 

@@ -1,10 +1,10 @@
 """Settling of held objects: creep from second to second, by time step and damping, as a table.
 
-    python -m taichisoft_benchmarks.studies.settling --output docs/notes/grasps.md
+    python -m taichisoft_benchmarks.studies.settling
 
-fills the section "settling" of the page, in some fifteen minutes. Creep by errors of the contacts would go on for ever,
-or change in proportion to the step; what settles because the fingers are viscous falls exponentially, with a time
-constant in proportion to their damping, and the step hardly matters.
+prints the table, in some fifteen minutes; docs/notes/experiments.md quotes it. Creep by errors of the contacts would
+not end, or would change in proportion to the step. Settling of viscous fingers falls exponentially, with a time
+constant in proportion to their damping, and hardly depends on the step.
 """
 
 import math
@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
+from taichisoft_benchmarks.marked_page import heading, row
 from taichisoft_benchmarks.program import run_program
 from taichisoft_benchmarks.studies.grasp_measure import SHAKEN_TO, MeasuredGrasp, control_at, scene_of
 
@@ -92,9 +92,10 @@ def page_section() -> Iterator[str]:
         yield hold_row(hold, *measure(hold))
 
 
-def main(output: PageOption = None) -> None:
+def main() -> None:
     """Settling of held objects, by time step and damping."""
-    fill_section(output, "settling", page_section())
+    for line in page_section():
+        print(line, flush=True)
 
 
 if __name__ == "__main__":
