@@ -50,13 +50,14 @@ LAYERS = {
     "taichisoft_outputs": [
         "__init__",
         "doctor_command",
+        "doctor_checks",
         "materials_command",
         "tension_test",
+        "recording_commands",
         "report",
         "rendering",
         "web",
         "paraview",
-        "plot_command",
         "plots",
         "csv_output",
         "metrics",
@@ -71,6 +72,7 @@ LAYERS = {
     "taichisoft_sofa": [
         "__init__",
         "sofa_commands",
+        "checking",
         "scene_reader",
         "controller",
         "translation",
