@@ -64,7 +64,7 @@ def test_it_is_short_and_uses_public_names_alone(program: Path) -> None:
     code = text.split('"""', 2)[2]  # without the docstring, half of which is the output
     assert len([line for line in code.splitlines() if line.strip()]) <= 60
     imported = re.findall(r"^(?:from|import) (taichisoft\S*)", text, re.MULTILINE)
-    documented = "taichisoft_outputs"  # docs/outputs.md tells users to read recordings with it
+    documented = "taichisoft_outputs"  # docs/recording.md tells users to read recordings with it
     assert "taichisoft" in imported
     assert set(imported) <= {"taichisoft", "taichisoft.errors", documented}
 

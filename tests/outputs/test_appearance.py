@@ -30,7 +30,7 @@ from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.page import COLOURS, SceneView
 from taichisoft_outputs.web.page_messages import PageFrame, PageScene
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "outputs.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "pictures.md").read_text(encoding="utf-8")
 
 BEHIND, FINGER, CUBE, FLOOR, WALL = (16, 32, 48), (32, 192, 64), (224, 64, 32), (200, 48, 160), (48, 200, 200)
 DARKEST_SIDE = 0.4
@@ -261,7 +261,7 @@ def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
 
 def test_the_example_of_the_documents_is_a_scene() -> None:
     (text,) = re.findall(r"```toml\n(\[appearance\].*?)```", PAGE, re.DOTALL)
-    scene = scene_from_toml(text, "outputs.md")
+    scene = scene_from_toml(text, "pictures.md")
     assert set(body_colours(scene)) == {"cube", "floor"}
     assert Style().for_scene(scene).axes is False
     assert list(axes_of_bodies(scene, ())) == ["cube"] and scene.appearance.light == (1.0, -1.0, 2.0)
