@@ -53,6 +53,7 @@ LAYERS = {
         "doctor_checks",
         "materials_command",
         "tension_test",
+        "material_files",
         "recording_commands",
         "report",
         "rendering",

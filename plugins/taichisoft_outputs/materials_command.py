@@ -26,7 +26,7 @@ def list_materials(context: typer.Context) -> None:
     import rich
     from rich.table import Table
 
-    from taichisoft_outputs.tension_test import materials_of_plugins, shipped_materials
+    from taichisoft_outputs.material_files import materials_of_plugins, shipped_materials
 
     found = shipped_materials() | materials_of_plugins()
     table = Table()
@@ -65,13 +65,8 @@ def fit(
     from taichisoft.base import MODULUS, implausible
     from taichisoft.running import print_warning
     from taichisoft.scene import LAW_NAMES, Material
-    from taichisoft_outputs.tension_test import (
-        MaterialError,
-        draw_materials,
-        fit_law,
-        read_tension_test,
-        write_material,
-    )
+    from taichisoft_outputs.material_files import MaterialError, write_material
+    from taichisoft_outputs.tension_test import draw_materials, fit_law, read_tension_test
 
     measured = read_tension_test(test).without_slack(slack)
     if loading:
@@ -118,13 +113,8 @@ def plot(
     ),
 ) -> None:
     """Draw stress over stretch of materials, beside what was measured."""
-    from taichisoft_outputs.tension_test import (
-        MaterialError,
-        draw_materials,
-        find_material,
-        read_tension_test,
-        shipped_materials,
-    )
+    from taichisoft_outputs.material_files import MaterialError, find_material, shipped_materials
+    from taichisoft_outputs.tension_test import draw_materials, read_tension_test
 
     chosen = {name: find_material(name) for name in names} if names else shipped_materials()
     if data is not None and not data.is_dir():

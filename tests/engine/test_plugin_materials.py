@@ -91,7 +91,7 @@ def test_a_table_that_lacks_a_key_names_it(taichisoft_plugins, scene_file: Path)
 
 
 def test_it_is_listed(taichisoft_plugins) -> None:
-    from taichisoft_outputs.tension_test import find_material
+    from taichisoft_outputs.material_files import find_material
 
     register_plugin(Materials(**{"house-rubber": RUBBER}))
     assert find_material("house-rubber").shear_modulus == pytest.approx(120.0)

@@ -25,7 +25,7 @@ from taichisoft_meshing.mould_check import (
     wall_thickness,
 )
 from taichisoft_meshing.mould_parts import write_mould
-from taichisoft_outputs.tension_test import find_material
+from taichisoft_outputs.material_files import find_material
 
 SMALL = {
     "body": {"length": 55.0},

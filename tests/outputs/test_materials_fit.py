@@ -7,15 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from taichisoft.scene import initial_shear_modulus, read_material
+from taichisoft_outputs.material_files import MaterialError, shipped_materials
 from taichisoft_outputs.materials_command import materials
-from taichisoft_outputs.tension_test import (
-    MaterialError,
-    TensionTest,
-    fit_law,
-    nominal_stress,
-    read_tension_test,
-    shipped_materials,
-)
+from taichisoft_outputs.tension_test import TensionTest, fit_law, nominal_stress, read_tension_test
 
 STRETCH = np.linspace(1.02, 3.0, 120)
 RUBBERS = [
