@@ -102,7 +102,7 @@ def test_the_installed_command_tells_its_version(environment: Path, tmp_path: Pa
 def test_the_installed_packages_and_data_are_the_ones_of_the_wheel(environment: Path, tmp_path: Path) -> None:
     code = """
 from taichisoft.running.plugins import plugin_registry
-from taichisoft.scene.file import find_file
+from taichisoft.scene.shipped import find_file
 
 for name in ("controllers", "meshing", "outputs"):
     print(plugin_registry().get_plugin(name).__file__)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from taichisoft.base import plain
 from taichisoft_benchmarks.__main__ import bench
-from taichisoft_outputs import tension_test
+from taichisoft_outputs import material_files
 from taichisoft_outputs.materials_command import materials
 from taichisoft_studies.mesh_variants import summary_table
 from taichisoft_studies.study_commands import compare
@@ -54,8 +54,8 @@ def test_a_comparison_shows_keys_and_values(
 
 
 def test_materials_are_listed_by_names_and_units(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = next(iter(tension_test.shipped_materials().values()))
-    monkeypatch.setattr(tension_test, "materials_of_plugins", lambda: {NAME: one})
+    one = next(iter(material_files.shipped_materials().values()))
+    monkeypatch.setattr(material_files, "materials_of_plugins", lambda: {NAME: one})
     monkeypatch.setattr(rich, "get_console", lambda: Console(width=200))
     text = CliRunner().invoke(materials).stdout
     assert SHOWN in text and "\x1b" not in text

@@ -366,7 +366,7 @@ def mould_check(
 
 
 def _materials(silicone: str | None, stiff: str | None) -> dict[str, "Material | None"]:
-    from taichisoft_outputs.tension_test import find_material
+    from taichisoft_outputs.material_files import find_material
 
     soft = None if silicone is None else find_material(silicone)
     return {"soft": soft, "stiff": soft if stiff is None else find_material(stiff)}

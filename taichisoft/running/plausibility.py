@@ -38,8 +38,8 @@ from taichisoft.mesh.volume_mesh import (
     share_without_nodes_inside,
     too_stiff,
 )
-from taichisoft.scene.file import data_folder
 from taichisoft.scene.scene import Scene
+from taichisoft.scene.shipped import data_folder
 from taichisoft.scene.soft_body import SoftBodySettings
 
 LOGGER = logging.getLogger("taichisoft.running")

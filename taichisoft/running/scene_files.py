@@ -20,8 +20,9 @@ from taichisoft.running.hooks import find, provided
 from taichisoft.running.plugins import failures_of
 from taichisoft.running.session import Output, require_base
 from taichisoft.scene import file as scene_tables
-from taichisoft.scene.file import change_scene, find_file
+from taichisoft.scene.file import change_scene
 from taichisoft.scene.scene import Scene
+from taichisoft.scene.shipped import find_file
 from taichisoft.scene.soft_body import SoftBodySettings
 from taichisoft.scene.table import first_problem, short_text
 

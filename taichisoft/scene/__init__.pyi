@@ -1,6 +1,4 @@
 from .file import apply_override as apply_override
-from .file import data_folder as data_folder
-from .file import find_file as find_file
 from .file import scene_from_dict as scene_from_dict
 from .file import scene_from_toml as scene_from_toml
 from .file import scene_to_toml as scene_to_toml
@@ -17,6 +15,8 @@ from .rigid_body import RigidBodySettings as RigidBodySettings
 from .scene import Goal as Goal
 from .scene import Scene as Scene
 from .sensor_settings import SensorSettings as SensorSettings
+from .shipped import data_folder as data_folder
+from .shipped import find_file as find_file
 from .table import KeySets as KeySets
 from .table import NotNegative as NotNegative
 from .table import Number as Number

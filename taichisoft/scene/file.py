@@ -1,6 +1,5 @@
 """Scenes from tables and as TOML: files found, inheritance, errors that point at the key, the resolved scene."""
 
-import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,10 +7,11 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import Field, ValidationError
 
-from taichisoft.base.files import DEEPEST, from_home, is_file, is_folder, parse_toml
-from taichisoft.errors import SceneError, TaichisoftError, nearest
+from taichisoft.base.files import DEEPEST, parse_toml
+from taichisoft.errors import SceneError, nearest
 from taichisoft.mesh.mesh_files import POINT_SUFFIXES, SURFACE_SUFFIXES, VOLUME_SUFFIXES
 from taichisoft.scene.scene import Scene
+from taichisoft.scene.shipped import find_file
 from taichisoft.scene.table import Number, Table, Vector, first_problem
 
 # Changes of a scene from the command line: another controller, and values such as --set contact.friction=0.3.
@@ -195,56 +195,6 @@ def _turned(table: dict[str, Any], pattern: CircularPattern, place: str, number:
 
 def _is_vector(value: Any) -> bool:
     return isinstance(value, list | tuple) and len(value) == 3 and all(type(one) in (int, float) for one in value)
-
-
-# Where the scenes, meshes and scripts that come with taichisoft lie, in a checkout and in a wheel.
-
-PACKAGE = Path(__file__).resolve().parents[1]
-
-
-def data_folder() -> Path:
-    """The folder `data`: inside the package when installed from a wheel, beside it in a checkout."""
-    installed = PACKAGE / "data"
-    return installed if installed.is_dir() else PACKAGE.parent / "data"
-
-
-def find_file(
-    name: str | Path,
-    kind: str,
-    suffixes: tuple[str, ...],
-    beside: Path | None = None,
-    error: type[TaichisoftError] = TaichisoftError,
-    also: Sequence[tuple[str, tuple[str, ...]]] = (),
-) -> Path:
-    """Find a file by path or by shipped name.
-
-    `name` is taken as a path (relative to `beside`, then to the current folder); failing that, as
-    the name of a file in the shipped folder `kind` ("scenes", "meshes", "fingers", "scripts"), with or
-    without one of `suffixes`; failing that, likewise with each folder and suffixes of `also`.
-
-    Raises:
-        error: nothing is there; the message lists the names that ship.
-    """
-    path = from_home(name)
-    own = [folder for folder in (beside, Path()) if folder is not None]
-    places = ((kind, suffixes), *also)
-    for shipped, ends in places:
-        for folder in (*own, data_folder(), data_folder() / shipped):
-            for suffix in ("", *ends):
-                candidate = folder / f"{path}{suffix}"
-                if is_file(candidate):
-                    return candidate.resolve()
-    if str(name) and any(is_folder(folder / path) for folder in own):
-        raise error(f"{name}: is a folder; a file ({', '.join(suffixes)}) is needed")
-    names = {shipped: _shipped_names(shipped, ends) for shipped, ends in places}
-    near = difflib.get_close_matches(path.stem, [one for some in names.values() for one in some], n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    listed = "; ".join(f"{shipped}: {', '.join(some) or 'none'}" for shipped, some in names.items())
-    raise error(f"{name}: no such file, and none of the shipped {listed}{hint}")
-
-
-def _shipped_names(kind: str, suffixes: tuple[str, ...]) -> list[str]:
-    return sorted(path.stem for path in (data_folder() / kind).glob("*") if path.suffix in suffixes)
 
 
 GEOMETRY_SUFFIX = ".toml"

@@ -39,7 +39,8 @@ from taichisoft_benchmarks.studies.ring_down import (
     rayleigh_damping,
     simulated_swing,
 )
-from taichisoft_outputs.tension_test import nominal_stress, read_tension_test, shipped_materials
+from taichisoft_outputs.material_files import shipped_materials
+from taichisoft_outputs.tension_test import nominal_stress, read_tension_test
 from taichisoft_studies.refinement import refinement_error
 
 MESHES = ((7, 2, 2), (13, 4, 4), (27, 8, 8))
