@@ -76,5 +76,5 @@ def test_nesting_is_counted() -> None:
     ("kind", "count"), [("scenes", 25), ("command lines", 40), ("mesh files", 12), ("STEP files", 2)]
 )
 def test_mistakes_drawn_at_random_end_in_one_line(kind: str, count: int) -> None:
-    """`python -m taichisoft_benchmarks.faults` tries many more of each."""
+    """A few of each kind, at random."""
     assert run_batch(kind, 5000, count) == []

@@ -1,4 +1,4 @@
-"""A short version of `python -m taichisoft_benchmarks.faults`: damage is reported, and no wrong number is read."""
+"""Faults of many kinds at random: damage is reported, and no wrong number is read."""
 
 import pytest
 

@@ -188,7 +188,7 @@ def encrypted_pair() -> Iterator[tuple[ssl.SSLSocket, ssl.SSLSocket]]:
 
 
 def test_the_command_opens_no_port_to_others() -> None:
-    """The short version of a row of `python -m taichisoft_benchmarks.faults`, which does it with all four commands."""
+    """What listens while a study runs is open to its own processes alone."""
     assert ports_of_studies(1) == []
 
 

@@ -1,4 +1,1 @@
-"""Faults of many kinds, and how often data was lost, an error took more than one line, or a stranger was let in.
-
-`python -m taichisoft_benchmarks.faults` prints a table of tries and failures; the tests make a few tries of each row.
-"""
+"""Tries of faults of many kinds, of which the tests make a few: damaged files, odd inputs, killed processes."""

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.base import run_python
-from taichisoft_benchmarks.faults import command_lines, mesh_files, mistaken_scenes
+from taichisoft_benchmarks.faults import broken_meshes, command_lines, mistaken_scenes
 
 SECONDS = 60.0
 """Most processor time of a try [s]; a try that sleeps for ever is ended with its batch."""
@@ -31,8 +31,8 @@ EXIT_CODES = (0, 1, 2)
 KINDS: dict[str, tuple[Callable[[], None], Callable[[int], list[str]]]] = {
     "scenes": (lambda: None, mistaken_scenes.attempt),
     "command lines": (command_lines.write_files, command_lines.attempt),
-    "mesh files": (mesh_files.write_files, mesh_files.attempt),
-    "STEP files": (mesh_files.write_step_file, mesh_files.attempt_step_file),
+    "mesh files": (broken_meshes.write_files, broken_meshes.attempt),
+    "STEP files": (broken_meshes.write_step_file, broken_meshes.attempt_step_file),
 }
 """A function that writes the files that all tries need, and one that writes the files of a try and returns its command
 line; both work in the current folder."""
