@@ -181,7 +181,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shipped scenes of some elements in `data`, and stand-ins for what takes long."""
     from matplotlib.figure import Figure
 
-    from taichisoft.scene import file
+    from taichisoft.scene import shipped
     from taichisoft_meshing import body_pictures, mesh_job, mesh_process
     from taichisoft_outputs.rendering import video
     from taichisoft_outputs.web import recording_page, web_output
@@ -192,10 +192,9 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gripper = tiny_gripper()
     for scene in (data / "scenes").glob("*.toml"):
         scene.write_text(gripper if "gripper" in scene.stem else tiny_finger(gripper), encoding="utf-8")
-    monkeypatch.setattr(file, "data_folder", lambda: data)
+    monkeypatch.setattr(shipped, "data_folder", lambda: data)
     monkeypatch.setattr(Figure, "savefig", save_nothing)
-    for module in (video, video):
-        monkeypatch.setattr(module, "draw_frames", draw_nothing)
+    monkeypatch.setattr(video, "draw_frames", draw_nothing)
     monkeypatch.setattr(body_pictures, "draw_parts", lambda parts: [])
     monkeypatch.setattr(mesh_process, "_known_elsewhere", lambda job: False)
     monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
