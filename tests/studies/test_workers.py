@@ -19,10 +19,10 @@ from typing import Any
 
 import pytest
 from conftest import PATIENCE
+from ports import listening, open_doors, ports_of_studies
 from rich.console import Console
 from studies import command
 
-from taichisoft_benchmarks.faults.ports import listening, open_doors, ports_of_studies
 from taichisoft_studies import workers
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_file import Cluster, Study, check_study
@@ -188,7 +188,7 @@ def encrypted_pair() -> Iterator[tuple[ssl.SSLSocket, ssl.SSLSocket]]:
 
 
 def test_the_command_opens_no_port_to_others() -> None:
-    """The short version of a row of `python -m taichisoft_benchmarks.faults`, which does it with all four commands."""
+    """The short version of a row of `python -m , which does it with all four commands."""
     assert ports_of_studies(1) == []
 
 

@@ -1,4 +1,0 @@
-"""Faults of many kinds, and how often data was lost, an error took more than one line, or a stranger was let in.
-
-`python -m taichisoft_benchmarks.faults` makes the table of docs/reliability.md; the tests make a few tries of each row.
-"""
