@@ -4,13 +4,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from mistaken_input import run_batch
 
 from taichisoft import load_scene
 from taichisoft.base import parse_toml
 from taichisoft.base.files import DEEPEST
 from taichisoft.command_line import LONGEST_LINE, main
 from taichisoft.errors import SceneError
-from taichisoft_benchmarks.faults.tries import run_batch
 
 DEEP = 2000
 
@@ -73,7 +73,8 @@ def test_nesting_is_counted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "count"), [("scenes", 25), ("command lines", 40), ("mesh files", 12), ("STEP files", 2)]
+    ("kind", "count"),
+    [("scenes", 25), ("command lines", 40), ("mesh files", 12), ("STEP files", 2), ("tables of studies", 2)],
 )
 def test_mistakes_drawn_at_random_end_in_one_line(kind: str, count: int) -> None:
     """A few of each kind, at random."""

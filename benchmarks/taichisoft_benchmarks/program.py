@@ -16,7 +16,7 @@ def run_program(function: Callable[..., None], module: str) -> None:
 
     Args:
         function: has parameters as typer expects them.
-        module: what follows `python -m`, such as "taichisoft_benchmarks.studies.hertz".
+        module: what follows `python -m`, such as "taichisoft_benchmarks.studies.convergence".
     """
     application = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     application.command()(function)

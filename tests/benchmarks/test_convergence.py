@@ -9,8 +9,7 @@ from scipy.optimize import brentq
 from taichisoft_benchmarks.case_scenes import tutorial_surfaces
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.studies import convergence
-from taichisoft_benchmarks.studies.convergence import ConvergenceStudy, Point
-from taichisoft_benchmarks.studies.extrapolation import limit_of
+from taichisoft_benchmarks.studies.convergence import ConvergenceStudy, Point, limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
 from taichisoft_studies.refinement import MESH_ORDER
 

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.runtime import Matrices, kernel, symmetric_eigen, ti
-from taichisoft.runtime.arithmetic import positive_part
-from taichisoft.runtime.language import Vectors
+from taichisoft.runtime import kernel, ti
+from taichisoft.runtime.arithmetic import positive_part, symmetric_eigen
+from taichisoft.runtime.language import Matrices, Vectors
 
 
 @kernel
@@ -70,3 +70,14 @@ def test_of_matrices_that_are_isotropic_but_for_round_off(sign: float) -> None:
     np.testing.assert_allclose(transposed @ vectors, np.broadcast_to(np.eye(3), vectors.shape), atol=1e-14)
     np.testing.assert_allclose(vectors * values[:, None] @ transposed, matrices, atol=1e-14)
     np.testing.assert_allclose(positive, matrices if sign > 0.0 else 0.0 * matrices, atol=1e-14)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_noise_on_an_isotropic_matrix_leaves_axes(sign: float) -> None:
+    """A million matrices of 1 and noise of 1 to 8 units in the last place: eigenvectors are a rotation."""
+    random = np.random.default_rng(0)
+    noise = random.integers(-16, 17, (10**6, 1, 1)) * np.eye(3) + random.integers(-16, 17, (10**6, 3, 3)) / 4.0
+    noise = 2.0**-53 * (np.triu(noise) + np.triu(noise, 1).transpose(0, 2, 1))
+    axes = np.zeros((10**6, 3, 3))
+    decompose(sign * np.eye(3) + noise, np.zeros((10**6, 3)), axes, np.zeros((10**6, 3, 3)))
+    assert np.abs(axes.transpose(0, 2, 1) @ axes - np.eye(3)).max() < 1e-14

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import tiny_run
 from conftest import PATIENCE
+from damage import DAMAGES, cut_off, flip_bit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from taichisoft_benchmarks.faults.damage import DAMAGES, cut_off, flip_bit
 from taichisoft_outputs import RecordingError, read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import rescue

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from conftest import PATIENCE
+from interrupted_sweep import PLUGIN
 
 from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_benchmarks.faults.interrupted_sweep import PLUGIN
 from taichisoft_studies.make_run import make_run
 from taichisoft_studies.run_folder import RunJob
 from taichisoft_studies.study_file import Sweep, check_study

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 import psutil
+from ports import listening, open_doors
 
-from taichisoft_benchmarks.faults.ports import listening, open_doors
 from taichisoft_studies.study_file import Cluster
 from taichisoft_studies.workers import dask_workers
 

@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from interrupted_sweep import interrupted_sweep
 from studies import Here, sweep_of
 
 from taichisoft import load_plugin
 from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_benchmarks.faults.interrupted_sweep import interrupted_sweep
 from taichisoft_studies import study_file
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import REASONS, reason

@@ -19,10 +19,10 @@ from typing import Any
 
 import pytest
 from conftest import PATIENCE
+from ports import listening, open_doors, ports_of_studies
 from rich.console import Console
 from studies import command
 
-from taichisoft_benchmarks.faults.ports import listening, open_doors, ports_of_studies
 from taichisoft_studies import workers
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_commands import announced_workers

@@ -1,8 +1,7 @@
-"""Soft balls press as Hertz found: see taichisoft_benchmarks/studies/hertz.py, which has the formulae."""
+"""Soft balls press as Hertz found: `hertz` has the formulae."""
 
 from conftest import Figures
-
-from taichisoft_benchmarks.studies.hertz import RADIUS, make_half_ball, press
+from hertz import RADIUS, make_half_ball, press
 
 
 def test_a_soft_ball_is_pressed_on_a_plane_as_hertz_found(figures: Figures) -> None:

@@ -19,14 +19,15 @@ import typer
 from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import find_file
 from taichisoft_benchmarks.case_scenes import FINGER, TUTORIAL_MESHES, tutorial_surfaces
+from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.growth_plots import svg_axes
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.program import run_program
-from taichisoft_benchmarks.studies.extrapolation import Limit, limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
 from taichisoft_meshing.geometry_file import read_geometry
 from taichisoft_meshing.mesh_quality import measure
 from taichisoft_meshing.scene_meshes import mesh_for_scene
+from taichisoft_studies.refinement import MESH_ORDER
 
 SIZES = "18,12,10,7.75,6,5,4"
 """Largest elements of the graded meshes [mm]."""
@@ -37,6 +38,50 @@ MOST_FOR_QUADRATIC = 4500
 DAMPING = 8.0
 """Rayleigh's factor of the stiffness [s] with which elements other than linear ones come to rest."""
 PLOT = "mesh_convergence.svg"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The curve value - factor * nodes ** (-MESH_ORDER / 3): errors go with the element size to the power of the order.
+
+    Attributes:
+        value: displacement on an infinitely fine mesh [mm].
+        factor: displacement that a mesh of a single node would lack [mm].
+        doubt: largest change of the value when one of the meshes is left out [mm].
+    """
+
+    value: float
+    factor: float
+    doubt: float
+
+    def at(self, nodes: np.ndarray) -> np.ndarray:
+        """Displacements of meshes with these numbers of nodes [mm]."""
+        return self.value - self.factor * nodes ** (-MESH_ORDER / 3.0)
+
+
+def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
+    """Richardson's extrapolation, fitted to all meshes by least squares.
+
+    Args:
+        nodes: number of nodes of each mesh.
+        values: displacement with each mesh [mm].
+
+    Raises:
+        BenchmarkError: there are fewer than three meshes.
+    """
+    if len(nodes) < 3:
+        raise BenchmarkError(f"a limit with its doubt needs three meshes; there are {len(nodes)}")
+    counts, given = np.asarray(nodes, dtype=float), np.asarray(values, dtype=float)
+    limit, factor = _fit(counts, given)
+    left_out = [_fit(np.delete(counts, index), np.delete(given, index))[0] for index in range(len(counts))]
+    return Limit(limit, factor, max(abs(value - limit) for value in left_out))
+
+
+def _fit(nodes: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Value and factor of a limit by least squares [mm]."""
+    columns = np.stack([np.ones(len(nodes)), -(nodes ** (-MESH_ORDER / 3.0))], axis=1)
+    value, factor = np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(value), float(factor)
 
 
 @dataclass(frozen=True)

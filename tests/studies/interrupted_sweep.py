@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -95,17 +94,6 @@ def interrupted_sweep(
     return DisturbedSweep(complete and len(_ended(disturbed)) == runs, redone, done, len(ended))
 
 
-def interrupted_runs(runs: int) -> list[str]:
-    """Interrupt a sweep, with a kill for every 20 runs: its table is that of an undisturbed sweep, byte by byte."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        outcome = interrupted_sweep(folder, runs, runs // 20, seed=1)
-        _start(folder / "squeeze.py", folder / "quiet", TINY_GRIPPER, f"{PRESSURES}:{runs}", 2).wait()
-        disturbed, quiet = ((folder / one / "results.csv").read_bytes() for one in ("disturbed", "quiet"))
-    failures = ["runs are lost"] * (not outcome.complete) + ["the table differs"] * (disturbed != quiet)
-    return failures + [f"{outcome.redone} runs are made twice"] * (outcome.redone > 0)
-
-
 def _start(
     plugin: Path, output: Path, scene: Path, values: str, workers: int, pause: float = 0.0
 ) -> "subprocess.Popen[bytes]":
@@ -159,6 +147,3 @@ def _workers_of(pid: int) -> Sequence[int]:
         if "spawn_main" in words or "taichisoft_studies.worker_task" in words:
             found.append(child.pid)
     return sorted(found)
-
-
-ROWS = {"runs of a sweep, of which workers and then the whole command are killed": (200, interrupted_runs)}

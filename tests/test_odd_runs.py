@@ -1,11 +1,23 @@
-"""Wrong or hard inputs of a run: paths of the base, actions and states of environments, settings of controllers."""
+"""Random inputs of a run: paths of the base, actions, states, settings, meshes at rest and bodies that burst."""
 
 import dataclasses
+import json
+import os
 import random
+import subprocess
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import pytest
+from mistaken_input import base_scene
+from scipy.spatial.transform import Rotation
+
+from taichisoft.base import PYTHON
+from taichisoft_benchmarks.regular_meshes import bar, hollow_sphere
+from taichisoft_benchmarks.studies.one_body import simulation_of
 
 BOUND = 1e-6
 """Farthest that an unloaded anchored node may be from where the base has it [mm]."""
@@ -28,10 +40,7 @@ def base_paths(tries: int) -> list[str]:
 
 def largest_lag(number: int) -> float:
     """How far anchored nodes are from their places in the steps of a path [mm]."""
-    from scipy.spatial.transform import Rotation
-
     import taichisoft as ts
-    from taichisoft_benchmarks.faults.mistaken_scenes import base_scene
 
     dice = np.random.default_rng(number)
     pad = base_scene()["soft_bodies"]["left"] | {
@@ -166,9 +175,80 @@ def _unless_refused(shown: str, ask: Callable[[Any], Any], wrong: Any) -> list[s
     return [f"{shown}: {problem}"] if problem else []
 
 
-ROWS: dict[str, tuple[int, Callable[[int], list[str]]]] = {
-    "paths of the base at 10 to 500 mm/s: anchored nodes within 1e-6 mm": (200, base_paths),
-    "actions of an environment of a wrong kind, or beyond its space": (500, wrong_actions),
-    "states of a wrong kind for the reset of an environment": (500, wrong_states),
-    "settings of a plug-in's controller of wrong types": (1000, wrong_settings),
-}
+EXPLODING = """
+[time]
+step = 0.01
+duration = 0.5
+[controller]
+name = "scripted"
+settings = {{ script = "inflate", pressure = {pressure} }}
+[limits]
+pressure_rate = 1e4
+[soft_bodies.ball]
+mesh = "ball.msh"
+material = "{material}"
+rayleigh_stiffness = 0.02
+cavities = {{ air = {{ group = "cavity" }} }}
+"""
+SOFT = ("ecoflex-00-10", "ecoflex-00-30", "ecoflex-00-50", "dragon-skin-fx-pro-slacker")
+BEYOND = 6.0
+"""Twice the stretch up to which these materials are fitted."""
+
+
+def turned_meshes(tries: int) -> list[str]:
+    """Boxes of smoothed rubber at rest, turned at random: a step leaves them where they are."""
+    from taichisoft.errors import TaichisoftError
+
+    failures = []
+    for number in range(tries):
+        random = np.random.default_rng(number)
+        box = bar(tuple(random.integers(2, 6, 3)), tuple(random.uniform(5.0, 60.0, 3)))
+        turn = Rotation.random(rng=random).as_euler("xyz", degrees=True).tolist()
+        ratio = float(random.uniform(0.3, 0.499))
+        keys: dict[str, Any] = {"law": "neo-hookean", "young_modulus": 200.0, "poisson_ratio": ratio, "rotation": turn}
+        try:
+            simulation = simulation_of(box, {}, **keys)
+            simulation.step()
+        except TaichisoftError as error:
+            failures.append(f"{number}: {error}")
+            continue
+        if not np.abs(simulation.state.position - simulation.model.rest_position).max() < 1e-8:
+            failures.append(f"{number}: moves at rest")
+    return failures
+
+
+def exploded_scenes(tries: int) -> list[str]:
+    """Balloons of soft silicone under 1 to 100 kPa: a run that ends far beyond its law has not completed."""
+    from taichisoft.mesh import write_volume_mesh
+
+    failures = []
+    for number in range(tries):
+        random = np.random.default_rng(number)
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            write_volume_mesh(hollow_sphere(10.0, float(random.uniform(10.5, 13.0)), 2, 1), folder / "ball.msh")
+            pressure, material = 10.0 ** random.uniform(0.0, 2.0), SOFT[random.integers(len(SOFT))]
+            (folder / "ball.toml").write_text(EXPLODING.format(pressure=pressure, material=material))
+            words = ["run", "ball.toml", "--outputs", "metrics", "-o", "out"]
+            run = subprocess.run(
+                [*PYTHON, "-m", "taichisoft", *words],
+                cwd=folder,
+                env={**os.environ, "TAICHISOFT_THREADS": "1"},
+                capture_output=True,
+                text=True,
+            )
+            figures = json.loads((folder / "out" / "metrics.json").read_text())
+            inside_out = figures.get("inverted_elements_at_end", 0)
+            burst = inside_out or figures.get("stretch_99_percent", {}).get("ball", 1.0) > BEYOND
+            if bool(burst) == (run.returncode == 0) and figures["outcome"].startswith(("completed", "beyond")):
+                failures.append(f"{number}: exit code {run.returncode}, {inside_out} inside out: {figures['outcome']}")
+    return failures
+
+
+@pytest.mark.parametrize(
+    "attempt",
+    [base_paths, wrong_actions, wrong_states, wrong_settings, turned_meshes, exploded_scenes],
+    ids=lambda attempt: attempt.__name__,
+)
+def test_random_inputs_of_a_run(attempt: Callable[[int], list[str]]) -> None:
+    assert attempt(2) == []

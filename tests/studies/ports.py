@@ -17,9 +17,10 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from interrupted_sweep import PLUGIN
+
 from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_benchmarks.faults.interrupted_sweep import PLUGIN
 
 PATIENCE = 600.0
 """Longest time until the workers of a command are there, and until it ends [s]."""
@@ -164,6 +165,3 @@ def _foreign_certificate() -> tuple[str, str]:
 
     made = Security.temporary()
     return made.tls_client_key, made.tls_client_cert
-
-
-ROWS = {"scans of all ports that a sweep, optimisation, calibration or sweep of meshes opens": (20, ports_of_studies)}

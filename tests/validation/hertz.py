@@ -1,8 +1,4 @@
-"""Soft balls that are pressed on a plane or on each other, against Hertz, on finer and finer meshes.
-
-    python -m taichisoft_benchmarks.studies.hertz --output docs/validation.md
-
-fills the section "hertz" of the page.
+"""Soft balls that are pressed on a plane or on each other, against Hertz.
 
 A ball of radius R that approaches a rigid plane by d presses with F = 4/3 E* sqrt(R) d^(3/2), 1/E* = (1 - nu^2) / E;
 two equal balls that approach by 2 d in all press alike (Hertz 1882; Johnson, Contact Mechanics, 4.2).
@@ -14,7 +10,7 @@ d / R = 2 %, and 8 % at 5 %.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,8 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.mesh import VolumeMesh, write_volume_mesh
-from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
-from taichisoft_benchmarks.program import run_program
 from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
 
 if TYPE_CHECKING:  # a simulation brings Taichi
@@ -43,18 +37,6 @@ STEP = 0.1
 STILL = 1e-4
 """Change of the force in a step, over the force, at which a ball counts as resting."""
 MOST_STEPS = 200
-
-
-SIZES = (2.0, 1.2, 0.8, 0.6)
-"""Sizes of the elements at the contact [mm]."""
-FINEST_OF_TWO = 1.2
-"""Smallest size with which two balls are pressed [mm]: they have more than twice as many contacts."""
-SHARES = (0.02, 0.035, 0.05)
-"""Approaches over the radius [-]."""
-HEADINGS = (
-    "on", "elements at the contact, mm", "nodes", "approach over radius", "contacts", "force, mN", "off Hertz",
-    "off Hertz with the other side",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -186,25 +168,3 @@ def _rest(simulation: "Simulation", approach: float) -> Pressed:
             return Pressed(approach, force, sum(report.observation.contact_counts.values()))
         last = force
     raise TaichisoftError(f"a ball that approaches by {approach:g} mm does not rest after {MOST_STEPS} steps")
-
-
-def page_section() -> Iterator[str]:
-    """The study as Markdown, line by line."""
-    yield heading(HEADINGS)
-    for two in (False, True):
-        for size in SIZES:
-            if not two or size >= FINEST_OF_TWO:
-                mesh = make_half_ball(size)
-                for one in press(mesh, [share * RADIUS for share in SHARES], two):
-                    figures = [f"{one.approach / RADIUS:.1%}", one.contacts, f"{one.force:.1f}"]
-                    errors = [f"{one.error_of_half_space:+.1%}", f"{one.error:+.1%}"]
-                    yield row(["a ball" if two else "a plane", f"{size:g}", len(mesh.nodes), *figures, *errors])
-
-
-def main(output: PageOption = None) -> None:
-    """A soft ball on a plane and on another ball, against Hertz."""
-    fill_section(output, "hertz", page_section())
-
-
-if __name__ == "__main__":
-    run_program(main, "taichisoft_benchmarks.studies.hertz")
