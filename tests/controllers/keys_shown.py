@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from taichisoft.control.control import KeyStream
-from taichisoft_controllers import terminal_keys
+from taichisoft_controllers import terminal_mode
 from taichisoft_controllers.terminal_keys import TerminalKeys
 
 
@@ -45,7 +45,7 @@ def show_keys(run: Run) -> None:
 
 if __name__ == "__main__":
     if "alone" in sys.argv:
-        terminal_keys._start_watching_child = lambda *_: None
+        terminal_mode._start_watching_child = lambda *_: None
     shown = Run()
     source = TerminalKeys(shown, sys.stdin.fileno())
     try:

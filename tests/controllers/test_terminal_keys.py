@@ -16,7 +16,6 @@ import pytest
 from terminal import Terminal, line, python, terminal
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers import terminal_keys
 
 PROGRAM = python(Path(__file__).with_name("keys_shown.py"))
 
@@ -100,7 +99,7 @@ def test_the_watching_child_leaves_alone_what_another_program_has_set(taken_over
     termios.tcsetattr(slave, termios.TCSANOW, present)
     try:
         subprocess.run(
-            [sys.executable, terminal_keys.__file__, str(slave), repr(own), repr(changed)],
+            [sys.executable, terminal_mode.__file__, str(slave), repr(own), repr(changed)],
             stdin=subprocess.DEVNULL,  # ends at once
             pass_fds=(slave,),
             check=True,
