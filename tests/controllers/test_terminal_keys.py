@@ -16,6 +16,7 @@ import pytest
 from terminal import Terminal, line, python, terminal
 
 from taichisoft.errors import ControllerFailed
+from taichisoft_controllers import terminal_keys, terminal_mode
 
 PROGRAM = python(Path(__file__).with_name("keys_shown.py"))
 
