@@ -137,7 +137,7 @@ def test_only_the_launch_itself_is_timed(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_kernel_is_named_before_it_is_compiled_and_only_then(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # where it was not kept by an earlier run of this test
+    monkeypatch.setattr(machine_code, "kept_folder", lambda kind: tmp_path)  # where no earlier run kept it
 
     @kernel
     def count(result: Scalars):
