@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from taichisoft.runtime import kernel, launch, ti
+from taichisoft.runtime import kernel, launch, machine_code, ti
 from taichisoft.runtime.language import Scalars, Vectors, func, vec3
 from taichisoft.runtime.launch import compilations_shown, forget, timed_launches
 
