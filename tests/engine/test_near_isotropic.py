@@ -18,7 +18,8 @@ from taichisoft.mechanics.kernels.domain_deformation import (
     deformation_and_rate,
 )
 from taichisoft.mechanics.kernels.rubber_domains import respond_by_stretches
-from taichisoft.runtime import Matrices, kernel, ti
+from taichisoft.runtime import kernel, ti
+from taichisoft.runtime.language import Matrices
 from taichisoft.scene import scene_from_dict
 
 HALF_ULP = 2.0**-53

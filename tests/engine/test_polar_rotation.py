@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from taichisoft.mechanics.kernels.hooke_domains import polar_rotation
-from taichisoft.runtime import Matrices, kernel
+from taichisoft.runtime import kernel
+from taichisoft.runtime.language import Matrices
 
 COUNT = 200
 
