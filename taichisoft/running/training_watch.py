@@ -141,7 +141,11 @@ class TrainingWatch:
         """Prepare; without reduced bodies there is nothing to do."""
         self._model = model
         self._range = TrainingRange(model.soft_bodies, model.frames)
-        self._is_reduced = any(body.modes is not None for body in model.soft_bodies)
+        reduced = [(body.name, body.modes) for body in model.soft_bodies if body.modes is not None]
+        self._is_reduced = bool(reduced)
+        self._trained = {
+            f"{name}.{own}": drive for name, modes in reduced for own, drive in json.loads(modes.drives).items()
+        }
         self._said: set[tuple[str, str]] = set()
 
     def complaints_at_start(self) -> Iterator[str]:
@@ -165,7 +169,7 @@ class TrainingWatch:
                     f"'{name}' moves as it was not trained to at {state.time:.2f} s: {100 * share:.0f} % beyond the "
                     "amplitudes of the training: the validation's error no longer holds; metrics.json has the farthest"
                 )
-        for name, drive in self._driven_beyond(state):
+        for name, drive in self._driven_beyond(state) if self._trained else ():
             if self._is_new(name, "training"):
                 yield (
                     f"'{name}' is driven as it was not trained to at {state.time:.2f} s: {drive}: modes do not know "
@@ -188,22 +192,17 @@ class TrainingWatch:
 
     def _driven_beyond(self, state: State) -> Iterator[tuple[str, str]]:
         """Bodies with an actuator that is driven farther than in the training, and by how much."""
-        actuators = self._model.actuators
-        for body in self._model.soft_bodies:
-            trained = json.loads(body.modes.drives) if body.modes is not None else {}
-            for kind in ACTUATOR_KINDS if trained else ():
-                found = ((kind.effort, state.actuator_effort), (kind.coordinate, actuators.own_coordinates(state)))
-                for drive, values in found:
-                    for name, value in zip(actuators.names_of(kind), actuators.of(kind, values).tolist(), strict=True):
-                        owner, _, own = name.partition(".")
-                        key, low, high = trained.get(own, ("", 0.0, 0.0))
-                        away = max(low - value, value - high)
-                        if owner == body.name and key == drive.asked and away > MARGIN * (high - low):
-                            yield (
-                                owner,
-                                f"the {drive.words} of '{name}' is {value:.3g} {drive.unit}, trained from {low:.3g} "
-                                f"to {high:.3g}",
-                            )
+        actuators, coordinate = self._model.actuators, self._model.actuators.own_coordinates(state)
+        for kind in ACTUATOR_KINDS:
+            for drive, values in ((kind.effort, state.actuator_effort), (kind.coordinate, coordinate)):
+                for name, value in zip(actuators.names_of(kind), actuators.of(kind, values).tolist(), strict=True):
+                    key, low, high = self._trained.get(name, ("", 0.0, 0.0))
+                    if key == drive.asked and max(low - value, value - high) > MARGIN * (high - low):
+                        yield (
+                            name.partition(".")[0],
+                            f"the {drive.words} of '{name}' is {value:.3g} {drive.unit}, trained from {low:.3g} "
+                            f"to {high:.3g}",
+                        )
 
     def _is_new(self, name: str, of: str) -> bool:
         new = (name, of) not in self._said
