@@ -4,7 +4,7 @@ With F the deformation gradient of an element, R its rotation and e = sym(R^T F)
     s = R (lambda tr(e) I + 2 mu e) R^T,
 which is Hooke's law in the element's own axes, turned to the world's axes. The nodal forces of the engine are
 f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of its shape functions. Linear elements of
-rubber have Cauchy's (`law_stress.py`), smoothed and quadratic ones that of their domains (`domain_stress.py`).
+rubber have Cauchy's, smoothed and quadratic ones that of their domains.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -40,7 +40,7 @@ class RunJob:
         seed: seed of Python's and numpy's random numbers.
         time_limit: longest time that it may take [s].
         watch: quantities recorded at every step, text of an expression by name; or None.
-        pruning: settings of pruning, see `pruning.py`; None: no pruning.
+        pruning: settings of pruning, see `make_run.py`; None: no pruning.
     """
 
     name: str

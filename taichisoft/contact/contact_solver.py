@@ -208,7 +208,7 @@ class ContactSolver:
     """Solves for impulses l with v = free + W l that obey Signorini's and Coulomb's laws and the actuators' bounds.
 
     Three stages, each only if the previous one has not reached the tolerance: a few sweeps of a projected Gauss-Seidel
-    (kernels/sweep.py), proximal Newton steps (proximal_newton.py) with a weak, then with a strong pull, and an
+    (kernels/sweep.py), proximal Newton steps (`ProximalNewton`) with a weak, then with a strong pull, and an
     interior-point method that needs no initial guess (kernels/interior_point.py), followed by proximal Newton steps.
     The remaining iterations are sweeps.
 

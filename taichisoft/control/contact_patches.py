@@ -529,7 +529,7 @@ SMALL = _small_triangles(PARTS)
 
 
 def _curved(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Small faces of the curved surface that a smooth one stands for (`kernels/smooth_surfaces.py`), (count, 3, 3)."""
+    """Small faces of the curved surface that a smooth one stands for (`kernels/smooth_contacts.py`), (count, 3, 3)."""
     corners, normals = vertices[triangles], vertex_normals(vertices, triangles)[triangles]
     points = np.einsum("skc,tcd->tskd", SMALL, corners)
     height = np.einsum("tcd,tcd->tc", corners, normals)[:, None, None] - np.einsum("tskd,tcd->tskc", points, normals)

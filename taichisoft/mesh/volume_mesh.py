@@ -179,7 +179,7 @@ class VolumeMesh:
         source: file or mesher that made the mesh; errors begin with it.
         nodes: rest positions [mm], shape (node_count, 3).
         elements: node indices, shape (element_count, 4), or (element_count, 10) with nodes in the middles of the sides,
-            or on a curved surface near them, see `ten_nodes.py`.
+            or on a curved surface near them, in the order of VTK.
         surface_groups: named boundary triangles ("outer", "cavity", "base", ...), each (count, 3) node indices.
         element_groups: named sets of elements, each (count,) element indices.
     """

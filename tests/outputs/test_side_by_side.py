@@ -31,8 +31,7 @@ def styles(monkeypatch: pytest.MonkeyPatch) -> list[Style]:
         for _ in frames:
             take(np.full((style.size[1], style.size[0], 3), 50 * len(drawn), dtype=np.uint8))
 
-    for module in (video, video):
-        monkeypatch.setattr(module, "draw_frames", draw)
+    monkeypatch.setattr(video, "draw_frames", draw)
     return drawn
 
 

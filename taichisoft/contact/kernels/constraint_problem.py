@@ -212,7 +212,7 @@ class Problem(NamedTuple):
         compliance: W by rows [mm/s per mN s, likewise for volumes], shape (row_capacity^2,).
         free: velocities without impulses [mm/s, of a volume mm^3/s], shape (row_capacity,).
         friction: coefficient of each contact, shape (contact_capacity,).
-        bounds: bounds of each actuator row, see `actuator_bounds.py`, shape (actuator_capacity, 6).
+        bounds: bounds of each actuator row, columns PREFERRED to GRIP, shape (actuator_capacity, 6).
         moment_contact, moment_length: contact of each moment, and bounds of the moment, see `row_velocities.Rows`.
     """
 

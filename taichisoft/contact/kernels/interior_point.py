@@ -7,7 +7,7 @@ Newton steps with Mehrotra's predictor and corrector (Alizadeh and Goldfarb 2003
 Armand, Nguyen and Shpakovych 2023, Second-order cone programming for frictional contact mechanics using interior point
 algorithm). The method needs no initial guess and 15 to 25 steps for any problem. If the impulses are not unique, it
 ends in the middle of the solutions, so W may be singular. The last digits converge slowly: the caller continues from
-the answer with proximal Newton steps (proximal_newton.py).
+the answer with proximal Newton steps (contact_solver.py).
 
 Held actuator rows keep their coordinate; other actuator rows and moments keep their impulse. Cable friction is treated
 as sticking. The sweeps that follow correct these assumptions.

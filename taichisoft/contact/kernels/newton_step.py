@@ -36,7 +36,7 @@ from taichisoft.runtime.launch import kernel
 # Gaussian elimination with partial pivoting, in panels of eight columns and blocks of 32.
 #
 # Golub and Van Loan 2013, section 3.4. Nearly all of the work is in `subtract_block`, whose tiles of 8 x 8 stay in
-# registers while it reads the eliminated block; see `tiles.py`, also for `one`.
+# registers while it reads the eliminated block; see `arithmetic.py`, also for `one`.
 
 BLOCK = 32
 

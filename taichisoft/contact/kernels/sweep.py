@@ -1,8 +1,8 @@
 """A sweep of the projected Gauss-Seidel over the blocks of the constraint problem.
 
 The blocks: a contact has three rows, one normal with lambda_n >= 0 and two tangential with |lambda_t| <= mu lambda_n
-(Coulomb's cone, exactly); an actuator's coordinate has one row (actuator_bounds.py); a moment has three, whose bounds
-come from its contact's normal impulse (moment_rows.py).
+(Coulomb's cone, exactly); an actuator's coordinate has one row (constraint_problem.py); a moment has three, whose
+bounds come from its contact's normal impulse (row_velocities.py).
 """
 
 from taichisoft.contact.kernels.constraint_problem import (

@@ -28,7 +28,7 @@ class Domains(NamedTuple):
         gradient: g of each entry, at rest [1/mm], shape (entry_count, 3).
         volume: for which the energies of shape and of volume count [mm^3], shape (domain_count, 2).
         law: number in LAW_NUMBERS, shape (domain_count,).
-        modulus: in the columns of `principal_stretches.py` [kPa], shape (domain_count, MODULI).
+        modulus: in the columns below [kPa], shape (domain_count, MODULI).
         pure_number: the law's coefficients without unit, shape (domain_count, PURE_NUMBERS).
         lag: s + b [s], 0 in overdamped dynamics, shape (domain_count,).
         factor: of K in A, shape (domain_count,).

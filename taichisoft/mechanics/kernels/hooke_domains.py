@@ -1,4 +1,4 @@
-"""Integration domains under Hooke's law: forces, and the system matrix by gathering (`hooke_blocks.py`)."""
+"""Integration domains under Hooke's law: forces, and the system matrix by gathering."""
 
 from typing import Any, NamedTuple
 

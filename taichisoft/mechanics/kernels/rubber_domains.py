@@ -1,7 +1,7 @@
 """Integration domains under laws of large strains: forces, and the system matrix by sums of neighbours.
 
 A block of two nodes has twenty-seven numbers from each domain, too many to store for all of them and to gather: a group
-of neighbouring domains adds to its own copies of the blocks, few enough to stay in the cache (`domain_groups.py`).
+of neighbouring domains adds to its own copies of the blocks, few enough to stay in the cache (`domains.py`).
 """
 
 from typing import Any, NamedTuple
