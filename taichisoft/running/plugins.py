@@ -304,37 +304,6 @@ def load_plugins_folder(folder: str | Path) -> None:
         load_plugin(path)
 
 
-def plugin_files() -> dict[str, Path]:
-    """File or folder of each plug-in that `load_plugin` loaded, by its name."""
-    return {name: Path(one.place) for name, one in plugin_registry().origins.items() if one.kind == "file"}
-
-
-def reload_plugin(name: str) -> None:
-    """Load a plug-in from its file again; the one that is loaded stays if that fails.
-
-    Raises:
-        PluginError: the file cannot be imported, or its hooks are not valid.
-    """
-    registry = plugin_registry()
-    path, old = plugin_files()[name], registry.get_plugin(name)
-    module_name = _module_name(name)
-    modules = {one: sys.modules[one] for one in list(sys.modules) if f"{one}.".startswith(f"{module_name}.")}
-    for one in modules:
-        del sys.modules[one]
-    for code in path.rglob("*.py") if path.is_dir() else [path]:
-        # Byte code counts as that of a file of the same second and size.
-        Path(importlib.util.cache_from_source(str(code))).unlink(missing_ok=True)
-    importlib.invalidate_caches()
-    origin = registry.origins[name]
-    registry.remove(name)
-    try:
-        load_plugin(path)
-    except PluginError:
-        sys.modules.update(modules)
-        registry.add(name, origin, lambda: old)
-        raise
-
-
 def register_plugin(plugin: Any, name: str | None = None) -> str:
     """Make a plug-in of a module, or of an object whose methods are marked with `hookimpl`.
 
@@ -393,13 +362,9 @@ def _has_hooks(path: Path) -> bool:
     return any(b"hookimpl" in file.read_bytes() for file in files)
 
 
-def _module_name(name: str) -> str:
-    return f"taichisoft_plugin_{name.replace('.', '_')}"
-
-
 def _import_file(name: str, path: Path) -> ModuleType:
     """Import a file as a module that hides none of another name."""
-    module_name = _module_name(name)
+    module_name = f"taichisoft_plugin_{name.replace('.', '_')}"
     package = [str(path.parent)] if path.name == PACKAGE_FILE else None
     spec = importlib.util.spec_from_file_location(module_name, path, submodule_search_locations=package)
     assert spec is not None and spec.loader is not None  # the suffix has been checked
