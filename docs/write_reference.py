@@ -44,7 +44,7 @@ SECTIONS = {
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
     "Plug-ins": [
         *("hookimpl", "RunOption", "Renderer", "CameraFrame", "CameraView", "group_with_default"),
-        *("load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"),
+        *("load_plugin", "register_plugin", "unregister_plugin"),
     ],
 }
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from taichisoft.running.plugin_interfaces import Geometry as Geometry
     from taichisoft.running.plugin_interfaces import Renderer as Renderer
     from taichisoft.running.plugins import load_plugin as load_plugin
-    from taichisoft.running.plugins import load_plugins_folder as load_plugins_folder
     from taichisoft.running.plugins import register_plugin as register_plugin
     from taichisoft.running.plugins import unregister_plugin as unregister_plugin
     from taichisoft.running.rollouts import Rollouts as Rollouts
@@ -64,7 +63,7 @@ _NAMES = {
     "running.plugin_commands": ["group_with_default"],
     "running.plugin_interfaces": ["CameraFrame", "CameraView", "Geometry", "Renderer"],
     "running.hookspecs": ["RunOption", "hookimpl"],
-    "running.plugins": ["load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"],
+    "running.plugins": ["load_plugin", "register_plugin", "unregister_plugin"],
     "running.loop": ["run"],
     "scene.scene": ["Scene"],
     "running.session": ["Output", "Session"],

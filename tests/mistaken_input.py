@@ -150,9 +150,9 @@ COMMANDS: dict[str, tuple[int, str]] = {
     "mesh sweep": (1, "--output --set --vary"),
     "mesh cache": (0, ""),
     "materials": (1, "--output"),
-    "plugins": (1, "--plugin --plugins-dir"),
+    "plugins": (1, "--plugin"),
     "sofa": (2, "--output"),
-    "": (1, "--plugin --plugins-dir"),
+    "": (1, "--plugin"),
 }
 """Number of arguments, and options, of each command."""
 KEYS = ("time.step", "contact.friction", "soft_bodies.left.mesh", "soft_bodies.left", "x", "title", "goal", DEEP_KEY)

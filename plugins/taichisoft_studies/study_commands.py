@@ -64,17 +64,14 @@ Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the stud
 
 def requested_plugins(arguments: Sequence[str] | None = None) -> list[str]:
     """Absolute paths of the plug-ins that the command line names, for the processes that make the runs."""
-    from taichisoft.running import FILE_OPTION, FOLDER_OPTION
+    from taichisoft.running import FILE_OPTION
 
     found: list[Path] = []
     waiting = iter(sys.argv[1:] if arguments is None else arguments)
     for argument in waiting:
         option, separator, value = argument.partition("=")
-        if option not in (FILE_OPTION, FOLDER_OPTION):
-            continue
-        path = Path(value if separator else next(waiting, "")).expanduser().resolve()
-        inside = sorted(one for one in path.glob("[!_.]*") if one.suffix == ".py" or (one / "__init__.py").is_file())
-        found += [path] if option == FILE_OPTION else inside
+        if option == FILE_OPTION:
+            found.append(Path(value if separator else next(waiting, "")).expanduser().resolve())
     return list(dict.fromkeys(map(str, found)))
 
 

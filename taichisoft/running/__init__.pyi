@@ -7,7 +7,6 @@ from .hookspecs import hookimpl as hookimpl
 from .loop import run as run
 from .loop import run_session as run_session
 from .plugin_commands import FILE_OPTION as FILE_OPTION
-from .plugin_commands import FOLDER_OPTION as FOLDER_OPTION
 from .plugin_commands import GoalOption as GoalOption
 from .plugin_commands import OutputsOption as OutputsOption
 from .plugin_commands import SpeedOption as SpeedOption

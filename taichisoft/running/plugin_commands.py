@@ -1,4 +1,4 @@
-"""Commands of plug-ins, groups of commands, and the options that load plug-ins, which every command takes."""
+"""Commands of plug-ins, groups of commands, and the option that loads plug-ins, which every command takes."""
 
 import inspect
 import shlex
@@ -149,8 +149,6 @@ def _keep(name: str, converted: type | None) -> Any:
 
 
 FILE_OPTION = "--plugin"
-FOLDER_OPTION = "--plugins-dir"
-LOADERS = {FILE_OPTION: plugins.load_plugin, FOLDER_OPTION: plugins.load_plugins_folder}
 
 
 def load_requested(arguments: Sequence[str]) -> None:
@@ -164,10 +162,10 @@ def load_requested(arguments: Sequence[str]) -> None:
         if argument == "--":
             return
         option, separator, value = argument.partition("=")
-        if option in LOADERS:
+        if option == FILE_OPTION:
             path = value if separator else next(waiting, "")
             if path:  # otherwise the parser says what is missing
-                LOADERS[option](path)
+                plugins.load_plugin(path)
 
 
 class GroupWithDefault(TyperGroup):
@@ -194,7 +192,7 @@ class GroupWithDefault(TyperGroup):
 def _leading_loaders(arguments: Sequence[str]) -> int:
     """Number of words at the beginning of arguments that load plug-ins."""
     count = 0
-    while arguments[count:] and arguments[count].partition("=")[0] in LOADERS:
+    while arguments[count:] and arguments[count].partition("=")[0] == FILE_OPTION:
         count += 1 if "=" in arguments[count] else 2
     return count
 
@@ -214,7 +212,7 @@ def group_with_default(default: Callable[..., Any]) -> typer.Typer:
 
 
 def with_plugin_commands(application: typer.Typer) -> Any:
-    """A parser with the commands of an application and of all plug-ins; each takes the options that load plug-ins.
+    """A parser with the commands of an application and of all plug-ins; each takes the option that loads plug-ins.
 
     Groups of one name become one group, so that a plug-in can add `taichisoft mesh sweep` to another's `mesh`.
 
@@ -299,18 +297,8 @@ def _loading_options(
             expose_value=False,
         ),
     ] = None,
-    plugins_dir: Annotated[
-        list[Path] | None,
-        typer.Option(
-            FOLDER_OPTION,
-            metavar="DIR",
-            help="Load every plug-in in a folder (repeatable).",
-            rich_help_panel="Plug-ins",
-            expose_value=False,
-        ),
-    ] = None,
 ) -> None:
-    """Options whose values `load_requested` has used when the parser sees them."""
+    """Option whose values `load_requested` has used when the parser sees them."""
 
 
 # `taichisoft plugins`: the loaded plug-ins, and the project of a new one.

@@ -1,4 +1,4 @@
-"""The plug-ins of this process: installed distributions first, then files and folders, then objects of your code."""
+"""The plug-ins of this process: installed distributions first, then files, then objects of your code."""
 
 import importlib
 import importlib.util
@@ -226,7 +226,6 @@ def _own_part(error: BaseException) -> TracebackType | None:
 
 
 PACKAGE_FILE = "__init__.py"
-TESTS = ("test_*.py", "*_test.py", "conftest.py")
 
 _loaded: Registry | None = None
 
@@ -272,9 +271,7 @@ def load_plugin(path: str | Path) -> None:
     path = from_home(path).resolve()
     code = path / PACKAGE_FILE if is_folder(path) else path
     if is_folder(path) and not is_file(code):
-        raise PluginError(
-            f"--plugin {path}: is a folder; a file (.py) is needed, or --plugins-dir for all in the folder"
-        )
+        raise PluginError(f"--plugin {path}: is a folder without {PACKAGE_FILE}; a file (.py) or a package is needed")
     if not is_file(code):
         raise PluginError(f"--plugin {path}: no such file")
     if code.suffix != ".py":
@@ -282,57 +279,6 @@ def load_plugin(path: str | Path) -> None:
     registry, origin = plugin_registry(), Origin("file", str(path))
     if all((known.kind, known.place) != (origin.kind, origin.place) for known in registry.origins.values()):
         registry.add(path.stem, origin, _loading(path.stem, origin, lambda: _import_file(path.stem, code)))
-
-
-def load_plugins_folder(folder: str | Path) -> None:
-    """Load every file and package of a folder as a plug-in, as `--plugins-dir` does.
-
-    Args:
-        folder: loaded in the order of names, without those that begin with "_" or ".", tests, and files without hooks.
-
-    Raises:
-        PluginError: the folder is missing or empty, or a plug-in in it is not valid.
-    """
-    place = from_home(folder)
-    if not is_folder(place):
-        raise PluginError(f"--plugins-dir {folder}: {'is a file' if is_file(place) else 'no such folder'}")
-    found = [path for path in sorted(place.iterdir()) if path.name[0] not in "_." and _is_code(path)]
-    found = [path for path in found if _has_hooks(path)]
-    if not found:
-        raise PluginError(f"--plugins-dir {folder}: has no plug-in in it; a plug-in is a file (.py) or a package")
-    for path in found:
-        load_plugin(path)
-
-
-def plugin_files() -> dict[str, Path]:
-    """File or folder of each plug-in that `load_plugin` loaded, by its name."""
-    return {name: Path(one.place) for name, one in plugin_registry().origins.items() if one.kind == "file"}
-
-
-def reload_plugin(name: str) -> None:
-    """Load a plug-in from its file again; the one that is loaded stays if that fails.
-
-    Raises:
-        PluginError: the file cannot be imported, or its hooks are not valid.
-    """
-    registry = plugin_registry()
-    path, old = plugin_files()[name], registry.get_plugin(name)
-    module_name = _module_name(name)
-    modules = {one: sys.modules[one] for one in list(sys.modules) if f"{one}.".startswith(f"{module_name}.")}
-    for one in modules:
-        del sys.modules[one]
-    for code in path.rglob("*.py") if path.is_dir() else [path]:
-        # Byte code counts as that of a file of the same second and size.
-        Path(importlib.util.cache_from_source(str(code))).unlink(missing_ok=True)
-    importlib.invalidate_caches()
-    origin = registry.origins[name]
-    registry.remove(name)
-    try:
-        load_plugin(path)
-    except PluginError:
-        sys.modules.update(modules)
-        registry.add(name, origin, lambda: old)
-        raise
 
 
 def register_plugin(plugin: Any, name: str | None = None) -> str:
@@ -381,25 +327,9 @@ def _builtin_first(entry_point: EntryPoint) -> tuple[bool, str]:
     return distribution is None or distribution.name != hookspecs.PROJECT, entry_point.name
 
 
-def _is_code(path: Path) -> bool:
-    return (path / PACKAGE_FILE).is_file() if path.is_dir() else path.suffix == ".py"
-
-
-def _has_hooks(path: Path) -> bool:
-    """Whether a file or package marks a hook, as far as its text says: what else lies in a folder is not run."""
-    if any(path.match(pattern) for pattern in TESTS):
-        return False
-    files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
-    return any(b"hookimpl" in file.read_bytes() for file in files)
-
-
-def _module_name(name: str) -> str:
-    return f"taichisoft_plugin_{name.replace('.', '_')}"
-
-
 def _import_file(name: str, path: Path) -> ModuleType:
     """Import a file as a module that hides none of another name."""
-    module_name = _module_name(name)
+    module_name = f"taichisoft_plugin_{name.replace('.', '_')}"
     package = [str(path.parent)] if path.name == PACKAGE_FILE else None
     spec = importlib.util.spec_from_file_location(module_name, path, submodule_search_locations=package)
     assert spec is not None and spec.loader is not None  # the suffix has been checked

@@ -261,7 +261,7 @@ class Session:
         saved: what the controller remembers then, as `Controller.save` gave it; None: it begins with `reset` alone.
         make_controller: makes the controller anew with changed settings; None: it cannot be made anew.
         tuned: settings of the controller that were changed since, by name.
-        notice: text for displays about the session itself, such as why a plug-in was not loaded anew.
+        notice: text for displays about the session itself, such as why a setting was not tuned.
         stops: whether the run ends before the next step.
     """
 
@@ -288,8 +288,8 @@ class Session:
             speed: simulated over wall-clock time [-]; None: as fast as possible.
             replay: keys of an earlier session.
             saved: what the controller goes on from, as its `save` gave it; None: it begins with `reset` alone.
-            make_controller: makes the controller anew with changed settings, for sliders of its tunable settings and
-                for files of plug-ins that were saved; None: it cannot be made anew.
+            make_controller: makes the controller anew with changed settings, for sliders of its tunable settings;
+                None: it cannot be made anew.
 
         Raises:
             PluginError: the controller is not a `Controller`, or an output is not an `Output`.

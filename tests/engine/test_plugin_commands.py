@@ -61,8 +61,7 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], 
         ["--plugin", "wave.py", "wave", "--hands", "3"],
         ["wave", "--plugin", "wave.py", "--hands", "3"],
         ["wave", "--hands", "3", "--plugin=wave.py"],
-        ["wave", "--hands", "3", "--plugins-dir", "."],
-        ["--plugins-dir=.", "wave", "--plugin", "wave.py", "--hands", "3"],
+        ["--plugin=wave.py", "wave", "--plugin", "wave.py", "--hands", "3"],
     ],
 )
 def test_plugins_may_be_named_anywhere_and_add_commands(command: Command, arguments: list[str]) -> None:
@@ -78,11 +77,10 @@ def test_a_command_that_no_plugin_adds_is_none(command: Command) -> None:
 @pytest.mark.parametrize(
     "arguments", [[], ["run"], ["mesh"], ["plugins"], ["plugins", "new"], ["wave", "--plugin", "wave.py"]]
 )
-def test_every_help_shows_the_options_that_load_plugins(command: Command, arguments: list[str]) -> None:
+def test_every_help_shows_the_option_that_loads_plugins(command: Command, arguments: list[str]) -> None:
     code, output, _ = command(*arguments, "--help")
     assert code == 0
     assert "--plugin " in output
-    assert "--plugins-dir" in output
 
 
 def test_the_help_shows_what_a_plugin_adds(command: Command) -> None:
@@ -101,7 +99,7 @@ def test_the_list_has_name_version_origin_and_what_is_provided(command: Command,
     ("arguments", "problem"),
     [
         (["plugins", "--plugin", "nothing.py"], "nothing.py: no such file"),
-        (["--help", "--plugins-dir", "nothing"], "--plugins-dir nothing: no such folder"),
+        (["--help", "--plugin", "nothing"], "nothing: no such file"),
         (["plugins", "new", "class"], "Python has a 'class' already"),
         (["run", "gripper", "--plugin", "wave.py", "--controller", "wav"], "there are: "),
     ],
@@ -114,11 +112,10 @@ def test_what_is_wrong_is_one_line(command: Command, arguments: list[str], probl
     assert problem in line
 
 
-@pytest.mark.parametrize("option", ["--plugin", "--plugins-dir"])
-def test_an_option_without_its_value_is_refused(command: Command, option: str) -> None:
-    code, _, errors = command("plugins", option)
+def test_an_option_without_its_value_is_refused(command: Command) -> None:
+    code, _, errors = command("plugins", "--plugin")
     assert code == 2
-    assert f"Option '{option}' requires an argument" in errors
+    assert "Option '--plugin' requires an argument" in errors
 
 
 def test_a_plugin_that_fails_is_reported_with_its_own_traceback(command: Command, tmp_path: Path) -> None:
@@ -307,7 +304,7 @@ def install_shapes(install: Install, names: str = "one two") -> None:
         (["sweep", "cube.toml"], "swept cube.toml"),
         (["./info"], "made ./info False"),
         (["cube.toml", "--plugin", "wave.py"], "made cube.toml False"),
-        (["--plugin", "wave.py", "--plugins-dir=.", "info", "cube.msh"], "shown cube.msh"),
+        (["--plugin", "wave.py", "--plugin=wave.py", "info", "cube.msh"], "shown cube.msh"),
         (["info", "--plugin", "wave.py", "cube.msh"], "shown cube.msh"),
     ],
 )

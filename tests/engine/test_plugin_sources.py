@@ -1,4 +1,4 @@
-"""Plug-ins come from distributions, files, folders and code, in this order; some are left out by their names."""
+"""Plug-ins come from distributions, files and code, in this order; some are left out by their names."""
 
 import pickle
 import sys
@@ -102,21 +102,12 @@ def test_a_file_is_loaded_once_and_two_of_one_name_are_an_error(install: Install
         plugins.load_plugin(second)
 
 
-def test_a_folder_gives_its_files_and_packages_but_not_what_begins_with_an_underscore(
-    install: Install, tmp_path: Path
-) -> None:
-    write(tmp_path / "b.py", "b")
+def test_a_package_is_loaded_by_its_folder(install: Install, tmp_path: Path) -> None:
     package = write(tmp_path / "a" / "__init__.py", "a")
     package.write_text(package.read_text() + "from . import helper\n")
     (package.parent / "helper.py").touch()
-    (tmp_path / "_helper.py").write_text("raise RuntimeError")
-    (tmp_path / "notes.txt").touch()
-    (tmp_path / "tests").mkdir()
-    (tmp_path / "test_b.py").write_text("import b\nfrom taichisoft import hookimpl")  # there is no module of this name
-    (tmp_path / "conftest.py").write_text("raise RuntimeError('a fixture of the hookimpl')")
-    (tmp_path / "measure.py").write_text("raise RuntimeError")
-    plugins.load_plugins_folder(tmp_path)
-    assert list(plugins.plugin_registry().origins) == ["a", "b"]
+    plugins.load_plugin(tmp_path / "a")
+    assert list(plugins.plugin_registry().origins) == ["a"]
 
 
 def test_a_class_of_a_file_can_be_pickled(install: Install, tmp_path: Path) -> None:
@@ -128,29 +119,20 @@ def test_a_class_of_a_file_can_be_pickled(install: Install, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("load", "name", "problem"),
+    ("name", "problem"),
     [
-        (plugins.load_plugin, "nothing.py", r"^--plugin .*nothing.py: no such file$"),
-        (plugins.load_plugin, "notes.txt", r"^--plugin .*notes.txt: '.txt' is not Python; a file \(.py\) is needed$"),
-        (plugins.load_plugin, "empty", r"^--plugin .*empty: is a folder; .* or --plugins-dir for all in the folder$"),
-        (
-            plugins.load_plugin,
-            "plain.py",
-            r"^plug-in 'plain' \(.*plain.py\) cannot be registered: it implements no hook",
-        ),
-        (plugins.load_plugins_folder, "nothing", r"^--plugins-dir .*nothing: no such folder$"),
-        (plugins.load_plugins_folder, "notes.txt", r"^--plugins-dir .*notes.txt: is a file$"),
-        (plugins.load_plugins_folder, "empty", r"^--plugins-dir .*empty: has no plug-in in it; a plug-in is a file"),
+        ("nothing.py", r"^--plugin .*nothing.py: no such file$"),
+        ("notes.txt", r"^--plugin .*notes.txt: '.txt' is not Python; a file \(.py\) is needed$"),
+        ("empty", r"^--plugin .*empty: is a folder without __init__.py; a file \(.py\) or a package is needed$"),
+        ("plain.py", r"^plug-in 'plain' \(.*plain.py\) cannot be registered: it implements no hook"),
     ],
 )
-def test_what_is_no_plugin_is_refused(
-    install: Install, tmp_path: Path, load: Callable[[Path], None], name: str, problem: str
-) -> None:
+def test_what_is_no_plugin_is_refused(install: Install, tmp_path: Path, name: str, problem: str) -> None:
     (tmp_path / "notes.txt").touch()
     (tmp_path / "plain.py").touch()
     (tmp_path / "empty").mkdir()
     with pytest.raises(PluginError, match=problem):
-        load(tmp_path / name)
+        plugins.load_plugin(tmp_path / name)
 
 
 @pytest.mark.parametrize(
