@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from taichisoft_gym.disturbances import Bias, Delayed, Dropout, Noise, Quantised, Sampled
     from taichisoft_gym.environment import SoftRobotEnvironment
     from taichisoft_gym.sensors import Bending, Camera, ContactForces, Flows
+    from taichisoft_gym.vector import SoftRobotVectorEnv
 
 __all__ = [
     "ArmTravel",
@@ -31,6 +32,7 @@ __all__ = [
     "Quantised",
     "Sampled",
     "SoftRobotEnvironment",
+    "SoftRobotVectorEnv",
     "Travel",
 ]
 __getattr__, *_ = lazy_loader.attach(
@@ -41,6 +43,7 @@ __getattr__, *_ = lazy_loader.attach(
         "disturbances": ["Bias", "Delayed", "Dropout", "Noise", "Quantised", "Sampled"],
         "environment": ["SoftRobotEnvironment"],
         "sensors": ["Bending", "Camera", "ContactForces", "Flows"],
+        "vector": ["SoftRobotVectorEnv"],
     },
 )
 EPISODES = {"Grasp": 120, "Reach": 30, "Carry": 200}

@@ -48,6 +48,14 @@ def forget(*held: Any) -> None:
             each.forget(unwanted)
 
 
+def forget_launches_of_thread() -> None:
+    """Let all kernels forget the launches that this thread made, before it ends."""
+    with _preparing:
+        for each in KERNELS:
+            for identity in [known for known in each._remembered if known[0] == get_ident()]:
+                del each._remembered[identity]
+
+
 @contextmanager
 def compilations_shown(show: Callable[[str], None]) -> Iterator[None]:
     """Within it, `show` gets the name of every kernel that is about to be compiled."""

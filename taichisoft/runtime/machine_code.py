@@ -50,6 +50,7 @@ LEVEL = "x86-64-v3", ""
 V3 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave")
 _LOADED: dict[str, "MachineCode"] = {}
 _THREAD = threading.local()
+ALONE = "alone"
 _Function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
@@ -135,6 +136,7 @@ class _Context:
 def _thread_arrays(serial: bool) -> tuple[np.ndarray, np.ndarray]:
     """LLVMRuntime and temporaries of this Python thread."""
     known = _THREAD.__dict__
+    serial = serial or ALONE in known
     if serial not in known:
         runtime, temporaries = np.zeros(TEMPORARIES + 8, np.uint8), np.zeros(TEMPORARIES_SIZE, np.uint8)
         pool = _pool()
@@ -143,6 +145,11 @@ def _thread_arrays(serial: bool) -> tuple[np.ndarray, np.ndarray]:
             struct.pack_into("<Q", runtime, place, address)
         known[serial] = runtime, temporaries
     return known[serial]
+
+
+def run_loops_alone() -> None:
+    """Let this Python thread run parallel loops without the pool, beside others that do so; results are the same."""
+    _THREAD.__dict__[ALONE] = True
 
 
 class _Pool:
