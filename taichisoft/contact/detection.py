@@ -7,8 +7,8 @@ import numpy as np
 from taichisoft.contact.kernels import separation as kernels
 from taichisoft.contact.kernels import shape_surface_contacts
 from taichisoft.contact.kernels.box_trees import FAR
-from taichisoft.contact.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
-from taichisoft.contact.kernels.self_contacts import SelfTouching, find_self_contacts
+from taichisoft.contact.kernels.contacts import PLACE_COLUMNS, Contacts, Search, SearchSpace, SelfTouching
+from taichisoft.contact.kernels.self_contacts import find_self_contacts
 from taichisoft.contact.kernels.separation import ADDED, BEFORE, TAKING_PART, Choice, LastContacts, Separation
 from taichisoft.contact.kernels.smooth_contacts import smooth_against_planes, smooth_against_surfaces
 from taichisoft.contact.kernels.vertex_contacts import find_contacts, order_contacts
@@ -181,30 +181,44 @@ class ContactDetection:
         """
         self._surfaces = surfaces
         self._extent = np.minimum(surfaces.body_size, FAR)
-        self._touching_itself: SelfTouching | None = None
-        if contact_distance is not None and len(surfaces.touching_itself):
-            limits = np.array([NEIGHBOURHOOD * contact_distance, contact_distance])
-            self._touching_itself = SelfTouching(surfaces.touching_itself, surfaces.carriers.local, limits)
-        self._moved, self._shapes, self._smooth = moving.moved, moving.shapes, moving.smooth
+        touching = surfaces.touching_itself if contact_distance is not None else np.zeros(0, dtype=np.int32)
+        limits = (contact_distance or 0.0) * np.array([NEIGHBOURHOOD, 1.0])
+        self._touching = SelfTouching(touching, surfaces.carriers.local, limits)
+        self._moving = moving
         shapes = surfaces.shapes
         others = surfaces.topology.pairs, surfaces.planes.body, shapes.moving, shapes.surface_pairs
         with_others = any(map(len, others))
-        self._is_needed = with_others or self._touching_itself is not None
+        self._is_needed = with_others or len(touching) > 0
         self._reach = np.zeros((len(surfaces.body_size), len(surfaces.body_size)))
         self._make_room(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
-        self._found, self._contacts = Contacts.with_room(capacity), Contacts.with_room(capacity)
         most_triangles = int(np.diff(self._surfaces.triangle_range).max(initial=0))
-        self._space = SearchSpace(
-            leaf=np.zeros(most_leaves(self._surfaces.trees), dtype=np.int32),
+        s = self._surfaces
+        space = SearchSpace(
+            leaf=np.zeros(most_leaves(s.trees), dtype=np.int32),
             triangle=np.zeros(most_triangles, dtype=np.int32),
             weights=np.zeros((most_triangles, 3)),
-            deepest=np.zeros(len(self._surfaces.topology.pairs)),
+            deepest=np.zeros(len(s.topology.pairs)),
             place=np.zeros((capacity, PLACE_COLUMNS)),
             order=np.zeros(capacity, dtype=np.int32),
             spare=np.zeros(capacity, dtype=np.int32),
         )
+        moving = self._moving
+        self._search = Search(
+            reaches=self._reach,
+            surfaces=s.topology,
+            trees=s.trees,
+            planes=s.planes,
+            moved=moving.moved,
+            smooth=moving.smooth,
+            shapes=s.shapes,
+            there=moving.shapes,
+            touching=self._touching,
+            space=space,
+            found=Contacts.with_room(capacity),
+        )
+        self._contacts = Contacts.with_room(capacity)
 
     def find(self, reach: float | np.ndarray, depth: float) -> Contacts:
         """Find all locally closest pairs of points on two surfaces.
@@ -219,41 +233,27 @@ class ContactDetection:
         """
         self._reach[:] = reach
         if self._is_needed:
-            self._search(depth)
-            if self._found.count[0] > len(self._found.distance):
-                self._make_room(2 * int(self._found.count[0]))
-                self._search(depth)
+            self._search_all(depth)
+            found = self._search.found
+            if found.count[0] > len(found.distance):
+                self._make_room(2 * int(found.count[0]))
+                self._search_all(depth)
         return self._contacts
 
-    def _search(self, depth: float) -> None:
-        s = self._surfaces
-        space, found = self._space, self._found
-        find_contacts(
-            self._reach, depth, self._extent, s.topology, s.trees, s.planes, self._moved, space, found, self._contacts
-        )
-        if len(self._smooth.vertices):
-            self._search_smooth(depth)
-        if len(s.shapes.body):
-            self._search_shapes(depth)
-        if self._touching_itself is not None:
-            find_self_contacts(self._reach, self._touching_itself, s.topology, s.trees, self._moved, space, found)
-        if len(self._smooth.vertices) or len(s.shapes.body) or self._touching_itself is not None:
-            order_contacts(self._space, self._found, self._contacts)
-
-    def _search_smooth(self, depth: float) -> None:
-        s, reach, space, found = self._surfaces, self._reach, self._space, self._found
-        if len(self._smooth.pairs):
-            smooth_against_surfaces(reach, depth, s.topology, s.trees, self._moved, self._smooth, space, found)
-        if len(s.planes.body):
-            smooth_against_planes(reach, s.topology, s.trees, s.planes, self._moved, self._smooth, space, found)
-
-    def _search_shapes(self, depth: float) -> None:
-        s, reach, there, space, found = self._surfaces, self._reach, self._shapes, self._space, self._found
-        if len(s.shapes.surface_pairs):
-            shape_surface_contacts.find_on_surfaces(
-                reach, depth, s.topology, s.trees, self._moved, s.shapes, there, space, found
-            )
-        if len(s.planes.body):
-            shape_surface_contacts.find_on_planes(reach, s.planes, s.shapes, there, space, found)
-        if len(s.shapes.shape_pairs):
-            shape_surface_contacts.find_on_shapes(reach, s.shapes, there, space, found)
+    def _search_all(self, depth: float) -> None:
+        search = self._search
+        find_contacts(search, depth, self._extent, self._contacts)
+        if len(search.smooth.pairs):
+            smooth_against_surfaces(search, depth)
+        if len(search.smooth.vertices) and len(search.planes.body):
+            smooth_against_planes(search)
+        if len(search.shapes.surface_pairs):
+            shape_surface_contacts.find_on_surfaces(search, depth)
+        if len(search.shapes.body) and len(search.planes.body):
+            shape_surface_contacts.find_on_planes(search)
+        if len(search.shapes.shape_pairs):
+            shape_surface_contacts.find_on_shapes(search)
+        if len(search.touching.surface):
+            find_self_contacts(search)
+        if len(search.smooth.vertices) or len(search.shapes.body) or len(search.touching.surface):
+            order_contacts(search, self._contacts)

@@ -5,26 +5,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.contact.kernels.box_trees import NodeMotion, Trees, move_bodies, refit
+from taichisoft.contact.kernels.box_trees import NodeMotion, move_bodies, refit
 from taichisoft.contact.kernels.contacts import (
     SMOOTH,
     Carriers,
+    MovedShapes,
     MovedSurfaces,
     Planes,
     PoseArrays,
+    RoundShapes,
+    SmoothSurfaces,
     Surfaces,
+    Trees,
     move_vertices,
 )
-from taichisoft.contact.kernels.shape_contacts import (
-    FACING,
-    SHAPE,
-    SURFACE,
-    SURFACE_PAIR_COLUMNS,
-    MovedShapes,
-    RoundShapes,
-    move_shapes,
-)
-from taichisoft.contact.kernels.smooth_contacts import SmoothSurfaces, turn_normals
+from taichisoft.contact.kernels.shape_contacts import FACING, SHAPE, SURFACE, SURFACE_PAIR_COLUMNS, move_shapes
+from taichisoft.contact.kernels.smooth_contacts import turn_normals
 from taichisoft.mechanics.kernels.rigid_integration import RigidState
 from taichisoft.mechanics.rigid_body_arrays import Obstacle, RigidBody, RoundShape
 from taichisoft.mechanics.soft_body_arrays import SoftBody

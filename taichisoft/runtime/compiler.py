@@ -229,7 +229,9 @@ def _real_function(function: Function) -> Any:
 def _taichi_function(function: Callable[..., Any], kernel: Any = None) -> Callable[..., Any]:
     """A function as Taichi reads it; one of a kernel gets the arrays of bundles one by one."""
     used = {name: _real(value) for name, value in references(function).items()}
-    bundles = {} if kernel is None else {bundle.__name__: bundle for bundle in kernel.bundles.values()}
+    bundles = (
+        {} if kernel is None else {each.__name__: each for kind in kernel.bundles.values() for each in _nested(kind)}
+    )
     made: Any = FunctionType(
         function.__code__,
         {**used, **bundles, "ti": ti},
@@ -262,15 +264,27 @@ def _with_bundles(function: Callable[..., Any], tree: ast.Module) -> ast.Module:
     for parameter in reversed(definition.args.args):
         if parameter.arg not in bundles:
             continue
-        bundle = bundles[parameter.arg]
-        fields = [f"{parameter.arg}_{field}" for field in bundle._fields]
-        made = ast.parse(f"{parameter.arg} = ti.static({bundle.__name__}({', '.join(fields)}))")
+        made = ast.parse(f"{parameter.arg} = ti.static({_rebuilt(parameter.arg, bundles[parameter.arg])})")
         definition.body.insert(0, made.body[0])
     definition.args.args = [ast.arg(name) for name in inspect.signature(function).parameters]
     for node in ast.walk(definition):
         if not hasattr(node, "lineno"):
             ast.copy_location(node, definition)
     return tree
+
+
+def _rebuilt(name: str, kind: Any) -> str:
+    """How a kernel makes a bundle of its parameters, which have the names of `launch._flattened`."""
+    if not is_bundle(kind):
+        return name
+    return (
+        f"{kind.__name__}({', '.join(_rebuilt(f'{name}_{field}', of) for field, of in kind.__annotations__.items())})"
+    )
+
+
+def _nested(kind: Any) -> list[Any]:
+    """A bundle and all bundles in it."""
+    return [kind, *(each for of in kind.__annotations__.values() if is_bundle(of) for each in _nested(of))]
 
 
 def _short_position(context: Any, node: ast.AST) -> str:

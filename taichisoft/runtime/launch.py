@@ -103,7 +103,7 @@ class Kernel:
         parameters = inspect.signature(function).parameters.values()
         self._names = [parameter.name for parameter in parameters]
         self.bundles = {p.name: p.annotation for p in parameters if is_bundle(p.annotation)}
-        self.flat = [pair for parameter in parameters for pair in _flattened(parameter)]
+        self.flat = [pair for p in parameters for pair in _flattened(p.name, p.annotation)]
         # Where the numbers stand among the flat arguments, and how each is handed over.
         self._number_places = [
             (place, int if annotation == ti.i32 else float)
@@ -156,7 +156,7 @@ class Kernel:
                 raise TypeError(
                     f"kernel {self.__name__}, {name}: must be {self.bundles[name].__name__}, not {argument!r}"
                 )
-            flat += argument if name in self.bundles else [argument]
+            flat += _arrays(argument)
         self._check(flat)
         with _preparing:
             if self._compiled is None:
@@ -220,8 +220,13 @@ def _picker(indices: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
     return itemgetter(*indices)
 
 
-def _flattened(parameter: inspect.Parameter) -> list[tuple[str, Any]]:
-    """Name and type of the parameter itself, or of each array of a bundle."""
-    if not is_bundle(parameter.annotation):
-        return [(parameter.name, parameter.annotation)]
-    return [(f"{parameter.name}_{field}", kind) for field, kind in parameter.annotation.__annotations__.items()]
+def _flattened(name: str, annotation: Any) -> list[tuple[str, Any]]:
+    """Name and type of a parameter itself, or of each array of a bundle and of the bundles in it."""
+    if not is_bundle(annotation):
+        return [(name, annotation)]
+    return [pair for field, kind in annotation.__annotations__.items() for pair in _flattened(f"{name}_{field}", kind)]
+
+
+def _arrays(bundle: Any) -> list[Any]:
+    """The arrays of a bundle and of the bundles in it, in the order of `_flattened`; anything else as it is."""
+    return [array for field in bundle for array in _arrays(field)] if isinstance(bundle, tuple) else [bundle]

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from taichisoft.contact.kernels.contacts import Contacts, MovedSurfaces, PoseArrays
+from taichisoft.contact.kernels.contacts import Contacts, MovedSurfaces, PoseArrays, Trees
 from taichisoft.mechanics.kernels.rigid_integration import RigidState
 from taichisoft.runtime.arithmetic import rotation_of_vector
 from taichisoft.runtime.language import Integers, IntegerTable, Scalars, ScalarTable, Vectors, func, ti, vec3
@@ -148,36 +148,6 @@ def measure_nearest(contacts: Contacts, contact_distance: ti.f64, tolerance: Sca
             pairs.nearest[second, first] = nearest
             if contacts.distance[c] < contact_distance - tolerance[first, second]:
                 pairs.count[TOO_CLOSE] = pairs.count[TOO_CLOSE] + 1
-
-
-class Trees(NamedTuple):
-    """Binary trees of axis-parallel boxes, one per surface, with the nodes of all trees in one set of arrays.
-
-    Nodes are in depth-first order: the first child of node n is n + 1, and `escape[n]` is the node after its last
-    descendant, where a search that skips n continues without a stack. For a leaf `escape[n]` is n + 1.
-
-    Every vertex and every edge that can touch belongs to one leaf, whose box contains it. The vertices of node n are
-    `vertex[vertex_start[n] : vertex_start[n + 1]]`, likewise its triangles, corners and edges; empty for inner nodes.
-
-    Attributes:
-        root: first node of each surface, then the number of nodes, shape (surface_count + 1,).
-        escape: node after the last descendant, shape (node_count,).
-        triangle_start, triangle: triangles of each leaf.
-        corner_start, corner: vertices of these triangles, each once.
-        vertex_start, vertex: vertices that belong to each leaf and can touch.
-        edge_start, edge: edges that belong to each leaf and can touch.
-    """
-
-    root: Integers
-    escape: Integers
-    triangle_start: Integers
-    triangle: Integers
-    corner_start: Integers
-    corner: Integers
-    vertex_start: Integers
-    vertex: Integers
-    edge_start: Integers
-    edge: Integers
 
 
 @kernel

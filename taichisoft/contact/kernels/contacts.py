@@ -113,6 +113,103 @@ class MovedSurfaces(NamedTuple):
     upper: Vectors
 
 
+class Trees(NamedTuple):
+    """Binary trees of axis-parallel boxes, one per surface, with the nodes of all trees in one set of arrays.
+
+    Nodes are in depth-first order: the first child of node n is n + 1, and `escape[n]` is the node after its last
+    descendant, where a search that skips n continues without a stack. For a leaf `escape[n]` is n + 1.
+
+    Every vertex and every edge that can touch belongs to one leaf, whose box contains it. The vertices of node n are
+    `vertex[vertex_start[n] : vertex_start[n + 1]]`, likewise its triangles, corners and edges; empty for inner nodes.
+
+    Attributes:
+        root: first node of each surface, then the number of nodes, shape (surface_count + 1,).
+        escape: node after the last descendant, shape (node_count,).
+        triangle_start, triangle: triangles of each leaf.
+        corner_start, corner: vertices of these triangles, each once.
+        vertex_start, vertex: vertices that belong to each leaf and can touch.
+        edge_start, edge: edges that belong to each leaf and can touch.
+    """
+
+    root: Integers
+    escape: Integers
+    triangle_start: Integers
+    triangle: Integers
+    corner_start: Integers
+    corner: Integers
+    vertex_start: Integers
+    vertex: Integers
+    edge_start: Integers
+    edge: Integers
+
+
+class RoundShapes(NamedTuple):
+    """Geometry and owners of the shapes, and the surfaces and shapes that they can touch.
+
+    Attributes:
+        body: number of each shape's body, shape (shape_count,).
+        owner: number of the rigid body that carries a shape, or STATIC, shape (shape_count,).
+        flat: 1 for flat ends (cylinder), 0 for round ones (sphere, capsule), shape (shape_count,).
+        radius: radius [mm], shape (shape_count,).
+        half_length: half the length of the axis, without round ends [mm], shape (shape_count,).
+        local_centre: middle of the axis, on a rigid body in body axes from the centre of mass [mm], (shape_count, 3).
+        local_axis, local_side: unit vectors along and across the axis, in the same axes, shape (shape_count, 3).
+        moving: numbers of the shapes that can move, shape (moving_count,).
+        surface_pairs: numbers of a SHAPE and a SURFACE that can touch, and whether the surface IS_SOFT, shape
+            (pair_count, SURFACE_PAIR_COLUMNS).
+        shape_pairs: numbers of two shapes that can touch, the lower body number first, shape (shape_pair_count, 2).
+    """
+
+    body: Integers
+    owner: Integers
+    flat: Integers
+    radius: Scalars
+    half_length: Scalars
+    local_centre: Vectors
+    local_axis: Vectors
+    local_side: Vectors
+    moving: Integers
+    surface_pairs: IntegerTable
+    shape_pairs: IntegerTable
+
+
+class MovedShapes(NamedTuple):
+    """Current positions of the shapes.
+
+    Attributes:
+        centre: middles of the axes [mm], shape (shape_count, 3).
+        axis, side: unit vectors along and across the axes, shape (shape_count, 3).
+        lean: unit vectors across the axes from which the rims of level ends are divided, for the end at the beginning
+            and the end at the tip of the axis, shape (shape_count, 2, 3).
+    """
+
+    centre: Vectors
+    axis: Vectors
+    side: Vectors
+    lean: VectorTable
+
+
+class SmoothSurfaces(NamedTuple):
+    """The surfaces treated as curved.
+
+    Attributes:
+        vertices: vertices of all smooth surfaces, shape (smooth_vertex_count,).
+        is_smooth: 1 for a vertex of a smooth surface, else 0, shape (vertex_count,).
+        local_normal: outward unit normals of all vertices in body axes, 0 for vertices of other surfaces, shape
+            (vertex_count, 3).
+        normal: the same in world axes, shape (vertex_count, 3).
+        moving: numbers of smooth surfaces that can move, shape (moving_count,).
+        pairs: numbers of a smooth surface and of another surface that it can touch, shape (pair_count, 2).
+    """
+
+    vertices: Integers
+    is_smooth: Integers
+    local_normal: Vectors
+    normal: Vectors
+    moving: Integers
+    pairs: IntegerTable
+
+
 @kernel
 def move_vertices(carriers: Carriers, poses: PoseArrays, moved: MovedSurfaces):
     """Move the vertices of soft bodies with their nodes, and the vertices of rigid bodies with their poses."""
@@ -130,10 +227,13 @@ def move_vertices(carriers: Carriers, poses: PoseArrays, moved: MovedSurfaces):
 
 # The contacts of a step in arrays for kernels.
 
-ivec3 = ti.types.vector(3, ti.i32)
+ivec2, ivec3 = ti.types.vector(2, ti.i32), ti.types.vector(3, ti.i32)
 
 # Columns of `SearchSpace.place`.
 GROUP, FIRST_FEATURE, SECOND_FEATURE, PLACE_COLUMNS = range(4)
+
+OWN = 1 << 22
+"""First group of contacts of a surface with itself, after those of two surfaces."""
 
 
 class Contacts(NamedTuple):
@@ -211,6 +311,54 @@ class SearchSpace(NamedTuple):
     spare: Integers
 
 
+# Entries of SelfTouching.limits.
+NEAR, DEPTH = range(2)
+
+
+class SelfTouching(NamedTuple):
+    """The surfaces that touch themselves.
+
+    Attributes:
+        surface: numbers of the surfaces, shape (count,).
+        rest: rest positions of the vertices of all surfaces [mm], shape (vertex_count, 3).
+        limits: NEAR, the distance at rest below which features never touch, and DEPTH, the largest penetration that is
+            pushed out [mm], shape (2,).
+    """
+
+    surface: Integers
+    rest: Vectors
+    limits: Scalars
+
+
+class Search(NamedTuple):
+    """What the search for contacts reads, and where it writes.
+
+    Attributes:
+        reaches: largest distance of contacts of two bodies [mm], negative where none are searched for, shape
+            (body_count, body_count).
+        surfaces, trees: all surfaces, and trees of boxes over them.
+        planes: all half-spaces.
+        moved: where the surfaces are.
+        smooth: the surfaces treated as curved.
+        shapes, there: all round shapes, and where they are.
+        touching: the surfaces that touch themselves.
+        space: work space.
+        found: the contacts found, in the order in which the search finds them.
+    """
+
+    reaches: ScalarTable
+    surfaces: Surfaces
+    trees: Trees
+    planes: Planes
+    moved: MovedSurfaces
+    smooth: SmoothSurfaces
+    shapes: RoundShapes
+    there: MovedShapes
+    touching: SelfTouching
+    space: SearchSpace
+    found: Contacts
+
+
 @func
 def append(
     group: ti.i32,
@@ -220,14 +368,14 @@ def append(
     second_body: ti.i32,
     normal: vec3,
     distance: ti.f64,
-    space: SearchSpace,
-    found: Contacts,
+    search: Search,
 ) -> ti.i32:
     """Add a contact without its sides, and return its index.
 
     Beyond the capacity a contact is counted and overwrites the last one: the caller must enlarge the arrays and repeat
     the search.
     """
+    space, found = ti.static(search.space, search.found)
     c = ti.min(found.count[0], found.distance.shape[0] - 1)
     found.count[0] = found.count[0] + 1
     space.place[c, GROUP] = group
@@ -241,8 +389,9 @@ def append(
 
 
 @func
-def set_side(c: ti.i32, side: ti.i32, vertices: ivec3, weights: vec3, point: vec3, found: Contacts):
+def set_side(c: ti.i32, side: ti.i32, vertices: ivec3, weights: vec3, point: vec3, search: Search):
     """Set the feature of one side of a contact, and the point on it [mm]."""
+    found = ti.static(search.found)
     for k in ti.static(range(3)):
         found.vertices[c, side, k] = vertices[k]
     found.weights[c, side] = weights
@@ -260,18 +409,18 @@ def append_points(
     second_point: vec3,
     normal: vec3,
     distance: ti.f64,
-    space: SearchSpace,
-    found: Contacts,
+    search: Search,
 ):
     """Add a contact of two points on features without vertices, such as planes and round shapes."""
-    c = append(group, feature, k, first_body, second_body, normal, distance, space, found)
-    set_side(c, 0, ivec3(-1), vec3(0.0), first_point, found)
-    set_side(c, 1, ivec3(-1), vec3(0.0), second_point, found)
+    c = append(group, feature, k, first_body, second_body, normal, distance, search)
+    set_side(c, 0, ivec3(-1), vec3(0.0), first_point, search)
+    set_side(c, 1, ivec3(-1), vec3(0.0), second_point, search)
 
 
 @func
-def put_in_order(space: SearchSpace, found: Contacts, contacts: Contacts):
+def put_in_order(search: Search, contacts: Contacts):
     """Write the contacts found to `contacts` in the order of their places."""
+    space, found = ti.static(search.space, search.found)
     sort_rows(found.count[0], space.place, space.order, space.spare)
     for k in range(found.count[0]):
         copy_contact(found, space.order[k], contacts, k)

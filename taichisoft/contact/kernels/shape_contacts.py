@@ -1,16 +1,16 @@
 """Narrow phase: round shapes against planes and against each other."""
 
 import math
-from typing import NamedTuple
 
-from taichisoft.contact.kernels.contacts import Contacts, Planes, PoseArrays, SearchSpace, append_points, ivec3
+from taichisoft.contact.kernels.contacts import (
+    MovedShapes,
+    PoseArrays,
+    RoundShapes,
+    Search,
+    append_points,
+    ivec3,
+)
 from taichisoft.runtime.language import (
-    Integers,
-    IntegerTable,
-    Scalars,
-    ScalarTable,
-    Vectors,
-    VectorTable,
     func,
     ti,
     vec3,
@@ -24,52 +24,6 @@ from taichisoft.runtime.launch import kernel
 
 # Columns of `RoundShapes.surface_pairs`.
 SHAPE, SURFACE, IS_SOFT, SURFACE_PAIR_COLUMNS = range(4)
-
-
-class RoundShapes(NamedTuple):
-    """Geometry and owners of the shapes, and the surfaces and shapes that they can touch.
-
-    Attributes:
-        body: number of each shape's body, shape (shape_count,).
-        owner: number of the rigid body that carries a shape, or STATIC, shape (shape_count,).
-        flat: 1 for flat ends (cylinder), 0 for round ones (sphere, capsule), shape (shape_count,).
-        radius: radius [mm], shape (shape_count,).
-        half_length: half the length of the axis, without round ends [mm], shape (shape_count,).
-        local_centre: middle of the axis, on a rigid body in body axes from the centre of mass [mm], (shape_count, 3).
-        local_axis, local_side: unit vectors along and across the axis, in the same axes, shape (shape_count, 3).
-        moving: numbers of the shapes that can move, shape (moving_count,).
-        surface_pairs: numbers of a SHAPE and a SURFACE that can touch, and whether the surface IS_SOFT, shape
-            (pair_count, SURFACE_PAIR_COLUMNS).
-        shape_pairs: numbers of two shapes that can touch, the lower body number first, shape (shape_pair_count, 2).
-    """
-
-    body: Integers
-    owner: Integers
-    flat: Integers
-    radius: Scalars
-    half_length: Scalars
-    local_centre: Vectors
-    local_axis: Vectors
-    local_side: Vectors
-    moving: Integers
-    surface_pairs: IntegerTable
-    shape_pairs: IntegerTable
-
-
-class MovedShapes(NamedTuple):
-    """Current positions of the shapes.
-
-    Attributes:
-        centre: middles of the axes [mm], shape (shape_count, 3).
-        axis, side: unit vectors along and across the axes, shape (shape_count, 3).
-        lean: unit vectors across the axes from which the rims of level ends are divided, for the end at the beginning
-            and the end at the tip of the axis, shape (shape_count, 2, 3).
-    """
-
-    centre: Vectors
-    axis: Vectors
-    side: Vectors
-    lean: VectorTable
 
 
 @kernel
@@ -109,8 +63,9 @@ QUARTERS = 4
 
 
 @func
-def signed_distance(x: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
+def signed_distance(x: vec3, s: ti.i32, search: Search):
     """Distance of x from shape s [mm], negative inside, its gradient (the outward normal), and SIDE, END or RIM."""
+    shapes, there = ti.static(search.shapes, search.there)
     axis, radius, half = there.axis[s], shapes.radius[s], shapes.half_length[s]
     away = x - there.centre[s]
     along = away.dot(axis)
@@ -146,12 +101,12 @@ def signed_distance(x: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes)
 
 
 @func
-def lowest_along(a: vec3, b: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes) -> ti.f64:
+def lowest_along(a: vec3, b: vec3, s: ti.i32, search: Search) -> ti.f64:
     """Fraction of the segment from a to b at the least signed distance from shape s, found by bisection."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        _distance, out, _where = signed_distance(a + middle * (b - a), s, shapes, there)
+        _distance, out, _where = signed_distance(a + middle * (b - a), s, search)
         if out.dot(b - a) > 0.0:
             high = middle
         else:
@@ -166,11 +121,12 @@ def lowest_along(a: vec3, b: vec3, s: ti.i32, shapes: RoundShapes, there: MovedS
 
 
 @func
-def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
+def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, search: Search):
     """Part of the segment from a to b beside the axis of s, or beyond its flat end: two fractions of the segment.
 
     If a segment lies along the side or on an end, the distance has no single minimum: both ends of this part touch.
     """
+    shapes, there = ti.static(search.shapes, search.there)
     axis, half, radius = there.axis[s], shapes.half_length[s], shapes.radius[s]
     start, way = a - there.centre[s], b - a
     first, last = 0.0, 1.0
@@ -191,8 +147,9 @@ def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, shapes: RoundShapes
 
 
 @func
-def ball_count(normal: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes) -> ti.i32:
+def ball_count(normal: vec3, s: ti.i32, search: Search) -> ti.i32:
     """Number of balls that represent shape s against a plane with this normal, see `ball`."""
+    shapes, there = ti.static(search.shapes, search.there)
     count = 1
     if shapes.half_length[s] > 0.0:
         count = 2
@@ -207,12 +164,13 @@ def ball_count(normal: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes)
 
 
 @func
-def ball(k: ti.i32, count: ti.i32, normal: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
+def ball(k: ti.i32, count: ti.i32, normal: vec3, s: ti.i32, search: Search):
     """Centre and radius [mm] of the k-th of `count` balls inside shape s that reach as far as s against `normal`.
 
     For round ends the balls are the ends themselves. For a cylinder they touch the rims at the points farthest against
     the normal, or at several points of an end that faces it.
     """
+    shapes, there = ti.static(search.shapes, search.there)
     axis, radius, half = there.axis[s], shapes.radius[s], shapes.half_length[s]
     centre = there.centre[s]
     ball_radius = radius
@@ -250,20 +208,13 @@ CROSSING = 2 * (RIM_POINTS + QUARTERS)  # key of the contact of two sides, betwe
 
 
 @func
-def cylinder_against_cylinder(
-    pair: ti.i32,
-    group: ti.i32,
-    reach: ti.f64,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def cylinder_against_cylinder(pair: ti.i32, group: ti.i32, reach: ti.f64, search: Search):
     """Store the contacts of two cylinders: of their crossing sides, and of each rim at its nearest points."""
+    shapes, there = ti.static(search.shapes, search.there)
     for side in range(2):
         mine, other = shapes.shape_pairs[pair, side], shapes.shape_pairs[pair, 1 - side]
         for end in range(2):
-            rim_against_cylinder(pair, group, side, end, reach, mine, other, shapes, there, space, found)
+            rim_against_cylinder(pair, group, side, end, reach, mine, other, search)
     one, two = shapes.shape_pairs[pair, 0], shapes.shape_pairs[pair, 1]
     along, other_along = there.axis[one], there.axis[two]
     apart = there.centre[two] - there.centre[one]
@@ -282,14 +233,23 @@ def cylinder_against_cylinder(
                 normal = (second - first) / length
             if gap < reach:
                 append_points(
-                    group, pair, CROSSING, shapes.body[one], shapes.body[two], first + shapes.radius[one] * normal,
-                    second - shapes.radius[two] * normal, normal, gap, space, found,
-                )  # fmt: skip
+                    group,
+                    pair,
+                    CROSSING,
+                    shapes.body[one],
+                    shapes.body[two],
+                    first + shapes.radius[one] * normal,
+                    second - shapes.radius[two] * normal,
+                    normal,
+                    gap,
+                    search,
+                )
 
 
 @func
-def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
+def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, search: Search):
     """Point of a rim of cylinder s at an angle [rad] from the direction of `lean`, and its radial unit vector."""
+    shapes, there = ti.static(search.shapes, search.there)
     first = there.lean[s, end]
     outward = ti.cos(angle) * first + ti.sin(angle) * there.axis[s].cross(first)
     middle = there.centre[s] + ti.select(end == 0, -1.0, 1.0) * shapes.half_length[s] * there.axis[s]
@@ -297,28 +257,17 @@ def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, shapes: RoundShapes, there:
 
 
 @func
-def rim_slope(
-    angle: ti.f64, end: ti.i32, mine: ti.i32, other: ti.i32, shapes: RoundShapes, there: MovedShapes
-) -> ti.f64:
+def rim_slope(angle: ti.f64, end: ti.i32, mine: ti.i32, other: ti.i32, search: Search) -> ti.f64:
     """Derivative of the signed distance between rim point and other cylinder by the angle, over the radius [-]."""
-    x, outward = rim_point(angle, end, mine, shapes, there)
-    _distance, out, _where = signed_distance(x, other, shapes, there)
+    there = ti.static(search.there)
+    x, outward = rim_point(angle, end, mine, search)
+    _distance, out, _where = signed_distance(x, other, search)
     return out.dot(there.axis[mine].cross(outward))
 
 
 @func
 def rim_against_cylinder(
-    pair: ti.i32,
-    group: ti.i32,
-    side: ti.i32,
-    end: ti.i32,
-    reach: ti.f64,
-    mine: ti.i32,
-    other: ti.i32,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
+    pair: ti.i32, group: ti.i32, side: ti.i32, end: ti.i32, reach: ti.f64, mine: ti.i32, other: ti.i32, search: Search
 ):
     """Store the contacts of one rim.
 
@@ -326,6 +275,7 @@ def rim_against_cylinder(
     of a turn from the least minimum, or all RIM_POINTS of a level end. Minima are bracketed between RIM_POINTS and
     found by bisection.
     """
+    shapes, there = ti.static(search.shapes, search.there)
     sector = 2.0 * math.pi / RIM_POINTS
     facing = ti.abs(there.axis[mine].dot(there.axis[other]))
     level = 2.0 * shapes.radius[mine] * ti.sqrt(ti.max(1.0 - facing * facing, 0.0)) < LEVEL
@@ -333,39 +283,23 @@ def rim_against_cylinder(
     for k in range(RIM_POINTS):
         low, high = k * sector, (k + 1) * sector
         if level:
-            touch_rim(pair, group, ivec3(side, end, k), low, 1.0, reach, mine, other, shapes, there, space, found)
-        elif (
-            rim_slope(low, end, mine, other, shapes, there) < 0.0
-            and rim_slope(high, end, mine, other, shapes, there) >= 0.0
-        ):
+            touch_rim(pair, group, ivec3(side, end, k), low, 1.0, reach, mine, other, search)
+        elif rim_slope(low, end, mine, other, search) < 0.0 and rim_slope(high, end, mine, other, search) >= 0.0:
             for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)
-                if rim_slope(middle, end, mine, other, shapes, there) < 0.0:
+                if rim_slope(middle, end, mine, other, search) < 0.0:
                     low = middle
                 else:
                     high = middle
-            touch_rim(pair, group, ivec3(side, end, k), high, ROUNDING, reach, mine, other, shapes, there, space, found)
-            x, _outward = rim_point(high, end, mine, shapes, there)
-            distance, _out, _where = signed_distance(x, other, shapes, there)
+            touch_rim(pair, group, ivec3(side, end, k), high, ROUNDING, reach, mine, other, search)
+            x, _outward = rim_point(high, end, mine, search)
+            distance, _out, _where = signed_distance(x, other, search)
             if distance < least:
                 least, least_angle = distance, high
     if not level and facing > FACING and least < reach:
         for quarter in range(1, QUARTERS):
             angle = least_angle + 2.0 * math.pi * quarter / QUARTERS
-            touch_rim(
-                pair,
-                group,
-                ivec3(side, end, RIM_POINTS + quarter),
-                angle,
-                1.0,
-                reach,
-                mine,
-                other,
-                shapes,
-                there,
-                space,
-                found,
-            )
+            touch_rim(pair, group, ivec3(side, end, RIM_POINTS + quarter), angle, 1.0, reach, mine, other, search)
 
 
 @func
@@ -378,70 +312,59 @@ def touch_rim(
     reach: ti.f64,
     mine: ti.i32,
     other: ti.i32,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
+    search: Search,
 ):
     """Store the contact of a rim point, if the direction to the other cylinder leaves the end of the rim.
 
     At a minimum the direction also leaves the side; at other points of an end it may lead `inward` across the rim
     (cosine). `where` is the side of the pair, the end, and the number of the point on the rim.
     """
+    shapes, there = ti.static(search.shapes, search.there)
     side, end, k = where[0], where[1], where[2]
-    x, outward = rim_point(angle, end, mine, shapes, there)
-    distance, out, _where = signed_distance(x, other, shapes, there)
+    x, outward = rim_point(angle, end, mine, search)
+    distance, out, _where = signed_distance(x, other, search)
     beyond = ti.select(end == 0, -1.0, 1.0) * there.axis[mine]
     if distance < reach and out.dot(outward) <= inward and out.dot(beyond) <= ROUNDING:
         foot = x - distance * out
         number = ti.select(side == 0, 0, CROSSING + 1) + end * (RIM_POINTS + QUARTERS) + k
         if side == 0:
-            append_points(
-                group, pair, number, shapes.body[mine], shapes.body[other], x, foot, -out, distance, space, found
-            )
+            append_points(group, pair, number, shapes.body[mine], shapes.body[other], x, foot, -out, distance, search)
         else:
-            append_points(
-                group, pair, number, shapes.body[other], shapes.body[mine], foot, x, out, distance, space, found
-            )
+            append_points(group, pair, number, shapes.body[other], shapes.body[mine], foot, x, out, distance, search)
 
 
 @func
-def shapes_against_planes(
-    reaches: ScalarTable,
-    first_group: ti.i32,
-    planes: Planes,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def shapes_against_planes(search: Search, first_group: ti.i32):
     """Find points of the moving shapes closer to a plane than their reach; everything below the plane is inside."""
+    reaches, planes, shapes = ti.static(search.reaches, search.planes, search.shapes)
     for plane in range(planes.point.shape[0]):
         up = planes.normal[plane]
         for i in range(shapes.moving.shape[0]):
             s = shapes.moving[i]
             reach = reaches[shapes.body[s], planes.body[plane]]
-            count = ball_count(up, s, shapes, there)
+            count = ball_count(up, s, search)
             for k in range(ti.select(reach < 0.0, 0, count)):
-                centre, radius = ball(k, count, up, s, shapes, there)
+                centre, radius = ball(k, count, up, s, search)
                 height = (centre - planes.point[plane]).dot(up)
                 if height - radius < reach:
                     append_points(
-                        first_group + plane, s, k, shapes.body[s], planes.body[plane], centre - radius * up,
-                        centre - height * up, -up, height - radius, space, found,
-                    )  # fmt: skip
+                        first_group + plane,
+                        s,
+                        k,
+                        shapes.body[s],
+                        planes.body[plane],
+                        centre - radius * up,
+                        centre - height * up,
+                        -up,
+                        height - radius,
+                        search,
+                    )
 
 
 @func
-def shapes_against_shapes(
-    reaches: ScalarTable,
-    first_group: ti.i32,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def shapes_against_shapes(search: Search, first_group: ti.i32):
     """Find contacts of two shapes closer than the reach of their bodies."""
+    reaches, shapes, there = ti.static(search.reaches, search.shapes, search.there)
     for pair in range(shapes.shape_pairs.shape[0]):
         # The axis of the shape with round ends is measured from the other shape, from the longer one of two.
         seen, s = shapes.shape_pairs[pair, 0], shapes.shape_pairs[pair, 1]
@@ -451,49 +374,40 @@ def shapes_against_shapes(
         extent = shapes.half_length[seen] + shapes.radius[seen] + shapes.half_length[s] + shapes.radius[s] + reach
         if reach >= 0.0 and (there.centre[seen] - there.centre[s]).norm_sqr() < extent * extent:
             if shapes.flat[seen]:
-                cylinder_against_cylinder(pair, first_group + pair, reach, shapes, there, space, found)
+                cylinder_against_cylinder(pair, first_group + pair, reach, search)
             else:
-                axis_against_shape(pair, first_group + pair, reach, seen, s, shapes, there, space, found)
+                axis_against_shape(pair, first_group + pair, reach, seen, s, search)
 
 
 @func
-def axis_against_shape(
-    pair: ti.i32,
-    group: ti.i32,
-    reach: ti.f64,
-    seen: ti.i32,
-    s: ti.i32,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def axis_against_shape(pair: ti.i32, group: ti.i32, reach: ti.f64, seen: ti.i32, s: ti.i32, search: Search):
     """Store the contacts of a sphere or capsule `seen` with shape s.
 
     They are at the nearest point of its axis, or, if the shapes lie side by side, at both ends of the common part.
     """
+    shapes, there = ti.static(search.shapes, search.there)
     half = shapes.half_length[seen] * there.axis[seen]
     a, b = there.centre[seen] - half, there.centre[seen] + half
     share = 0.0
     if shapes.half_length[seen] > 0.0:
-        share = lowest_along(a, b, s, shapes, there)
-    lowest, _out, where = signed_distance(a + share * (b - a), s, shapes, there)
+        share = lowest_along(a, b, s, search)
+    lowest, _out, where = signed_distance(a + share * (b - a), s, search)
     first, last = share, share
     if shapes.half_length[seen] > 0.0 and (where == SIDE or (where == END and shapes.flat[s])):
-        first, last = side_by_side(a, b, where, s, shapes, there)
+        first, last = side_by_side(a, b, where, s, search)
     for k in range(3):
         place = share
         if k == 1:
             place = first
         if k == 2:
             place = last
-        distance, out, _there = signed_distance(a + place * (b - a), s, shapes, there)
+        distance, out, _there = signed_distance(a + place * (b - a), s, search)
         is_new = ti.i32(first < last)
         if k == 0:
             is_new = 1
             if first < last:
-                one, _one_out, _one_where = signed_distance(a + first * (b - a), s, shapes, there)
-                other, _other_out, _other_where = signed_distance(a + last * (b - a), s, shapes, there)
+                one, _one_out, _one_where = signed_distance(a + first * (b - a), s, search)
+                other, _other_out, _other_where = signed_distance(a + last * (b - a), s, search)
                 nearest_end = ti.min(share - first, last - share) * (b - a).norm()
                 if nearest_end < SAME_PLACE or ti.max(one, other) - lowest < SAME_PLACE:
                     is_new = 0
@@ -502,6 +416,6 @@ def axis_against_shape(
             point, foot = x - shapes.radius[seen] * out, x - distance * out
             gap = distance - shapes.radius[seen]
             if seen == shapes.shape_pairs[pair, 0]:
-                append_points(group, pair, k, shapes.body[seen], shapes.body[s], point, foot, -out, gap, space, found)
+                append_points(group, pair, k, shapes.body[seen], shapes.body[s], point, foot, -out, gap, search)
             else:
-                append_points(group, pair, k, shapes.body[s], shapes.body[seen], foot, point, out, gap, space, found)
+                append_points(group, pair, k, shapes.body[s], shapes.body[seen], foot, point, out, gap, search)

@@ -5,12 +5,10 @@ cylinder that lies on a face, the ends of the line or area of least distance are
 soft surface within reach. A penetrating contact keeps its normal and has a negative distance.
 """
 
-from taichisoft.contact.kernels.box_trees import Trees, find_leaves
+from taichisoft.contact.kernels.box_trees import find_leaves
 from taichisoft.contact.kernels.contacts import (
-    Contacts,
-    MovedSurfaces,
-    Planes,
-    SearchSpace,
+    RoundShapes,
+    Search,
     Surfaces,
     append,
     ivec3,
@@ -23,8 +21,6 @@ from taichisoft.contact.kernels.shape_contacts import (
     SHAPE,
     SIDE,
     SURFACE,
-    MovedShapes,
-    RoundShapes,
     ball,
     ball_count,
     lowest_along,
@@ -44,7 +40,7 @@ from taichisoft.contact.kernels.vertex_contacts import (
     on_triangle,
     outward_normal,
 )
-from taichisoft.runtime.language import ScalarTable, func, ti, vec3
+from taichisoft.runtime.language import func, ti, vec3
 from taichisoft.runtime.launch import kernel
 
 vec2 = ti.types.vector(2, ti.f64)
@@ -59,19 +55,11 @@ ALONG = 0.01
 
 
 @func
-def shapes_against_surfaces(
-    reaches: ScalarTable,
-    depth: ti.f64,
-    first_group: ti.i32,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def shapes_against_surfaces(search: Search, depth: ti.f64, first_group: ti.i32):
     """Find contacts of shapes with surfaces within their reach, or penetrating by up to thickness and `depth`."""
+    reaches, surfaces, trees, moved, shapes, there, space = ti.static(
+        search.reaches, search.surfaces, search.trees, search.moved, search.shapes, search.there, search.space
+    )
     for pair in range(shapes.surface_pairs.shape[0]):
         s, surface = shapes.surface_pairs[pair, SHAPE], shapes.surface_pairs[pair, SURFACE]
         group = first_group + FEATURES * pair
@@ -83,60 +71,45 @@ def shapes_against_surfaces(
             near_count = find_leaves(surface, low, high, trees, moved, space.leaf)
         if near_count > 0 and shapes.flat[s] == 0:
             normal = vec3(0.0)
-            count = ball_count(normal, s, shapes, there)
+            count = ball_count(normal, s, search)
             for k in range(count):
-                centre, radius = ball(k, count, normal, s, shapes, there)
+                centre, radius = ball(k, count, normal, s, search)
                 touch_ball(
-                    pair, group, k, vec4(centre[0], centre[1], centre[2], radius), near_count, vec2(reach, depth),
-                    surfaces, trees, moved, shapes, space, found,
-                )  # fmt: skip
+                    pair,
+                    group,
+                    k,
+                    vec4(centre[0], centre[1], centre[2], radius),
+                    near_count,
+                    vec2(reach, depth),
+                    search,
+                )
         for i in range(near_count):
             leaf = space.leaf[i]
             if shapes.flat[s]:
                 for j in range(trees.triangle_start[leaf], trees.triangle_start[leaf + 1]):
-                    touch_face(
-                        pair, group, trees.triangle[j], near_count, vec2(reach, depth), surfaces, trees, moved,
-                        shapes, there, space, found,
-                    )  # fmt: skip
+                    touch_face(pair, group, trees.triangle[j], near_count, vec2(reach, depth), search)
             if shapes.half_length[s] > 0.0:
                 for j in range(trees.edge_start[leaf], trees.edge_start[leaf + 1]):
-                    touch_edge(
-                        pair, group, trees.edge[j], near_count, vec2(reach, depth), surfaces, trees, moved, shapes,
-                        there, space, found,
-                    )  # fmt: skip
+                    touch_edge(pair, group, trees.edge[j], near_count, vec2(reach, depth), search)
             for j in range(trees.vertex_start[leaf], trees.vertex_start[leaf + 1]):
-                touch_vertex(pair, group, trees.vertex[j], reach, surfaces, moved, shapes, there, space, found)
+                touch_vertex(pair, group, trees.vertex[j], reach, search)
 
 
 @func
-def touch_ball(
-    pair: ti.i32,
-    group: ti.i32,
-    k: ti.i32,
-    sphere: vec4,
-    near_count: ti.i32,
-    limits: vec2,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    shapes: RoundShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def touch_ball(pair: ti.i32, group: ti.i32, k: ti.i32, sphere: vec4, near_count: ti.i32, limits: vec2, search: Search):
     """Store the contacts of ball k of a shape; the vertices of soft surfaces are left to `touch_vertex`.
 
     `sphere` is the centre and radius of the ball, `limits` are reach and depth [mm].
     """
+    surfaces, moved, shapes, space = ti.static(search.surfaces, search.moved, search.shapes, search.space)
     centre, radius = vec3(sphere[0], sphere[1], sphere[2]), sphere[3]
     reach, depth = limits[0], limits[1]
-    closest, weights, within_reach = find_triangles(
-        centre, near_count, reach + radius, depth, surfaces, trees, moved, space
-    )
+    closest, weights, within_reach = find_triangles(centre, near_count, reach + radius, depth, search)
     if closest >= 0:
         out = outward_normal(closest, weights, surfaces, moved.position)
         foot = on_triangle(closest, weights, surfaces, moved.position)
         if (centre - foot).dot(out) < 0.0:
-            push_out(pair, group, k, closest, weights, sphere, depth, surfaces, moved, shapes, space, found)
+            push_out(pair, group, k, closest, weights, sphere, depth, search)
         else:
             for i in range(within_reach):
                 t, w = space.triangle[i], space.weights[i]
@@ -153,26 +126,15 @@ def touch_ball(
                         distance = away.norm()
                         if distance > COINCIDENT:
                             facing = away / distance
-                        store_face(pair, group, k, t, w, there, facing, distance - radius, surfaces, shapes, space,
-                                   found)  # fmt: skip
+                        store_face(pair, group, k, t, w, there, facing, distance - radius, search)
 
 
 @func
 def push_out(
-    pair: ti.i32,
-    group: ti.i32,
-    k: ti.i32,
-    closest: ti.i32,
-    weights: vec3,
-    sphere: vec4,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    moved: MovedSurfaces,
-    shapes: RoundShapes,
-    space: SearchSpace,
-    found: Contacts,
+    pair: ti.i32, group: ti.i32, k: ti.i32, closest: ti.i32, weights: vec3, sphere: vec4, depth: ti.f64, search: Search
 ):
     """Store the contact of a ball whose centre is inside a surface, down to `depth` [mm] from the closest triangle."""
+    surfaces, moved = ti.static(search.surfaces, search.moved)
     centre = vec3(sphere[0], sphere[1], sphere[2])
     out = outward_normal(closest, weights, surfaces, moved.position)
     foot = on_triangle(closest, weights, surfaces, moved.position)
@@ -184,34 +146,22 @@ def push_out(
     if depth_here > COINCIDENT:
         out = (foot - centre) / depth_here
     if depth_here <= depth and beyond_rim == 0:
-        store_face(pair, group, k, closest, weights, foot, out, -depth_here - sphere[3], surfaces, shapes, space, found)
+        store_face(pair, group, k, closest, weights, foot, out, -depth_here - sphere[3], search)
 
 
 @func
-def touch_face(
-    pair: ti.i32,
-    group: ti.i32,
-    t: ti.i32,
-    near_count: ti.i32,
-    limits: vec2,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def touch_face(pair: ti.i32, group: ti.i32, t: ti.i32, near_count: ti.i32, limits: vec2, search: Search):
     """Store the contacts of a cylinder with the inside of triangle t; `limits` are reach and depth."""
+    surfaces, moved, shapes = ti.static(search.surfaces, search.moved, search.shapes)
     reach, depth = limits[0], limits[1]
     s = shapes.surface_pairs[pair, SHAPE]
     normal = face_normal(t, surfaces, moved.position)
     a = moved.position[surfaces.triangles[t, 0]]
     b = moved.position[surfaces.triangles[t, 1]]
     c = moved.position[surfaces.triangles[t, 2]]
-    count = ball_count(normal, s, shapes, there)
+    count = ball_count(normal, s, search)
     for k in range(count):
-        centre, radius = ball(k, count, normal, s, shapes, there)
+        centre, radius = ball(k, count, normal, s, search)
         height = (centre - a).dot(normal)
         if height < reach + radius and height > -depth:
             w = closest_on_triangle(centre, a, b, c)
@@ -226,44 +176,30 @@ def touch_face(
             if is_on_edge and shapes.surface_pairs[pair, IS_SOFT] == 0:
                 inside = is_local_minimum(t, w, normal, surfaces, moved.position)
             if inside == 1 and height < 0.0:
-                closest, _weights, _within_reach = find_triangles(
-                    centre, near_count, 0.0, depth, surfaces, trees, moved, space
-                )
+                closest, _weights, _within_reach = find_triangles(centre, near_count, 0.0, depth, search)
                 inside = ti.i32(closest == t)
             if inside == 1:
-                store_face(pair, group, k, t, w, foot, normal, height - radius, surfaces, shapes, space, found)
+                store_face(pair, group, k, t, w, foot, normal, height - radius, search)
 
 
 @func
-def touch_edge(
-    pair: ti.i32,
-    group: ti.i32,
-    e: ti.i32,
-    near_count: ti.i32,
-    limits: vec2,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def touch_edge(pair: ti.i32, group: ti.i32, e: ti.i32, near_count: ti.i32, limits: vec2, search: Search):
     """Store the contacts of the inner part of a capsule or cylinder with the inside of edge e.
 
     The edge may have gone past a capsule's axis, whose place there is then inside the surface, and is pushed out.
     """
+    surfaces, moved, shapes = ti.static(search.surfaces, search.moved, search.shapes)
     reach, depth = limits[0], limits[1]
     s = shapes.surface_pairs[pair, SHAPE]
     a, b = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
-    nearest, _out, _where = signed_distance(0.5 * (a + b), s, shapes, there)
+    nearest, _out, _where = signed_distance(0.5 * (a + b), s, search)
     if nearest - 0.5 * (b - a).norm() < reach:
-        share = lowest_along(a, b, s, shapes, there)
-        _distance, _normal, where = signed_distance(a + share * (b - a), s, shapes, there)
+        share = lowest_along(a, b, s, search)
+        _distance, _normal, where = signed_distance(a + share * (b - a), s, search)
         if share > 0.0 and share < 1.0 and (shapes.flat[s] or where == SIDE):
             first, last = share, share
             if shapes.flat[s] and where != RIM:
-                first, last = side_by_side(a, b, where, s, shapes, there)
+                first, last = side_by_side(a, b, where, s, search)
             for k in range(3):
                 place = share
                 if k == 1:
@@ -271,12 +207,12 @@ def touch_edge(
                 if k == 2:
                     place = last
                 x = a + place * (b - a)
-                distance, out, _there = signed_distance(x, s, shapes, there)
+                distance, out, _there = signed_distance(x, s, search)
                 is_new = ti.i32(k == 0)
                 if k == 0 and first < last:
                     # Between two ends at the same height the lowest point adds nothing.
                     lowest = ti.min(share - first, last - share) * (b - a).norm()
-                    if lowest < SAME_PLACE or is_level(a, b, first, last, distance, s, shapes, there):
+                    if lowest < SAME_PLACE or is_level(a, b, first, last, distance, s, search):
                         is_new = 0
                 if k > 0 and first < last and place > 0.0 and place < 1.0:
                     is_new = 1
@@ -286,48 +222,33 @@ def touch_edge(
                 if is_new and beyond > 0.0:
                     is_new = 0
                     axis = x - (distance + shapes.radius[s]) * out
-                    closest, weights, _within_reach = find_triangles(
-                        axis, near_count, 0.0, depth, surfaces, trees, moved, space
-                    )
+                    closest, weights, _within_reach = find_triangles(axis, near_count, 0.0, depth, search)
                     if closest >= 0:
                         away = axis - on_triangle(closest, weights, surfaces, moved.position)
                         if away.dot(outward_normal(closest, weights, surfaces, moved.position)) < 0.0:
                             place_there = vec4(axis[0], axis[1], axis[2], shapes.radius[s])
-                            push_out(pair, group, k, closest, weights, place_there, depth, surfaces, moved, shapes,
-                                     space, found)  # fmt: skip
+                            push_out(pair, group, k, closest, weights, place_there, depth, search)
                 if is_new and distance < reach and in_normal_cone(e, -out, surfaces, moved.position):
-                    c = store_shape(pair, group + EDGES, e, k, x, out, distance, surfaces, shapes, space, found)
+                    c = store_shape(pair, group + EDGES, e, k, x, out, distance, search)
                     ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
-                    set_side(c, mesh_side(pair, surfaces, shapes), ends, vec3(1.0 - place, place, 0.0), x, found)
+                    set_side(c, mesh_side(pair, surfaces, shapes), ends, vec3(1.0 - place, place, 0.0), x, search)
 
 
 @func
-def is_level(
-    a: vec3, b: vec3, first: ti.f64, last: ti.f64, lowest: ti.f64, s: ti.i32, shapes: RoundShapes, there: MovedShapes
-) -> ti.i32:
+def is_level(a: vec3, b: vec3, first: ti.f64, last: ti.f64, lowest: ti.f64, s: ti.i32, search: Search) -> ti.i32:
     """Whether both ends of a part of the segment from a to b are as close to shape s as its nearest point."""
-    one, _out, _where = signed_distance(a + first * (b - a), s, shapes, there)
-    other, _other_out, _other_where = signed_distance(a + last * (b - a), s, shapes, there)
+    one, _out, _where = signed_distance(a + first * (b - a), s, search)
+    other, _other_out, _other_where = signed_distance(a + last * (b - a), s, search)
     return ti.max(one, other) - lowest < SAME_PLACE
 
 
 @func
-def touch_vertex(
-    pair: ti.i32,
-    group: ti.i32,
-    v: ti.i32,
-    reach: ti.f64,
-    surfaces: Surfaces,
-    moved: MovedSurfaces,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def touch_vertex(pair: ti.i32, group: ti.i32, v: ti.i32, reach: ti.f64, search: Search):
     """Store the contact of vertex v: on soft surfaces always, on others at a minimum not found by a ball."""
+    surfaces, moved, shapes = ti.static(search.surfaces, search.moved, search.shapes)
     s = shapes.surface_pairs[pair, SHAPE]
     x = moved.position[v]
-    distance, out, where = signed_distance(x, s, shapes, there)
+    distance, out, where = signed_distance(x, s, search)
     if distance < reach:
         touches = shapes.surface_pairs[pair, IS_SOFT]
         if touches == 0 and shapes.flat[s] == 1 and where == END:
@@ -340,8 +261,8 @@ def touch_vertex(
                 if out.dot(edge) < least * edge.norm():
                     touches = 0
         if touches:
-            c = store_shape(pair, group + VERTICES, v, 0, x, out, distance, surfaces, shapes, space, found)
-            set_side(c, mesh_side(pair, surfaces, shapes), ivec3(v), vec3(1.0, 0.0, 0.0), x, found)
+            c = store_shape(pair, group + VERTICES, v, 0, x, out, distance, search)
+            set_side(c, mesh_side(pair, surfaces, shapes), ivec3(v), vec3(1.0, 0.0, 0.0), x, search)
 
 
 @func
@@ -353,25 +274,16 @@ def mesh_side(pair: ti.i32, surfaces: Surfaces, shapes: RoundShapes) -> ti.i32:
 
 @func
 def store_shape(
-    pair: ti.i32,
-    group: ti.i32,
-    feature: ti.i32,
-    k: ti.i32,
-    x: vec3,
-    out: vec3,
-    distance: ti.f64,
-    surfaces: Surfaces,
-    shapes: RoundShapes,
-    space: SearchSpace,
-    found: Contacts,
+    pair: ti.i32, group: ti.i32, feature: ti.i32, k: ti.i32, x: vec3, out: vec3, distance: ti.f64, search: Search
 ) -> ti.i32:
     """Add a contact of a shape with point x on the surface, `distance` along `out` from the shape; its index."""
+    surfaces, shapes = ti.static(search.surfaces, search.shapes)
     body = shapes.body[shapes.surface_pairs[pair, SHAPE]]
     other = surfaces.body[shapes.surface_pairs[pair, SURFACE]]
     mine = 1 - mesh_side(pair, surfaces, shapes)
     normal = ti.select(mine == 0, out, -out)
-    c = append(group, feature, k, ti.min(body, other), ti.max(body, other), normal, distance, space, found)
-    set_side(c, mine, ivec3(-1), vec3(0.0), x - distance * out, found)
+    c = append(group, feature, k, ti.min(body, other), ti.max(body, other), normal, distance, search)
+    set_side(c, mine, ivec3(-1), vec3(0.0), x - distance * out, search)
     return c
 
 
@@ -385,15 +297,13 @@ def store_face(
     foot: vec3,
     out: vec3,
     distance: ti.f64,
-    surfaces: Surfaces,
-    shapes: RoundShapes,
-    space: SearchSpace,
-    found: Contacts,
+    search: Search,
 ):
     """Add a contact of ball k of a shape with triangle t at `foot`; `out` is the outward direction of the surface."""
-    c = store_shape(pair, group + FACES, t, k, foot, -out, distance, surfaces, shapes, space, found)
+    surfaces, shapes = ti.static(search.surfaces, search.shapes)
+    c = store_shape(pair, group + FACES, t, k, foot, -out, distance, search)
     corners = ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
-    set_side(c, mesh_side(pair, surfaces, shapes), corners, weights, foot, found)
+    set_side(c, mesh_side(pair, surfaces, shapes), corners, weights, foot, search)
 
 
 # Search for contacts of round shapes, in kernels that only scenes with such shapes compile and launch.
@@ -403,36 +313,24 @@ ON_SURFACES, ON_PLANES, ON_SHAPES = 1 << 28, 1 << 29, 1 << 30
 
 
 @kernel
-def find_on_surfaces(
-    reach: ScalarTable,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    shapes: RoundShapes,
-    there: MovedShapes,
-    space: SearchSpace,
-    found: Contacts,
-):
+def find_on_surfaces(search: Search, depth: ti.f64):
     """Add the contacts of shapes with surfaces, see `shapes_against_surfaces`; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        shapes_against_surfaces(reach, depth, ON_SURFACES, surfaces, trees, moved, shapes, there, space, found)
+        shapes_against_surfaces(search, depth, ON_SURFACES)
 
 
 @kernel
-def find_on_planes(
-    reach: ScalarTable, planes: Planes, shapes: RoundShapes, there: MovedShapes, space: SearchSpace, found: Contacts
-):
+def find_on_planes(search: Search):
     """Add the contacts of shapes with planes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        shapes_against_planes(reach, ON_PLANES, planes, shapes, there, space, found)
+        shapes_against_planes(search, ON_PLANES)
 
 
 @kernel
-def find_on_shapes(reach: ScalarTable, shapes: RoundShapes, there: MovedShapes, space: SearchSpace, found: Contacts):
+def find_on_shapes(search: Search):
     """Add the contacts of two shapes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        shapes_against_shapes(reach, ON_SHAPES, shapes, there, space, found)
+        shapes_against_shapes(search, ON_SHAPES)

@@ -4,16 +4,12 @@ A curved surface touches a plane where the normals are opposite, and the edge of
 vertices of the other surface touch along the curved normal.
 """
 
-from typing import NamedTuple
-
-from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets
+from taichisoft.contact.kernels.box_trees import find_leaves, meets
 from taichisoft.contact.kernels.contacts import (
     Carriers,
-    Contacts,
-    MovedSurfaces,
-    Planes,
     PoseArrays,
-    SearchSpace,
+    Search,
+    SmoothSurfaces,
     Surfaces,
     append,
     ivec3,
@@ -26,7 +22,7 @@ from taichisoft.contact.kernels.vertex_contacts import (
     in_normal_cone,
     is_local_minimum,
 )
-from taichisoft.runtime.language import Integers, IntegerTable, ScalarTable, Vectors, func, ti, vec3
+from taichisoft.runtime.language import func, ti, vec3
 from taichisoft.runtime.launch import kernel
 
 # Triangulated surfaces treated as the curved surfaces spanned by their vertices and vertex normals.
@@ -36,27 +32,6 @@ from taichisoft.runtime.launch import kernel
 # 3/4, reproduces a sphere to the fourth order of the triangle's size. The normal is the sum of b_i n_i.
 
 ON_EDGE = 1e-12  # tolerance of negative weights: at least one of two triangles has the points on their edge
-
-
-class SmoothSurfaces(NamedTuple):
-    """The surfaces treated as curved.
-
-    Attributes:
-        vertices: vertices of all smooth surfaces, shape (smooth_vertex_count,).
-        is_smooth: 1 for a vertex of a smooth surface, else 0, shape (vertex_count,).
-        local_normal: outward unit normals of all vertices in body axes, 0 for vertices of other surfaces, shape
-            (vertex_count, 3).
-        normal: the same in world axes, shape (vertex_count, 3).
-        moving: numbers of smooth surfaces that can move, shape (moving_count,).
-        pairs: numbers of a smooth surface and of another surface that it can touch, shape (pair_count, 2).
-    """
-
-    vertices: Integers
-    is_smooth: Integers
-    local_normal: Vectors
-    normal: Vectors
-    moving: Integers
-    pairs: IntegerTable
 
 
 @kernel
@@ -70,8 +45,9 @@ def turn_normals(smooth: SmoothSurfaces, carriers: Carriers, poses: PoseArrays):
 
 
 @func
-def curved_point(t: ti.i32, weights: vec3, surfaces: Surfaces, moved: MovedSurfaces, smooth: SmoothSurfaces) -> vec3:
+def curved_point(t: ti.i32, weights: vec3, search: Search) -> vec3:
     """Point of the curved surface with barycentric `weights` in triangle t [mm]."""
+    surfaces, moved, smooth = ti.static(search.surfaces, search.moved, search.smooth)
     p = vec3(0.0)
     for k in ti.static(range(3)):
         p += weights[k] * moved.position[surfaces.triangles[t, k]]
@@ -83,8 +59,9 @@ def curved_point(t: ti.i32, weights: vec3, surfaces: Surfaces, moved: MovedSurfa
 
 
 @func
-def curved_normal(t: ti.i32, weights: vec3, surfaces: Surfaces, smooth: SmoothSurfaces) -> vec3:
+def curved_normal(t: ti.i32, weights: vec3, search: Search) -> vec3:
     """Unit normal of the curved surface with barycentric `weights` in triangle t."""
+    surfaces, smooth = ti.static(search.surfaces, search.smooth)
     normal = vec3(0.0)
     for k in ti.static(range(3)):
         normal += weights[k] * smooth.normal[surfaces.triangles[t, k]]
@@ -92,8 +69,9 @@ def curved_normal(t: ti.i32, weights: vec3, surfaces: Surfaces, smooth: SmoothSu
 
 
 @func
-def weights_of_normal(t: ti.i32, direction: vec3, surfaces: Surfaces, smooth: SmoothSurfaces):
+def weights_of_normal(t: ti.i32, direction: vec3, search: Search):
     """Whether curved triangle t has a point with its normal in this direction, and the weights of the point."""
+    surfaces, smooth = ti.static(search.surfaces, search.smooth)
     a = smooth.normal[surfaces.triangles[t, 0]]
     b = smooth.normal[surfaces.triangles[t, 1]]
     c = smooth.normal[surfaces.triangles[t, 2]]
@@ -113,17 +91,11 @@ HALVINGS = 40
 
 
 @kernel
-def smooth_against_planes(
-    reaches: ScalarTable,
-    surfaces: Surfaces,
-    trees: Trees,
-    planes: Planes,
-    moved: MovedSurfaces,
-    smooth: SmoothSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def smooth_against_planes(search: Search):
     """Add the contacts of moving smooth surfaces with planes within the reach of their bodies [mm]."""
+    reaches, surfaces, trees, planes, moved, smooth = ti.static(
+        search.reaches, search.surfaces, search.trees, search.planes, search.moved, search.smooth
+    )
     ti.loop_config(serialize=True)
     for plane in range(planes.point.shape[0]):
         up = planes.normal[plane]
@@ -134,35 +106,28 @@ def smooth_against_planes(
                 for i in range(trees.triangle_start[node], trees.triangle_start[node + 1]):
                     t = trees.triangle[i]
                     if face_normal(t, surfaces, moved.position).dot(up) < -OPPOSITE:
-                        is_here, weights = weights_of_normal(t, -up, surfaces, smooth)
+                        is_here, weights = weights_of_normal(t, -up, search)
                         if is_here:
-                            x = curved_point(t, weights, surfaces, moved, smooth)
+                            x = curved_point(t, weights, search)
                             height = (x - planes.point[plane]).dot(up)
                             if height < reach:
                                 c = append(
-                                    ON_PLANES + plane, t, 0, surfaces.body[s], planes.body[plane], -up, height, space,
-                                    found,
-                                )  # fmt: skip
-                                set_side(c, 0, corners(t, surfaces), weights, x, found)
-                                set_side(c, 1, ivec3(-1), vec3(0.0), x - height * up, found)
+                                    ON_PLANES + plane, t, 0, surfaces.body[s], planes.body[plane], -up, height, search
+                                )
+                                set_side(c, 0, corners(t, surfaces), weights, x, search)
+                                set_side(c, 1, ivec3(-1), vec3(0.0), x - height * up, search)
 
 
 @kernel
-def smooth_against_surfaces(
-    reaches: ScalarTable,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    smooth: SmoothSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def smooth_against_surfaces(search: Search, depth: ti.f64):
     """Add the contacts of smooth surfaces with faces and edges of other surfaces.
 
     They are within the reach of their bodies or penetrate by up to `depth` [mm]. The contacts of vertices of other
     surfaces, found before, get the curved normal.
     """
+    reaches, surfaces, trees, moved, smooth, found = ti.static(
+        search.reaches, search.surfaces, search.trees, search.moved, search.smooth, search.found
+    )
     ti.loop_config(serialize=True)
     for _ in range(1):
         for c in range(ti.min(found.count[0], found.distance.shape[0])):
@@ -171,7 +136,7 @@ def smooth_against_surfaces(
                 if v >= 0 and found.vertices[c, side, 1] != v:
                     bends = ti.i32(found.vertices[c, 1 - side, 0] >= 0)  # not on a plane
                     if smooth.is_smooth[v] and bends:
-                        touch_along_normal(c, side, moved, smooth, found)
+                        touch_along_normal(c, side, search)
         for pair in range(smooth.pairs.shape[0]):
             mine, theirs = smooth.pairs[pair, 0], smooth.pairs[pair, 1]
             reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
@@ -186,58 +151,36 @@ def smooth_against_surfaces(
                         if trees.triangle_start[leaf] < trees.triangle_start[leaf + 1] and meets(
                             leaf, start, end, moved
                         ):
-                            leaf_against_leaf(
-                                pair, leaf, node, reach, depth, surfaces, trees, moved, smooth, space, found
-                            )
+                            leaf_against_leaf(pair, leaf, node, reach, depth, search)
                     node += 1
                 else:
                     node = trees.escape[node]
 
 
 @func
-def leaf_against_leaf(
-    pair: ti.i32,
-    leaf: ti.i32,
-    node: ti.i32,
-    reach: ti.f64,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    smooth: SmoothSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def leaf_against_leaf(pair: ti.i32, leaf: ti.i32, node: ti.i32, reach: ti.f64, depth: ti.f64, search: Search):
     """Find contacts of the curved triangles of a leaf with faces and edges of the other surface's leaf `node`."""
+    surfaces, trees, moved = ti.static(search.surfaces, search.trees, search.moved)
     for i in range(trees.triangle_start[leaf], trees.triangle_start[leaf + 1]):
         t = trees.triangle[i]
         flat = face_normal(t, surfaces, moved.position)
         for j in range(trees.triangle_start[node], trees.triangle_start[node + 1]):
             if flat.dot(face_normal(trees.triangle[j], surfaces, moved.position)) < -OPPOSITE:
-                touch_face(pair, t, trees.triangle[j], reach, depth, surfaces, trees, moved, smooth, space, found)
+                touch_face(pair, t, trees.triangle[j], reach, depth, search)
         for j in range(trees.edge_start[node], trees.edge_start[node + 1]):
-            touch_edge(pair, t, trees.edge[j], reach, surfaces, moved, smooth, space, found)
+            touch_edge(pair, t, trees.edge[j], reach, search)
 
 
 @func
-def touch_face(
-    pair: ti.i32,
-    t: ti.i32,
-    face: ti.i32,
-    reach: ti.f64,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    smooth: SmoothSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def touch_face(pair: ti.i32, t: ti.i32, face: ti.i32, reach: ti.f64, depth: ti.f64, search: Search):
     """Store the contact of curved triangle t with the inside of a face."""
+    surfaces, trees, moved, smooth, space = ti.static(
+        search.surfaces, search.trees, search.moved, search.smooth, search.space
+    )
     up = face_normal(face, surfaces, moved.position)
-    is_here, weights = weights_of_normal(t, -up, surfaces, smooth)
+    is_here, weights = weights_of_normal(t, -up, search)
     if is_here:
-        x = curved_point(t, weights, surfaces, moved, smooth)
+        x = curved_point(t, weights, search)
         a = moved.position[surfaces.triangles[face, 0]]
         b = moved.position[surfaces.triangles[face, 1]]
         c = moved.position[surfaces.triangles[face, 2]]
@@ -250,30 +193,21 @@ def touch_face(
                 touches = is_local_minimum(face, w, up, surfaces, moved.position)
             if touches and height < 0.0:
                 near_count = find_leaves(smooth.pairs[pair, 1], x - depth, x + depth, trees, moved, space.leaf)
-                closest, _weights, _count = find_triangles(x, near_count, 0.0, depth, surfaces, trees, moved, space)
+                closest, _weights, _count = find_triangles(x, near_count, 0.0, depth, search)
                 touches = ti.i32(closest == face)
             if touches:
-                k = store(pair, ON_FACES, t, face, weights, x, -up, height, surfaces, smooth, space, found)
-                set_side(k, other_side(pair, surfaces, smooth), corners(face, surfaces), w, foot, found)
+                k = store(pair, ON_FACES, t, face, weights, x, -up, height, search)
+                set_side(k, other_side(pair, search), corners(face, surfaces), w, foot, search)
 
 
 @func
-def touch_edge(
-    pair: ti.i32,
-    t: ti.i32,
-    e: ti.i32,
-    reach: ti.f64,
-    surfaces: Surfaces,
-    moved: MovedSurfaces,
-    smooth: SmoothSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def touch_edge(pair: ti.i32, t: ti.i32, e: ti.i32, reach: ti.f64, search: Search):
     """Store the contact of curved triangle t with the inside of an edge.
 
     The points with a normal across the edge lie on a line through the triangle; the contact is the point of this line
     whose normal meets the edge.
     """
+    surfaces, moved, smooth = ti.static(search.surfaces, search.moved, search.smooth)
     start, end = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
     along = (end - start).normalized()
     rise = vec3(0.0)
@@ -291,51 +225,40 @@ def touch_edge(
                     entry = point
                 else:
                     leave = point
-        if (
-            beside(t, entry, start, along, surfaces, moved, smooth)
-            * beside(t, leave, start, along, surfaces, moved, smooth)
-            <= 0.0
-        ):
-            before = beside(t, entry, start, along, surfaces, moved, smooth) < 0.0
+        if beside(t, entry, start, along, search) * beside(t, leave, start, along, search) <= 0.0:
+            before = beside(t, entry, start, along, search) < 0.0
             for _ in range(HALVINGS):
                 middle = 0.5 * (entry + leave)
-                if (beside(t, middle, start, along, surfaces, moved, smooth) < 0.0) == before:
+                if (beside(t, middle, start, along, search) < 0.0) == before:
                     entry = middle
                 else:
                     leave = middle
             weights = 0.5 * (entry + leave)
-            x = curved_point(t, weights, surfaces, moved, smooth)
-            out = curved_normal(t, weights, surfaces, smooth)
+            x = curved_point(t, weights, search)
+            out = curved_normal(t, weights, search)
             place = (x - start).dot(along)
             length = (end - start).norm()
             foot = start + place * along
             distance = (foot - x).dot(out)
             is_near = distance < reach and distance > -reach and place > 0.0 and place < length
             if is_near and in_normal_cone(e, -out, surfaces, moved.position):
-                k = store(pair, ON_EDGES, t, e, weights, x, out, distance, surfaces, smooth, space, found)
+                k = store(pair, ON_EDGES, t, e, weights, x, out, distance, search)
                 ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
-                other = other_side(pair, surfaces, smooth)
-                set_side(k, other, ends, vec3(1.0 - place / length, place / length, 0.0), foot, found)
+                other = other_side(pair, search)
+                set_side(k, other, ends, vec3(1.0 - place / length, place / length, 0.0), foot, search)
 
 
 @func
-def beside(
-    t: ti.i32,
-    weights: vec3,
-    start: vec3,
-    along: vec3,
-    surfaces: Surfaces,
-    moved: MovedSurfaces,
-    smooth: SmoothSurfaces,
-) -> ti.f64:
+def beside(t: ti.i32, weights: vec3, start: vec3, along: vec3, search: Search) -> ti.f64:
     """Signed distance of a line from the normal through a curved point [mm]; the normal is across the line."""
-    out = curved_normal(t, weights, surfaces, smooth)
-    return (start - curved_point(t, weights, surfaces, moved, smooth)).dot(along.cross(out))
+    out = curved_normal(t, weights, search)
+    return (start - curved_point(t, weights, search)).dot(along.cross(out))
 
 
 @func
-def touch_along_normal(c: ti.i32, side: ti.i32, moved: MovedSurfaces, smooth: SmoothSurfaces, found: Contacts):
+def touch_along_normal(c: ti.i32, side: ti.i32, search: Search):
     """Move contact c of a vertex with a flat triangle on `side` to the curved triangle, with the same weights."""
+    moved, smooth, found = ti.static(search.moved, search.smooth, search.found)
     p, flat = found.points[c, 1 - side], vec3(0.0)
     out, weights = vec3(0.0), found.weights[c, side]
     for k in ti.static(range(3)):
@@ -360,8 +283,9 @@ def corners(t: ti.i32, surfaces: Surfaces) -> ivec3:
 
 
 @func
-def other_side(pair: ti.i32, surfaces: Surfaces, smooth: SmoothSurfaces) -> ti.i32:
+def other_side(pair: ti.i32, search: Search) -> ti.i32:
     """Side of the other surface in a contact: the lower body number is first."""
+    surfaces, smooth = ti.static(search.surfaces, search.smooth)
     return ti.i32(surfaces.body[smooth.pairs[pair, 1]] > surfaces.body[smooth.pairs[pair, 0]])
 
 
@@ -375,15 +299,13 @@ def store(
     x: vec3,
     out: vec3,
     distance: ti.f64,
-    surfaces: Surfaces,
-    smooth: SmoothSurfaces,
-    space: SearchSpace,
-    found: Contacts,
+    search: Search,
 ) -> ti.i32:
     """Add a contact of curved triangle t at x, `distance` along `out` from the other surface; its index."""
-    other = other_side(pair, surfaces, smooth)
+    surfaces, smooth = ti.static(search.surfaces, search.smooth)
+    other = other_side(pair, search)
     body, its_body = surfaces.body[smooth.pairs[pair, 0]], surfaces.body[smooth.pairs[pair, 1]]
     normal = ti.select(other == 1, out, -out)
-    c = append(group + pair, t, feature, ti.min(body, its_body), ti.max(body, its_body), normal, distance, space, found)
-    set_side(c, 1 - other, corners(t, surfaces), weights, x, found)
+    c = append(group + pair, t, feature, ti.min(body, its_body), ti.max(body, its_body), normal, distance, search)
+    set_side(c, 1 - other, corners(t, surfaces), weights, x, search)
     return c

@@ -6,19 +6,20 @@ Contact normals point from the first surface of the pair to the second.
 
 import math
 
-from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets, meets_beam, squared_distance
+from taichisoft.contact.kernels.box_trees import find_leaves, meets, meets_beam, squared_distance
 from taichisoft.contact.kernels.contacts import (
+    NEAR,
+    OWN,
     Contacts,
-    MovedSurfaces,
-    Planes,
-    SearchSpace,
+    Search,
     Surfaces,
     append,
+    ivec2,
     ivec3,
     put_in_order,
     set_side,
 )
-from taichisoft.runtime.language import Scalars, ScalarTable, Vectors, func, ti, vec3
+from taichisoft.runtime.language import Scalars, Vectors, func, ti, vec3
 from taichisoft.runtime.launch import kernel
 
 # Where the distance from a point or edge to a triangulated surface is a local minimum, and on which side.
@@ -190,23 +191,27 @@ def normal_cone(e: ti.i32, surfaces: Surfaces, position: Vectors):
 # Narrow phase: vertices of one surface against the triangles of another, and against planes.
 
 COINCIDENT = 1e-9  # [mm]
+# Both features are of one body: the one farther along this direction is the second side, so that neighbouring contacts
+# have similar normals, whichever feature is the vertex.
+ALONG = (1.0, 0.618, 0.383)
 
 
 @func
-def vertices_against_triangles(
-    reaches: ScalarTable,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def bodies_of_pair(pair: ti.i32, surfaces: Surfaces) -> ivec2:
+    """Numbers of the bodies of a pair of surfaces."""
+    return ivec2(surfaces.body[surfaces.pairs[pair, 0]], surfaces.body[surfaces.pairs[pair, 1]])
+
+
+@func
+def vertices_against_triangles(search: Search, depth: ti.f64):
     """Find contacts of the vertices of each surface of a pair with the triangles of the other surface.
 
     A vertex outside touches at every local minimum within the reach of its bodies [mm]; a vertex inside touches at the
     closest point only, and only down to `depth` [mm].
     """
+    reaches, surfaces, trees, moved, space = ti.static(
+        search.reaches, search.surfaces, search.trees, search.moved, search.space
+    )
     for task in range(2 * surfaces.pairs.shape[0]):
         pair, flipped = task // 2, task % 2
         mine, theirs = surfaces.pairs[pair, flipped], surfaces.pairs[pair, 1 - flipped]
@@ -223,28 +228,21 @@ def vertices_against_triangles(
                     low, high = moved.lower[node] - far, moved.upper[node] + far
                     near_count = find_leaves(theirs, low, high, trees, moved, space.leaf)
                     for i in range(start, ti.select(near_count > 0, end, 0)):
-                        touch(task, trees.vertex[i], near_count, reach, depth, surfaces, trees, moved, space, found)
+                        touch(task, trees.vertex[i], near_count, reach, depth, search)
                 node += 1
             else:
                 node = trees.escape[node]
 
 
 @func
-def touch(
-    task: ti.i32,
-    v: ti.i32,
-    near_count: ti.i32,
-    reach: ti.f64,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def touch(task: ti.i32, v: ti.i32, near_count: ti.i32, reach: ti.f64, depth: ti.f64, search: Search):
     """Store the contacts of vertex v with the triangles of the leaves nearby."""
+    surfaces, moved, space = ti.static(search.surfaces, search.moved, search.space)
+    flipped = task % 2
+    towards = 2 * flipped - 1  # the normal points from the first surface to the second
+    bodies = bodies_of_pair(task // 2, surfaces)
     p = moved.position[v]
-    closest, weights, within_reach = find_triangles(p, near_count, reach, depth, surfaces, trees, moved, space)
+    closest, weights, within_reach = find_triangles(p, near_count, reach, depth, search)
     if closest >= 0:
         out = outward_normal(closest, weights, surfaces, moved.position)
         foot = on_triangle(closest, weights, surfaces, moved.position)
@@ -258,7 +256,7 @@ def touch(
                 out = (foot - p) / depth_here
             if depth_here <= depth and beyond_rim == 0:
                 space.deepest[task // 2] = ti.min(space.deepest[task // 2], -depth_here)
-                store(task, v, closest, weights, p, foot, out, -depth_here, surfaces, space, found)
+                store_vertex(task, v, closest, bodies, flipped, weights, towards * out, -depth_here, search)
         else:
             for k in range(within_reach):
                 t, w = space.triangle[k], space.weights[k]
@@ -270,21 +268,13 @@ def touch(
                         distance = away.norm()
                         if distance > COINCIDENT:
                             facing = away / distance
-                        store(task, v, t, w, p, there, facing, distance, surfaces, space, found)
+                        store_vertex(task, v, t, bodies, flipped, w, towards * facing, distance, search)
 
 
 @func
-def find_triangles(
-    p: vec3,
-    near_count: ti.i32,
-    reach: ti.f64,
-    depth: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    space: SearchSpace,
-):
+def find_triangles(p: vec3, near_count: ti.i32, reach: ti.f64, depth: ti.f64, search: Search):
     """Triangle closest to p or -1, weights of its closest point, and number of triangles in `space` within reach."""
+    surfaces, trees, moved, space = ti.static(search.surfaces, search.trees, search.moved, search.space)
     best = ti.max(reach, depth) ** 2
     closest = -1
     closest_weights = vec3(0.0)
@@ -319,42 +309,31 @@ def on_triangle(t: ti.i32, weights: vec3, surfaces: Surfaces, position: Vectors)
 
 
 @func
-def store(
-    task: ti.i32,
+def store_vertex(
+    group: ti.i32,
     v: ti.i32,
     t: ti.i32,
+    bodies: ivec2,
+    side: ti.i32,
     weights: vec3,
-    p: vec3,
-    foot: vec3,
-    out: vec3,
+    normal: vec3,
     distance: ti.f64,
-    surfaces: Surfaces,
-    space: SearchSpace,
-    found: Contacts,
+    search: Search,
 ):
-    """Add a contact of vertex v at p with triangle t at `foot`; `out` is the outward direction of t's surface."""
-    pair, flipped = task // 2, task % 2
-    first_body, second_body = surfaces.body[surfaces.pairs[pair, 0]], surfaces.body[surfaces.pairs[pair, 1]]
-    normal = out
-    if flipped == 0:
-        normal = -out
-    c = append(task, v, t, first_body, second_body, normal, distance, space, found)
-    set_side(c, flipped, ivec3(v), vec3(1.0, 0.0, 0.0), p, found)
+    """Add a contact of vertex v, which is the `side` of the two, with triangle t."""
+    surfaces, position = ti.static(search.surfaces, search.moved.position)
+    c = append(group, v, t, bodies[0], bodies[1], normal, distance, search)
+    set_side(c, side, ivec3(v), vec3(1.0, 0.0, 0.0), position[v], search)
     corners = ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
-    set_side(c, 1 - flipped, corners, weights, foot, found)
+    set_side(c, 1 - side, corners, weights, on_triangle(t, weights, surfaces, position), search)
 
 
 @func
-def vertices_against_planes(
-    reaches: ScalarTable,
-    surfaces: Surfaces,
-    trees: Trees,
-    planes: Planes,
-    moved: MovedSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def vertices_against_planes(search: Search):
     """Find vertices of moving surfaces within their bodies' reach of a plane; everything below it is inside."""
+    reaches, surfaces, trees, planes, moved = ti.static(
+        search.reaches, search.surfaces, search.trees, search.planes, search.moved
+    )
     for plane in range(planes.point.shape[0]):
         up = planes.normal[plane]
         for k in range(surfaces.moving.shape[0]):
@@ -373,11 +352,17 @@ def vertices_against_planes(
                         distance = (p - planes.point[plane]).dot(up)
                         if distance < reach:
                             c = append(
-                                3 * surfaces.pairs.shape[0] + plane, v, plane, surfaces.body[s], planes.body[plane],
-                                -up, distance, space, found,
-                            )  # fmt: skip
-                            set_side(c, 0, ivec3(v), vec3(1.0, 0.0, 0.0), p, found)
-                            set_side(c, 1, ivec3(-1), vec3(0.0), p - distance * up, found)
+                                3 * surfaces.pairs.shape[0] + plane,
+                                v,
+                                plane,
+                                surfaces.body[s],
+                                planes.body[plane],
+                                -up,
+                                distance,
+                                search,
+                            )
+                            set_side(c, 0, ivec3(v), vec3(1.0, 0.0, 0.0), p, search)
+                            set_side(c, 1, ivec3(-1), vec3(0.0), p - distance * up, search)
                     node += 1
                 else:
                     node = trees.escape[node]
@@ -391,16 +376,7 @@ def vertices_against_planes(
 
 
 @func
-def edges_against_edges(
-    reaches: ScalarTable,
-    depth: ti.f64,
-    extent: Scalars,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-):
+def edges_against_edges(search: Search, depth: ti.f64, extent: Scalars):
     """Find crossing edges of two surfaces within their bodies' reach, or penetrating by up to the reach and `depth`.
 
     They are no deeper than the thinner body: beyond it, edges only look as if they penetrated each other.
@@ -409,11 +385,15 @@ def edges_against_edges(
     table, its vertical edge and the table's edge also appear to penetrate each other, but sideways and by far more:
     pushing them apart would be wrong.
     """
+    reaches, surfaces, trees, moved, space = ti.static(
+        search.reaches, search.surfaces, search.trees, search.moved, search.space
+    )
     for pair in range(surfaces.pairs.shape[0]):
         mine, theirs = surfaces.pairs[pair, 0], surfaces.pairs[pair, 1]
-        reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
+        bodies = bodies_of_pair(pair, surfaces)
+        reach = reaches[bodies[0], bodies[1]]
         their_low, their_high = moved.lower[trees.root[theirs]] - reach, moved.upper[trees.root[theirs]] + reach
-        thinnest = ti.min(extent[surfaces.body[mine]], extent[surfaces.body[theirs]])
+        thinnest = ti.min(extent[bodies[0]], extent[bodies[1]])
         least = -ti.min(ti.min(depth, reach), thinnest)
         if space.deepest[pair] < 0.0:
             least = ti.max(least, space.deepest[pair])
@@ -426,7 +406,8 @@ def edges_against_edges(
                     near_count = find_leaves(theirs, low, high, trees, moved, space.leaf)
                     for i in range(start, ti.select(near_count > 0, end, 0)):
                         e = trees.edge[i]
-                        find_crossings(pair, e, near_count, reach, least, surfaces, trees, moved, space, found)
+                        group = 2 * surfaces.pairs.shape[0] + pair
+                        find_crossings(group, e, bodies, near_count, reach, least, search)
                 node += 1
             else:
                 node = trees.escape[node]
@@ -434,19 +415,21 @@ def edges_against_edges(
 
 @func
 def find_crossings(
-    pair: ti.i32,
+    group: ti.i32,
     e: ti.i32,
+    bodies: ivec2,
     near_count: ti.i32,
     reach: ti.f64,
     least: ti.f64,
-    surfaces: Surfaces,
-    trees: Trees,
-    moved: MovedSurfaces,
-    space: SearchSpace,
-    found: Contacts,
+    search: Search,
 ):
-    """Store the contacts of edge e with the edges of the leaves nearby, at distances from `least` to `reach`."""
-    a, b = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
+    """Store the contacts of edge e with the edges of the leaves nearby, at distances from `least` to `reach`.
+
+    An edge crosses only edges of higher numbers of its own body, and none at its ends.
+    """
+    surfaces, trees, moved, space = ti.static(search.surfaces, search.trees, search.moved, search.space)
+    start, end = surfaces.edges[e, 0], surfaces.edges[e, 1]
+    a, b = moved.position[start], moved.position[end]
     low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
     axis, spread = normal_cone(e, surfaces, moved.position)
     middle = 0.5 * (a + b)
@@ -456,24 +439,17 @@ def find_crossings(
         if meets(leaf, low, high, moved) and meets_beam(leaf, middle, axis, slack, moved):
             for i in range(trees.edge_start[leaf], trees.edge_start[leaf + 1]):
                 f = trees.edge[i]
-                c, d = moved.position[surfaces.edges[f, 0]], moved.position[surfaces.edges[f, 1]]
-                if (ti.min(c, d) <= high).all() and (ti.max(c, d) >= low).all():
-                    cross_over(pair, e, f, reach, least, surfaces, moved.position, space, found)
+                first, last = surfaces.edges[f, 0], surfaces.edges[f, 1]
+                c, d = moved.position[first], moved.position[last]
+                is_apart = group < OWN or (f > e and start != first and start != last and end != first and end != last)
+                if is_apart and (ti.min(c, d) <= high).all() and (ti.max(c, d) >= low).all():
+                    cross_over(group, e, f, bodies, reach, least, search)
 
 
 @func
-def cross_over(
-    pair: ti.i32,
-    e: ti.i32,
-    f: ti.i32,
-    reach: ti.f64,
-    least: ti.f64,
-    surfaces: Surfaces,
-    position: Vectors,
-    space: SearchSpace,
-    found: Contacts,
-):
+def cross_over(group: ti.i32, e: ti.i32, f: ti.i32, bodies: ivec2, reach: ti.f64, least: ti.f64, search: Search):
     """Store the contact of edges e and f, if they cross over each other at a distance from `least` to `reach`."""
+    surfaces, position, touching = ti.static(search.surfaces, search.moved.position, search.touching)
     a, c = position[surfaces.edges[e, 0]], position[surfaces.edges[f, 0]]
     along, other = position[surfaces.edges[e, 1]] - a, position[surfaces.edges[f, 1]] - c
     lengths = along.norm_sqr() * other.norm_sqr()
@@ -485,7 +461,10 @@ def cross_over(
     if crossing > 1e-8 * lengths and s > 0.0 and s < 1.0 and q > 0.0 and q < 1.0:
         gap = c + q * other - a - s * along
         distance = gap.norm()
-        if distance < reach:
+        is_apart = distance < reach
+        if is_apart and group >= OWN:  # nested: after `and` Taichi would always call the function
+            is_apart = segment_distance(e, f, surfaces, touching.rest) >= touching.limits[NEAR]
+        if is_apart:
             normal = along.cross(other).normalized()
             if distance > COINCIDENT:
                 normal = gap / distance
@@ -501,51 +480,67 @@ def cross_over(
                 and in_normal_cone(e, normal, surfaces, position)
                 and in_normal_cone(f, -normal, surfaces, position)
             ):
-                group = 2 * surfaces.pairs.shape[0] + pair
-                first_body, second_body = surfaces.body[surfaces.pairs[pair, 0]], surfaces.body[surfaces.pairs[pair, 1]]
-                k = append(group, e, f, first_body, second_body, normal, distance, space, found)
+                side = ti.select(group >= OWN, is_backward(normal), 0)
+                k = append(group, e, f, bodies[0], bodies[1], (1 - 2 * side) * normal, distance, search)
                 ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
-                set_side(k, 0, ends, vec3(1.0 - s, s, 0.0), a + s * along, found)
+                set_side(k, side, ends, vec3(1.0 - s, s, 0.0), a + s * along, search)
                 ends = ivec3(surfaces.edges[f, 0], surfaces.edges[f, 1], surfaces.edges[f, 1])
-                set_side(k, 1, ends, vec3(1.0 - q, q, 0.0), c + q * other, found)
+                set_side(k, 1 - side, ends, vec3(1.0 - q, q, 0.0), c + q * other, search)
+
+
+@func
+def is_backward(normal: vec3) -> ti.i32:
+    """Whether a normal points against ALONG."""
+    return ti.cast(normal.dot(vec3(ALONG[0], ALONG[1], ALONG[2])) < 0.0, ti.i32)
+
+
+@func
+def segment_distance(e: ti.i32, f: ti.i32, surfaces: Surfaces, position: Vectors) -> ti.f64:
+    """Distance of edges e and f [mm] (Ericson 2005, Real-Time Collision Detection, section 5.1.9)."""
+    a, c = position[surfaces.edges[e, 0]], position[surfaces.edges[f, 0]]
+    along, other = position[surfaces.edges[e, 1]] - a, position[surfaces.edges[f, 1]] - c
+    r = a - c
+    first, second, cosine = along.norm_sqr(), other.norm_sqr(), along.dot(other)
+    crossing = first * second - cosine * cosine
+    s = 0.0
+    if crossing > 1e-12 * first * second:
+        s = ti.min(ti.max((cosine * other.dot(r) - along.dot(r) * second) / crossing, 0.0), 1.0)
+    q = (cosine * s + other.dot(r)) / second
+    if q < 0.0:
+        q = 0.0
+        s = ti.min(ti.max(-along.dot(r) / first, 0.0), 1.0)
+    elif q > 1.0:
+        q = 1.0
+        s = ti.min(ti.max((cosine - along.dot(r)) / first, 0.0), 1.0)
+    return (r + s * along - q * other).norm()
 
 
 # The search for contacts: pairs of close points on two surfaces, each a local minimum of the distance.
 
 
 @kernel
-def find_contacts(
-    reach: ScalarTable,
-    depth: ti.f64,
-    extent: Scalars,
-    surfaces: Surfaces,
-    trees: Trees,
-    planes: Planes,
-    moved: MovedSurfaces,
-    space: SearchSpace,
-    found: Contacts,
-    contacts: Contacts,
-):
-    """Find all contacts closer than the `reach` of their two bodies or penetrating by up to `depth` [mm].
+def find_contacts(search: Search, depth: ti.f64, extent: Scalars, contacts: Contacts):
+    """Find all contacts closer than the `reaches` of their two bodies or penetrating by up to `depth` [mm].
 
-    Edges penetrate by no more than the smallest `extent` of both bodies [mm], shape (body_count,).
-    A negative `reach` [mm], shape (body_count, body_count), skips a pair of bodies. If the capacity of `found` does not
-    suffice, its count exceeds the capacity, and `contacts` is not filled.
+    Edges penetrate by no more than the smallest `extent` of both bodies [mm], shape (body_count,). If the capacity of
+    `found` does not suffice, its count exceeds the capacity, and `contacts` is not filled.
     """
+    found = ti.static(search.found)
     ti.loop_config(serialize=True)
     for _ in range(1):
         found.count[0] = 0
-        vertices_against_triangles(reach, depth, surfaces, trees, moved, space, found)
-        edges_against_edges(reach, depth, extent, surfaces, trees, moved, space, found)
-        vertices_against_planes(reach, surfaces, trees, planes, moved, space, found)
+        vertices_against_triangles(search, depth)
+        edges_against_edges(search, depth, extent)
+        vertices_against_planes(search)
         if found.count[0] <= found.distance.shape[0]:
-            put_in_order(space, found, contacts)
+            put_in_order(search, contacts)
 
 
 @kernel
-def order_contacts(space: SearchSpace, found: Contacts, contacts: Contacts):
+def order_contacts(search: Search, contacts: Contacts):
     """Write all contacts found to `contacts` in the order of their places, if the capacity suffices."""
+    found = ti.static(search.found)
     ti.loop_config(serialize=True)
     for _ in range(1):
         if found.count[0] <= found.distance.shape[0]:
-            put_in_order(space, found, contacts)
+            put_in_order(search, contacts)
