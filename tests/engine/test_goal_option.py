@@ -41,9 +41,9 @@ def test_a_goal_that_is_none_is_refused_with_those_that_are() -> None:
 @pytest.mark.parametrize(
     ("keys", "problem"),
     [
-        ({"kind": "placed"}, 'kind = "placed" needs position'),
-        ({"kind": "lifted"}, 'kind = "lifted" needs height'),
-        ({"height": 3.0}, 'height has no effect unless kind = "lifted"'),
+        ({"kind": "placed"}, 'kind = "placed" needs the key position'),
+        ({"kind": "lifted"}, 'kind = "lifted" needs the key height'),
+        ({"height": 3.0}, 'height would have no effect unless kind = "lifted"'),
     ],
 )
 def test_each_kind_has_its_key(keys: dict[str, Any], problem: str) -> None:

@@ -109,7 +109,7 @@ def test_a_body_named_like_a_key_does_not_mislead_the_search_for_the_nearest_key
         ("goal.object='cub'", "goal.object is 'cub', which is not a rigid body; there are: cube"),
         (
             "contact.pairs=[{bodies=['cube','x'], friction=1}]",
-            "contact.pairs names 'x', which is not a body; there are: ",
+            "contact.pairs.0.bodies.1 is 'x', which is not a body; there are: ",
         ),
     ],
 )
