@@ -105,12 +105,7 @@ def make_cable(
     rigid: Mapping[str, tuple[int, RigidBody]],
     obstacles: Mapping[str, Obstacle],
 ) -> Cable:
-    """A cable of a soft body.
-
-    Raises:
-        MeshError: a file of points cannot be read.
-        SceneError: a point lies outside its body, or two neighbouring points are the same.
-    """
+    """A cable of a soft body."""
     key = f"soft_bodies.{body.name}.cables.{name}"
     listed = read_points(cable.points) if isinstance(cable.points, str) else cable.points
     count = len(listed)
@@ -205,12 +200,7 @@ class Cables(ActuatorSet):
         rigid: "Sequence[RigidBody]",
         obstacles: "Sequence[Obstacle]",
     ):
-        """Find the points of all cables in the bodies, and which of the frames of these names carry pull points.
-
-        Raises:
-            MeshError: a file of points cannot be read.
-            SceneError: a point lies outside its body, or two neighbouring points are the same.
-        """
+        """Find the points of all cables in the bodies, and which of the frames of these names carry pull points."""
 
         others = {body.name: (index, body) for index, body in enumerate(rigid)}
         bodies = {body.name: body for body in soft}

@@ -154,12 +154,8 @@ class Valves:
         }
 
     def moved(self, state: State, pressure: np.ndarray, request: np.ndarray) -> dict[str, np.ndarray]:
-        """Fields of the state that say how valves and regulators are in the step that begins.
-
-        Args:
-            state: state at the start of the step.
-            pressure: pressures that regulators are asked for, within limits [kPa], shape (cavity_count,).
-            request: openings that valves are asked for, from -1 to 1, shape (cavity_count,).
+        """Valves and regulators in the step that begins, by the pressures and openings asked for, each
+        (cavity_count,).
         """
         if not self.lines:
             return {}

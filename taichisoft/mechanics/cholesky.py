@@ -240,11 +240,7 @@ class Layout:
 
 
 def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
-    """Assign every part of every front its place in memory.
-
-    Raises:
-        MeshError: there are more numbers than the kernels can count.
-    """
+    """Assign every part of every front its place in memory."""
     width = 3 * np.diff(supernodes.first_column)
     columns = _padded(width)
     rest = 3 * np.diff(supernodes.row_start) - width
@@ -448,11 +444,7 @@ class Cholesky:
         return self._begun.forward
 
     def factorise(self, right_hand_side: np.ndarray) -> None:
-        """Factorise what `blocks` holds, and begin to solve for a right-hand side b of shape (node_count, 3).
-
-        Raises:
-            NotPositiveDefinite: a pivot is not positive; the error has the node.
-        """
+        """Factorise what `blocks` holds, and begin to solve for a right-hand side b of shape (node_count, 3)."""
         factor, none = self.factor, 3 * len(self.symbolic.order)
         factor.done.fill(0)
         factor.taken.fill(0)

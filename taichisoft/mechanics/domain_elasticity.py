@@ -57,12 +57,7 @@ class DomainElasticity:
         return self.domains.node[row], self.domains.node[column]
 
     def find_blocks(self, block_pairs: np.ndarray, rest_position: np.ndarray) -> None:
-        """Find which domains add to which block.
-
-        Args:
-            block_pairs: the two nodes (row, column) of each block of the system matrix, shape (block_count, 2).
-            rest_position: of all nodes [mm], shape (node_count, 3).
-        """
+        """Find which domains add to which block; nodes at rest are at positions [mm], shape (node_count, 3)."""
         hooke = self.data.law == HOOKE
         if hooke.any():
             some = self.domains.select(np.flatnonzero(hooke))
@@ -124,14 +119,7 @@ class DomainSystem:
         force: np.ndarray,
         blocks: np.ndarray,
     ):
-        """Allocate the work space.
-
-        Args:
-            elasticity: the model's domains.
-            position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
-            force: `add` adds the nodal forces to it [mN], shape (node_count, 3).
-            blocks: `add` adds the stiffness to them, shape (block_count, 3, 3).
-        """
+        """Allocate the work space for nodes that the caller moves; `add` adds to their forces and to the blocks."""
         self._hooke, self._rubber = elasticity.hooke, elasticity.rubber
         self._movement = kernels.Movement(position, velocity)
         self._total = kernels.DomainSums(force, blocks, np.zeros(COUNTERS, dtype=np.int32))

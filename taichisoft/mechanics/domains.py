@@ -76,13 +76,7 @@ class IntegrationDomains:
 
 
 def quadrature_domains(elements: np.ndarray, gradient: np.ndarray, volume: np.ndarray) -> IntegrationDomains:
-    """The quadrature points of elements.
-
-    Args:
-        elements: node indices, shape (element_count, nodes_per_element).
-        gradient: of the shape functions at rest [1/mm], shape (element_count, point_count, nodes_per_element, 3).
-        volume: that each quadrature point stands for [mm^3], shape (element_count, point_count).
-    """
+    """The quadrature points of elements, with gradients and volumes as those of `element_kinds.py`."""
     element_count, point_count, nodes_per_element, _ = gradient.shape
     return IntegrationDomains(
         start=np.arange(element_count * point_count + 1, dtype=np.int32) * np.int32(nodes_per_element),

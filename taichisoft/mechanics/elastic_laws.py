@@ -99,14 +99,7 @@ class ElasticLaws:
 def elastic_law(
     law: Law, young_modulus: float | None, coefficients: Mapping[str, float] | None, poisson_ratio: float
 ) -> ElasticLaws:
-    """The law of one material, as arrays of length 1.
-
-    Args:
-        law: its name.
-        young_modulus: at rest [kPa]; None where there are coefficients.
-        coefficients: of the law, by name.
-        poisson_ratio: at rest; lambda follows from it as in Hooke's law.
-    """
+    """The law of one material, as arrays of length 1; lambda follows from Poisson's ratio as in Hooke's law."""
     if young_modulus is None:
         young_modulus = 2.0 * (1.0 + poisson_ratio) * initial_shear_modulus(law, coefficients or {})
     lame = lame_parameters(np.array([young_modulus]), np.array([poisson_ratio]))

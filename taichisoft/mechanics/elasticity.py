@@ -286,10 +286,10 @@ class ElasticSystem:
         self.modes = no_modes(node_count) if self.reduced is None else self.reduced.modes
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
-        """Multiply the stiffness of each element in the model by a factor; Poisson's ratios are unchanged.
+        """Multiply the stiffness of each element in the model by a factor, shape (element_count,), with Poisson's
+        ratios kept.
 
-        Args:
-            factor: of each element [-], shape (element_count,); 1 everywhere restores the model bit for bit.
+        Ones restore the model bit for bit.
         """
         if self._domains is not None:
             self._domains.scale_stiffness(factor)

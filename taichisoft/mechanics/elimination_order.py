@@ -254,11 +254,8 @@ class Supernodes:
 
 
 def group_columns(adjacency: sparse.csr_matrix, order: np.ndarray) -> Supernodes:
-    """Supernodes of a symmetric pattern (diagonal included) whose nodes are eliminated in an order, or one as good.
-
-    Args:
-        adjacency: which nodes share an element, shape (node_count, node_count).
-        order: node eliminated at each position, shape (node_count,); every subtree is made consecutive.
+    """Supernodes of a symmetric pattern (diagonal included) whose nodes are eliminated in an order, or one as good, in
+    which every subtree is consecutive.
     """
     parent, _ = _column_structure(adjacency, order)
     order = order[_postorder(parent)]

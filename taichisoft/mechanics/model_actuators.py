@@ -120,14 +120,7 @@ class Actuators(ActuatorNames):
         return {name: values for one in self.sets.values() for name, values in one.start().items()}
 
     def after(self, start: State, effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
-        """Fields of the state after a step [s] that belong to a kind of actuators alone.
-
-        Args:
-            start: state at the start of the step.
-            effort: pressures [kPa] and tensions [mN] in the step, shape (actuator_count,).
-            value: volumes [mm^3] and lengths [mm] after it, shape (actuator_count,).
-            time_step: time step [s].
-        """
+        """Fields of the state after a step [s] that belong to a kind of actuators alone, see `ActuatorSet.after`."""
         fields: dict[str, np.ndarray] = {}
         for kind in ACTUATOR_KINDS:
             fields |= self.sets[kind.name].after(start, self.of(kind, effort), self.of(kind, value), time_step)
@@ -140,10 +133,8 @@ class Actuators(ActuatorNames):
         return losses[..., start[place.start] : start[place.stop]]
 
     def split(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Efforts of actuators, (actuator_count,), and those lost at further coordinates, (loss_count,).
-
-        Args:
-            effort: of all coordinates, shape (coordinate_count,).
+        """Efforts of all coordinates as those of actuators, (actuator_count,), and those lost further on,
+        (loss_count,).
         """
         own = self.first_coordinate[:-1]
         return effort[own], effort[self._further]
@@ -219,12 +210,7 @@ class ActuatorGeometry:
         return np.where(squares > 0.0, np.sqrt(squares), 1.0)
 
     def rates(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
-        """How fast the coordinates grow with these velocities, by the gradients last measured.
-
-        Args:
-            node_velocity: [mm/s], shape (node_count, 3).
-            rigid_velocity: linear [mm/s] and angular [rad/s], shape (rigid_count, 6).
-        """
+        """How fast the coordinates grow with velocities of nodes and rigid bodies, by the gradients last measured."""
         coordinates, gradient = self._coordinates, self.gradient
         of_soft = (gradient.soft * node_velocity[coordinates.entry_node]).sum(axis=1)
         of_rigid = (gradient.rigid * rigid_velocity[coordinates.rigid_body]).sum(axis=1)

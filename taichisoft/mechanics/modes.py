@@ -73,11 +73,7 @@ class Modes:
 
 
 def read_modes(path: Path, key: str) -> Modes:
-    """Read a file of modes; `key` is the key of the scene that names it.
-
-    Raises:
-        SceneError: it cannot be read, or what it has does not fit together.
-    """
+    """Read a file of modes; `key` is the key of the scene that names it."""
     where = f"{key}: {path}"
     try:
         found = read_arrays(path)
@@ -137,18 +133,7 @@ def _numbers(found: dict[str, np.ndarray], name: str, shape: tuple[int, ...], wh
 
 
 def check_modes(modes: Modes, path: str, key: str, body: Any, domain_count: int) -> None:
-    """Refuse modes of another body.
-
-    Args:
-        modes: what the file has.
-        path: of the file.
-        key: of the scene that names it.
-        body: the `SoftBody`.
-        domain_count: number of its integration domains.
-
-    Raises:
-        SceneError: another mesh, other materials or masses, or a body that modes cannot move.
-    """
+    """Refuse modes of another mesh, of other materials or masses, or of a body that modes cannot move."""
     where, nodes = f"{key}: {path}", body.mesh.nodes
     if len(modes.rest_position) != len(nodes):
         raise SceneError(

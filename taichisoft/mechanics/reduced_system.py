@@ -146,15 +146,7 @@ class ReducedElasticity:
         )
 
     def slope_products(self, number: int, data: Domains) -> np.ndarray:
-        """The sum of 2 w mu B_k : B_l, times the factor of K in A, over a body's domains under Hooke's law.
-
-        Args:
-            number: of the body.
-            data: the domains with their present moduli.
-
-        Returns:
-            shape (width, width).
-        """
+        """The sum of 2 w mu B_k : B_l, times the factor of K in A, over a body's domains under Hooke's law."""
         some, tiles = slice(*self.domains.body_start[number : number + 2]), int(self.modes.tiles[number])
         first = int(self.domains.slope_start[some.start])
         count = some.stop - some.start
@@ -202,14 +194,8 @@ def chosen_domains(body: "SoftBody") -> tuple[IntegrationDomains, np.ndarray]:
 
 
 def mode_slopes(domains: IntegrationDomains, modes: np.ndarray) -> np.ndarray:
-    """B of each domain: its deformation gradient by an amplitude of 1 of each mode.
-
-    Args:
-        domains: the domains.
-        modes: shape (node_count, 3, mode_count).
-
-    Returns:
-        shape (domain_count, 9, mode_count), entry 00 first, then 01.
+    """B of each domain: its deformation gradient by an amplitude of 1 of each mode, shape (domain_count, 9,
+    mode_count), entry 00 first, then 01.
     """
     slopes = np.empty((len(domains.element), 9, modes.shape[2]))
     for d, (a, b) in enumerate(zip(domains.start[:-1].tolist(), domains.start[1:].tolist(), strict=True)):
@@ -264,13 +250,7 @@ class ReducedSystem:
     """
 
     def __init__(self, elasticity: ReducedElasticity, movement: Movement, blocks: np.ndarray):
-        """Allocate the work space.
-
-        Args:
-            elasticity: the model's reduced bodies.
-            movement: positions and velocities of all nodes, which `begin` changes.
-            blocks: of the system matrix, which `assemble` fills, shape (block_count, 3, 3).
-        """
+        """Allocate the work space; `begin` changes the movement of the nodes, `assemble` fills the blocks."""
         self._elasticity, self._movement = elasticity, movement
         own = elasticity.modes
         self.modes = own._replace(axes=own.axes.copy(), origin=own.origin.copy())
@@ -334,15 +314,8 @@ class ReducedSystem:
     ) -> None:
         """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
 
-        The frames are where they will be at the end of the step, so that velocities have their motion; in overdamped
-        dynamics they have nothing else.
-
-        Args:
-            turn: rotation of the frame that each reduced body follows, shape (body_count, 3, 3).
-            shift: its shift [mm], shape (body_count, 3): it has moved what was at x at rest to turn @ x + shift.
-            gravity: acceleration of gravity [mm/s^2], shape (3,).
-            time_step: time step h [s].
-            has_inertia: whether bodies have inertia.
+        The frames that they follow are where they will be at the end of the step, so that velocities have their
+        motion; in overdamped dynamics they have nothing else.
         """
         self._follow(turn, shift)
         self._amplitudes.gravity[0] = gravity
@@ -407,9 +380,7 @@ class ReducedSystem:
     def right_hand_side(self, node_impulse: np.ndarray, time_step: float) -> np.ndarray:
         """Impulses on the unknowns in a step, shape (node_count, 3): on the nodes of full bodies as they are.
 
-        Args:
-            node_impulse: on the nodes [mN s], without weight and drag of reduced bodies, shape (node_count, 3).
-            time_step: time step h [s].
+        Those on the nodes [mN s] are without weight and drag of reduced bodies.
         """
         self._impulse[:] = self._unknown[:] = node_impulse
         force = self._stiffness.force

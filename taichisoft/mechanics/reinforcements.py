@@ -135,11 +135,7 @@ class Reinforcements:
 
 
 def make_reinforcements(mesh: VolumeMesh, body: SoftBodySettings, key: str) -> Reinforcements | None:
-    """The membranes and fibres of a body; None without any. `key` begins errors.
-
-    Raises:
-        SceneError: a group is not in the mesh, a fibre leaves the body, or the body is one that cannot have any.
-    """
+    """The membranes and fibres of a body; None without any. `key` begins errors."""
     if not body.membranes and not body.fibres:
         return None
     if body.element == "quadratic" or body.reduced is not None:

@@ -61,9 +61,6 @@ def read_points(path: str | Path) -> np.ndarray:
     """Read points [mm], shape (point_count, 3).
 
     A .json file is a list of [x, y, z]; a .csv file has a line with x, y, z for each point, after `#` a comment.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a list of points with three finite coordinates.
     """
     path = Path(path)
     try:
@@ -88,11 +85,7 @@ GROUP_PREFIX = "group:"
 
 
 def read_with_meshio(path: Path) -> MeshContent:
-    """Read a file in its own order.
-
-    Raises:
-        Exception: any that meshio's parsers raise for a broken file, up to SystemExit.
-    """
+    """Read a file in its own order."""
     import meshio
 
     suffix = path.suffix.lower()
@@ -312,10 +305,6 @@ def write_msh(mesh: VolumeMesh, path: Path) -> None:
 
     In MSH 4 an entity (a piece of the geometry) belongs to groups, not the cells on it: so the cells that share
     their groups are one entity. Cells are numbered in the mesh's order, elements first, which brings it back.
-
-    Raises:
-        MeshError: a group cannot be kept.
-        OSError: the file cannot be written.
     """
     triangles, elements = grouped_cells(mesh)
     with path.open("w", encoding="utf-8", newline="\n") as file:
@@ -332,11 +321,7 @@ def write_msh(mesh: VolumeMesh, path: Path) -> None:
 
 
 def write_vtk(mesh: VolumeMesh, path: Path) -> None:
-    """Write legacy VTK for other programs: the tetrahedra alone.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write legacy VTK for other programs: the tetrahedra alone."""
     import meshio
 
     # Version 4.2: most programs besides ParaView do not know the arrays of 5.1.
@@ -346,12 +331,7 @@ def write_vtk(mesh: VolumeMesh, path: Path) -> None:
 
 
 def write_vtu(mesh: VolumeMesh, path: Path) -> None:
-    """Write VTU, with flags for the cells of each group that has any.
-
-    Raises:
-        MeshError: a group cannot be kept.
-        OSError: the file cannot be written.
-    """
+    """Write VTU, with flags for the cells of each group that has any."""
     import meshio
 
     triangles, elements = grouped_cells(mesh)
@@ -392,11 +372,7 @@ class GroupedCells:
 
 
 def grouped_cells(mesh: VolumeMesh) -> tuple[GroupedCells, GroupedCells]:
-    """The triangles of all surface groups, each once, in the order in which the groups name them; and the elements.
-
-    Raises:
-        MeshError: a group names a cell twice, two groups have one name, or a name cannot stand in a file.
-    """
+    """The triangles of all surface groups, each once, in the order in which the groups name them; and the elements."""
     _check_names(mesh)
     whole = np.vstack([np.empty((0, 3), dtype=np.int32), *mesh.surface_groups.values()])
     _, first, same = np.unique(whole, axis=0, return_index=True, return_inverse=True)

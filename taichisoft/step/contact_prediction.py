@@ -101,10 +101,6 @@ class ContactPrediction:
 
         In statics steps are as short as the reach demands, see `EquilibriumSearch`.
 
-        Args:
-            node_velocity: velocities along which the step moves the nodes [mm/s], shape (node_count, 3).
-            rigid_velocity: the same of the rigid bodies, linear [mm/s] and angular [rad/s], shape (rigid_count, 6).
-
         Returns:
             Whether it is so of each two bodies, shape (body_count, body_count); None: of none.
         """

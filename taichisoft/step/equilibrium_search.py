@@ -117,8 +117,7 @@ class StabilityCheck:
     def softest(self, before: np.ndarray | None = None) -> Softest:
         """The move with the least stiffness; of several that are alike the one that leads to where nodes came from.
 
-        Args:
-            before: from here to there [mm], shape (node_count, 3).
+        `before` leads from here to there [mm], shape (node_count, 3).
         """
         size = 3 * self._node_count + 6 * self._rigid_count
         # Bodies and loads are often symmetric, and what they do not push at must be seen as well.
@@ -156,10 +155,8 @@ class StabilityCheck:
     def way_off(self, softest: Softest, before: np.ndarray, longest: float) -> float:
         """How far along an unstable move forces drive the bodies [mm], to a factor of 2; negative on its other side.
 
-        Args:
-            softest: the move.
-            before: from the equilibrium to where the nodes came from [mm], (node_count, 3); the way leads to that side.
-            longest: most of the way [mm].
+        It leads to the side where the nodes came from, `before` [mm], shape (node_count, 3), and no farther than
+        `longest`.
         """
         rates, time_step = softest.rates, self._model.scene.time.step
         towards = self._soft.rates(before).ravel()
@@ -317,15 +314,8 @@ class EquilibriumSearch:
         self._model = model
 
     def find(self, start: State, asked: State, stable: bool = True) -> FoundEquilibrium:
-        """The equilibrium under what is asked for, from a state on.
-
-        Args:
-            start: the state.
-            asked: the same bodies with what is asked for.
-            stable: whether to go on from an unstable equilibrium.
-
-        Raises:
-            EquilibriumNotFound: the loads cannot be carried, or nothing holds a rigid body.
+        """The equilibrium of the bodies of a state with what another asks for; an unstable one is left if it must be
+        `stable`.
         """
         loads = _Loads(self._model, start, asked)
         found, left = self._approach(loads, start), None

@@ -36,14 +36,7 @@ class EndOfStep:
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, soft: SoftMotion, geometry: ActuatorGeometry):
-        """Allocate the work space.
-
-        Args:
-            model: the bodies.
-            elasticity: elasticity of the model.
-            soft: the soft bodies of a step, whose equations are linearised again.
-            geometry: geometry of the model's actuators, which `move` measures.
-        """
+        """Allocate the work space."""
         self._model, self._soft, self._geometry = model, soft, geometry
         self._mass = elasticity.node_mass[:, None]
         self._anchored = elasticity.diagonal - elasticity.inertia[:, None]
@@ -132,12 +125,7 @@ class EndOfStep:
         self._geometry.update(PosesAhead(position, rigid_position, rigid_rotation), self._pull_point)
 
     def residual(self, effort: np.ndarray, with_anchors: bool = True) -> np.ndarray:
-        """Residual impulses [mN s] of the equations at the current positions, without contacts, shape (node_count, 3).
-
-        Args:
-            effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
-            with_anchors: whether the anchors' springs count.
-        """
+        """Residual impulses [mN s] of the equations where the bodies are, without contacts, shape (node_count, 3)."""
         anchors = self._anchors if with_anchors else self._no_anchors
         soft, velocity = self._soft, self._after
         kernels.sum_impulses(
@@ -165,16 +153,10 @@ class EndOfStep:
         return lacking
 
     def linearise(self, load: np.ndarray) -> np.ndarray:
-        """Linearise at the current positions: `SoftMotion`'s matrix, now with s^2 K(x), and begin to solve.
+        """Linearise where the bodies are: `SoftMotion`'s matrix, now with s^2 K(x), and begin to solve.
 
-        Args:
-            load: known efforts, 0 for coordinates with rows, shape (coordinate_count,).
-
-        Returns:
-            Residual impulses of the equations [mN s], shape (node_count, 3).
-
-        Raises:
-            SimulationDiverged: the matrix is not positive definite.
+        `load` has the known efforts, and 0 for coordinates with rows. Returns the residual impulses of the
+        equations.
         """
         soft = self._soft
         if self._is_damped:
@@ -225,11 +207,9 @@ class AndersonMixing:
         self._farthest = FARTHEST
 
     def next(self, before: StepSolution, after: StepSolution) -> StepSolution | None:
-        """The combination to go on from; None before there are two solutions.
+        """The combination to continue with, after the equations were linearised at one solution and led to another.
 
-        Args:
-            before: where the equations were linearised.
-            after: the solution of the linearised problem.
+        None before there are two solutions.
         """
         if self._solutions and len(self._solutions[-1].contact_impulse) != len(after.contact_impulse):
             self.forget()
@@ -284,15 +264,7 @@ class NonlinearStep:
         rigid: RigidMotion,
         constraint_solver: ConstraintSolver,
     ):
-        """Allocate the work space.
-
-        Args:
-            model: the bodies.
-            elasticity: elasticity of the model.
-            soft: the soft bodies, linearised at the start of the step before `solve` is called.
-            rigid: the rigid bodies of the step.
-            constraint_solver: solves the linearised problems.
-        """
+        """Allocate the work space; soft bodies are linearised at the start of the step before `solve` is called."""
         self.geometry = ActuatorGeometry(model.actuators, model.node_count)
         self.equations = EndOfStep(model, elasticity, soft, self.geometry)
         self._soft, self._rigid, self._constraint_solver = soft, rigid, constraint_solver
@@ -303,11 +275,7 @@ class NonlinearStep:
         self._is_static = model.scene.time.dynamics == "static"
 
     def solve(self, problem: StepProblem) -> StepSolution:
-        """Solve the problem of a step, with the soft bodies linearised at its start.
-
-        Raises:
-            SimulationDiverged: a matrix is not positive definite.
-        """
+        """Solve the problem of a step, with the soft bodies linearised at its start."""
         equations, solver, first = self.equations, self._constraint_solver, problem.requests
         solution = solver.solve(problem)
         iterations, linearisations = solution.iterations, 1
@@ -370,9 +338,7 @@ class NonlinearStep:
     def _line_search(self, before: StepSolution, after: StepSolution, force: np.ndarray) -> StepSolution:
         """Search along the line between two solutions for a small slope; the bodies are moved there.
 
-        Args:
-            before, after: start and end of the line.
-            force: product of the matrix and the change of the unknowns' rates [mN s], shape (node_count, 3).
+        `force` is the product of the matrix and the change of the unknowns' rates [mN s], shape (node_count, 3).
         """
         way = self._soft.rates(after.node_velocity) - self._soft.rates(before.node_velocity)
         start = -float((force * way).sum())

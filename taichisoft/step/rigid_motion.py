@@ -108,10 +108,7 @@ class RigidMotion:
     def weightless(self) -> tuple[np.ndarray, np.ndarray]:
         """A thousandth of the masses, and inverse masses with springs of bodies of so little mass, 0 of carried ones.
 
-        Masses slow the way to an equilibrium, and have no say in it.
-
-        Returns:
-            Two arrays of shape (rigid_count, 6, 6).
+        Masses slow the approach to an equilibrium, and have no say in it. Both have the shape (rigid_count, 6, 6).
         """
         turn, inverse = self.state.rotation, self.state.inverse_mass.copy()
         mass = np.zeros_like(inverse)
@@ -144,13 +141,9 @@ class RigidMotion:
         return end
 
     def end_poses(self, *velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses after moving with each of the velocities in turn, over the whole time step, from the start of the step.
+        """Positions and quaternions after moving with each of the velocities in turn, over the whole time step.
 
-        Args:
-            velocities: linear [mm/s] and angular [rad/s], each of shape (rigid_count, 6).
-
-        Returns:
-            Positions [mm], shape (rigid_count, 3), and quaternions, shape (rigid_count, 4).
+        Velocities are linear [mm/s] and angular [rad/s], each of shape (rigid_count, 6).
         """
         end = self._end
         end.position[:], end.quaternion[:] = self.state.position, self.state.quaternion

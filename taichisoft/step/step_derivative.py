@@ -275,12 +275,7 @@ class StepDerivative:
         solution: StepSolution,
         shift: Shift | None,
     ):
-        """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is.
-
-        Raises:
-            SceneError: a contact in the step has restitution, spinning or rolling friction, or a reduced body is
-                linearised more than once.
-        """
+        """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is."""
         self._model, self._soft, self._rigid = model, soft, rigid
         self._time_step, self._problem, self._solution = model.scene.time.step, problem, solution
         self._nonlinear = solver if isinstance(solver, NonlinearStep) else None
