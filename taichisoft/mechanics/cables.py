@@ -293,7 +293,6 @@ class CableShapes:
     """Where the cables run, how long they are, and how that changes with the bodies, at present positions."""
 
     def __init__(self, cables: Cables, room: Room):
-        """Take the arrays to write to."""
         from taichisoft.mechanics.kernels import actuator_coordinates as kernels
 
         point_count = len(cables.paths.owner)

@@ -181,7 +181,6 @@ class CavityVolumes:
     """Volumes of the cavities, and how they change with the nodes, at present positions."""
 
     def __init__(self, cavities: Cavities, room: Room):
-        """Take the arrays to write to."""
         from taichisoft.mechanics.kernels import actuator_coordinates as kernels
 
         self._surfaces, self._curved, self._kernel = cavities.surfaces, cavities.curved, kernels.volumes_and_gradients
@@ -225,7 +224,6 @@ def _is_regulated(cavity: "CavitySettings") -> bool:
 
 
 def _has_regulator(cavity: "CavitySettings") -> bool:
-    """Whether a pressure can be asked for."""
     return cavity.air == "regulated" or (cavity.line is not None and cavity.line.has_regulator)
 
 

@@ -309,7 +309,6 @@ def _offsets(sizes: np.ndarray) -> np.ndarray:
 
 
 def _scalars(first: np.ndarray) -> np.ndarray:
-    """The three scalars of each node from the first one."""
     return (first[:, None] + np.arange(3)).reshape(-1)
 
 
@@ -336,7 +335,6 @@ def _place_blocks(
 
 
 def _children(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Children of every supernode as one list, with the start of each, ascending."""
     child = np.flatnonzero(parent >= 0)
     child = child[np.argsort(parent[child], kind="stable")]
     start = np.searchsorted(parent[child], np.arange(len(parent) + 1))
@@ -406,7 +404,6 @@ class Cholesky:
     """
 
     def __init__(self, symbolic: SymbolicFactor):
-        """Allocate the matrix and its factor."""
         self.symbolic = symbolic
         self.blocks = np.zeros((len(symbolic.block_pairs), 3, 3))
         tiles = _allocate(symbolic.size)

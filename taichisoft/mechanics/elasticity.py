@@ -7,7 +7,7 @@ import scipy.sparse as sparse
 
 from taichisoft.base.rotations import edge_frames
 from taichisoft.mechanics.cholesky import Cholesky, SymbolicFactor
-from taichisoft.mechanics.domain_elasticity import DomainElasticity, DomainSystem, aligned
+from taichisoft.mechanics.domain_elasticity import DomainElasticity, DomainSystem, aligned, undamped_data
 from taichisoft.mechanics.elastic_laws import find_blocks, find_parts, node_of_block
 from taichisoft.mechanics.element_kinds import linear_tetrahedra
 from taichisoft.mechanics.kernels import hooke_domains, reinforcement_forces
@@ -41,12 +41,9 @@ class ReinforcementElasticity:
         found = [one.moved(body.nodes.start) for one, body in zip(own, bodies, strict=True) if one is not None]
         joined = Reinforcements.joined(found)
         lag, factor = np.repeat(lag, counts), np.repeat(factor, counts)
-        undamped = step / np.maximum(lag, step)
-        arrays = (joined.start, joined.node, joined.gradient, joined.measure, joined.stiffness, joined.slackening)
-        self.parts = reinforcement_forces.ReinforcementParts(*arrays, lag, factor, undamped)
-        self.undamped_parts = reinforcement_forces.ReinforcementParts(
-            *arrays, undamped * lag, undamped * factor, np.ones(len(lag))
-        )
+        rates = {"lag": lag, "factor": factor, "undamped": step / np.maximum(lag, step)}
+        self.parts = reinforcement_forces.ReinforcementParts(**vars(joined), **rates)
+        self.undamped_parts = undamped_data(self.parts)
 
     def _pairs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Part, and entries of every ordered pair of its nodes."""
@@ -256,7 +253,6 @@ class ElasticSystem:
     """
 
     def __init__(self, elasticity: Elasticity):
-        """Allocate the work space."""
         self._elasticity = elasticity
         data, node_count = elasticity.element_data, len(elasticity.rest_position)
         self._elements = data._replace(force_modulus=data.force_modulus.copy(), root=data.root.copy())

@@ -234,19 +234,6 @@ class ElementKind:
     stress_domains: Callable[[np.ndarray, int, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def _linear_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarray) -> IntegrationDomains:
-    return quadrature_domains(elements, *linear_tetrahedra(nodes, elements))
-
-
-def _linear_stress(elements: np.ndarray, node_count: int, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    own = np.arange(len(elements))[:, None]
-    return own, own
-
-
-def _quadratic_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarray) -> IntegrationDomains:
-    return quadrature_domains(elements, *quadratic_tetrahedra(nodes, elements))
-
-
 def _quadratic_stress(elements: np.ndarray, node_count: int, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of the eight parts of an element each of the first four is at a corner; the others share its middle."""
     point_count = len(QUADRATURE_POINTS)
@@ -259,8 +246,16 @@ def _quadratic_stress(elements: np.ndarray, node_count: int, material: np.ndarra
 # The mass of a quadratic element is spread as the diagonal of the consistent mass matrix (Hinton, Rock and Zienkiewicz
 # 1976), since the integrals of the functions of its corners are negative.
 ELEMENT_KINDS = {
-    "linear": ElementKind(np.full(4, 1 / 4), _linear_domains, _linear_stress),
+    "linear": ElementKind(
+        np.full(4, 1 / 4),
+        lambda nodes, elements, _: quadrature_domains(elements, *linear_tetrahedra(nodes, elements)),
+        lambda elements, _node_count, _material: (np.arange(len(elements))[:, None],) * 2,
+    ),
     "smoothed": ElementKind(np.full(4, 1 / 4), smoothed_domains, domains_of_elements),
     "hexahedral": ElementKind(np.full(4, 1 / 4), hexahedral_domains, domains_of_hexahedra),
-    "quadratic": ElementKind(np.repeat([1 / 36, 4 / 27], [4, 6]), _quadratic_domains, _quadratic_stress),
+    "quadratic": ElementKind(
+        np.repeat([1 / 36, 4 / 27], [4, 6]),
+        lambda nodes, elements, _: quadrature_domains(elements, *quadratic_tetrahedra(nodes, elements)),
+        _quadratic_stress,
+    ),
 }

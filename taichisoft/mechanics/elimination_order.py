@@ -51,7 +51,6 @@ def nested_dissection(adjacency: sparse.csr_matrix) -> np.ndarray:
 
 
 def _dissect(graph: sparse.csr_matrix, nodes: np.ndarray) -> list[np.ndarray]:
-    """The order of a part of the graph, in pieces."""
     part = graph[nodes][:, nodes].tocsr()
     count, component = csgraph.connected_components(part, directed=False)
     if count > 1:
@@ -128,7 +127,6 @@ def _cuts(part: sparse.csr_matrix, key: np.ndarray) -> list[Cut]:
 
 
 def _reached(network: sparse.csr_matrix, start: int) -> np.ndarray:
-    """Points of a network that can be reached from `start`."""
     reached = np.zeros(network.shape[0], dtype=bool)
     reached[csgraph.breadth_first_order(network, start, return_predecessors=False)] = True
     return reached

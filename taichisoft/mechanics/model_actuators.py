@@ -169,7 +169,6 @@ class ActuatorGeometry:
     """
 
     def __init__(self, actuators: Actuators, node_count: int):
-        """Make room."""
         self._coordinates = coordinates = actuators.coordinates
         starts = coordinates.entry_start, coordinates.rigid_start
         self._of_soft, self._of_rigid = (np.repeat(np.arange(actuators.count), np.diff(start)) for start in starts)

@@ -7,6 +7,7 @@ import numpy as np
 from taichisoft.base.rotations import rotation_from_degrees
 from taichisoft.mechanics.domain_elasticity import aligned, domain_data, undamped_data
 from taichisoft.mechanics.domains import IntegrationDomains
+from taichisoft.mechanics.elastic_laws import joined_arrays
 from taichisoft.mechanics.kernels import mode_motion, reduced_domains
 from taichisoft.mechanics.kernels.domain_deformation import HOOKE, MU, SHAPE, Domains, Movement
 from taichisoft.mechanics.soft_body_arrays import SoftBody
@@ -131,14 +132,7 @@ class ReducedElasticity:
             parts.append(data._replace(node=data.node + body.nodes.start, volume=data.volume * weight[:, None]))
             slope_start.append(first_slope + 9 * tiles * np.arange(len(weight)))
             element.append(domains.element + first_element[number])
-        entry = np.cumsum([0, *(len(part.node) for part in parts)])
-        starts = [part.start[:-1] + first for part, first in zip(parts, entry[:-1], strict=True)]
-        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in Domains._fields}
-        joined["start"] = np.concatenate([*starts, entry[-1:]])
-        joined = {name: np.ascontiguousarray(array) for name, array in joined.items()}
-        for name in ("start", "node", "law"):
-            joined[name] = joined[name].astype(np.int32)
-        self.data, self.element = Domains(**joined), np.concatenate(element)
+        self.data, self.element = Domains(**joined_arrays(parts)), np.concatenate(element)
         self.domains = reduced_domains.ReducedDomains(
             body_start=np.cumsum([0, *(len(part.law) for part in parts)]).astype(np.int32),
             slope_start=np.concatenate(slope_start).astype(np.int32),
@@ -324,7 +318,6 @@ class ReducedSystem:
         mode_motion.find_reference(time_step, float(has_inertia), self.modes, self._blocks, *moving, 1)
 
     def _follow(self, turn: np.ndarray, shift: np.ndarray) -> None:
-        """Let the bodies' own axes follow the frames."""
         pose = turn.tobytes(), shift.tobytes()
         if pose == self._frames:
             return

@@ -196,7 +196,6 @@ def _group(mesh: VolumeMesh, name: str, key: str, surfaces: bool) -> np.ndarray:
 
 
 def _box_key(key: str, box: tuple[Vector, Vector]) -> str:
-    """The box as the scene file has it."""
     return f"{key}.box = {[list(corner) for corner in box]}"
 
 

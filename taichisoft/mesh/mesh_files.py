@@ -95,7 +95,6 @@ def _read_msh(path: Path) -> MeshContent:
 def _read_with_meshio(
     path: Path, module: str, groups_of: "Callable[[Any, str], tuple[np.ndarray, dict[str, np.ndarray]]]"
 ) -> MeshContent:
-    """Read a file in its own order."""
     import meshio
 
     with np.errstate(all="ignore"):  # an index that is none is found when the mesh is checked

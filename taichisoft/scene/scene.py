@@ -409,7 +409,6 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _check_circles(self) -> Self:
-        """Refuse frames that carry themselves."""
         for name in self.frames:
             above: list[str | None] = [name]
             while above[-1] in self.frames and above.count(above[-1]) == 1:

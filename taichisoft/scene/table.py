@@ -100,7 +100,6 @@ def short_text(value: Any) -> str:
 
 
 def _valid_keys(table: type[BaseModel], path: Sequence[Any]) -> list[str]:
-    """The keys of the table that `path` leads to."""
     annotation: Any = table
     for part in path:
         annotation = _inside(annotation, part)

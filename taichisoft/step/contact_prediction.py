@@ -300,7 +300,6 @@ class ContactPrediction:
         return np.where(reach < 0.0, reach, reach + way[:, None] + way) if way.any() else reach
 
     def _joined(self, parts: Iterable[Part]) -> Part:
-        """Concatenate the parts in reused arrays."""
         room, fraction, count = self._room, self._fraction, 0
         for contacts, when in parts:
             end = count + contacts.count[0]
@@ -331,12 +330,10 @@ class ContactPrediction:
 
 
 def _chosen(contacts: Contacts, pairs: np.ndarray) -> Contacts:
-    """The contacts of these pairs of bodies."""
     count = contacts.count[0]
     return _part_of(contacts, pairs[tuple(contacts.bodies[:count].T)])
 
 
 def _part_of(contacts: Contacts, kept: np.ndarray) -> Contacts:
-    """The contacts marked as kept, shape (count,)."""
     count = len(kept)
     return Contacts(np.array([kept.sum()], dtype=np.int32), *(array[:count][kept] for array in contacts[1:]))

@@ -121,7 +121,6 @@ class Imbalance:
 
 
 def _numbered(body: "SoftBody", first_element: int) -> IntegrationDomains:
-    """All domains of a body, with nodes and elements numbered as in the whole model."""
     own = body.mesh_domains
     node, element = own.node + body.nodes.start, own.element + first_element
     return IntegrationDomains(own.start, node, own.gradient, own.volume, element)
@@ -259,7 +258,6 @@ class DivergenceCheck:
     """
 
     def __init__(self, model: Model):
-        """Allocate the work space."""
         soft, rigid = model.soft_bodies, model.rigid_bodies
         self._bodies = soft
         self._time_step = model.scene.time.step
@@ -322,7 +320,6 @@ class DivergenceCheck:
             raise SimulationDiverged(self._names[body], step, "has a position that is not finite", self._advice[body])
 
     def _check_leaps(self, step: int) -> None:
-        """Raise SimulationDiverged if a point is too far away."""
         points = self._points
         kernels.largest_leaps(self._time_step, points)
         leaps = points.largest > self._furthest

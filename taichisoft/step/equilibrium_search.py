@@ -480,7 +480,6 @@ class EquilibriumSearch:
 
 
 def _part_of_way(before: State, end: State, share: float) -> State:
-    """The end of a move, with the bodies only a share of the way there."""
     moved = {name: getattr(before, name) for name in ("position", "rigid_position", "rigid_rotation")}
     moved = {name: first + share * (getattr(end, name) - first) for name, first in moved.items()}
     moved["rigid_rotation"] /= np.linalg.norm(moved["rigid_rotation"], axis=1, keepdims=True)

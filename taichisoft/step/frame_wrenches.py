@@ -20,7 +20,6 @@ class FrameWrenches:
     """Sums up what anchored soft bodies, bodies that frames carry, and cables that they pull exert on frames."""
 
     def __init__(self, model: Model):
-        """Find what the frames carry."""
         self._model, actuators = model, model.actuators
         bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
         self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]

@@ -36,7 +36,6 @@ class EndOfStep:
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, soft: SoftMotion, geometry: ActuatorGeometry):
-        """Allocate the work space."""
         self._model, self._soft, self._geometry = model, soft, geometry
         self._mass = elasticity.node_mass[:, None]
         self._anchored = elasticity.diagonal - elasticity.inertia[:, None]
@@ -86,12 +85,10 @@ class EndOfStep:
             self._damping_matrix = self._matrix(self._damping_blocks)
 
     def _elastic(self) -> np.ndarray:
-        """Elastic forces on the unknowns [mN], shape (node_count, 3)."""
         system = self._soft.system
         return system.force.copy() if system.reduced is None else system.force + system.reduced.elastic
 
     def _matrix(self, blocks: np.ndarray) -> sparse.bsr_array:
-        """The full symmetric matrix of the solver's blocks."""
         both = np.concatenate([blocks, blocks[self._below].transpose(0, 2, 1)])[self._order]
         size = 3 * self._model.node_count
         return sparse.bsr_array((both, self._column, self._row_start), (size, size))
@@ -197,7 +194,6 @@ class AndersonMixing:
     """
 
     def __init__(self) -> None:
-        """Remember nothing yet."""
         self.forget()
 
     def forget(self) -> None:

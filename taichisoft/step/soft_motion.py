@@ -24,7 +24,6 @@ class SoftMotion:
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, geometry: ActuatorGeometry):
-        """Allocate the work space."""
         self._model, self._time_step = model, model.scene.time.step
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)

@@ -431,7 +431,6 @@ class StepDerivative:
         )
 
     def _contact_conditions(self) -> list[_Contact]:
-        """What each contact does, in their order."""
         found = []
         for (normal, *along), mu in zip(self._impulse[: len(self._speed)].reshape(-1, 3), self._friction, strict=True):
             friction, most = float(np.hypot(*along)), float(mu * normal)

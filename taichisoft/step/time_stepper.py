@@ -204,7 +204,7 @@ class TimeStepper:
         return end, report
 
     def _solve(self, start: State) -> tuple[StepProblem, StepSolution]:
-        requests = self._request(start)
+        requests = request(self.model, start, self._geometry)
         self._begin_motion(start, requests)
         contacts: ContactTable | None = self._prediction.find(start)
         searches = 1
@@ -235,12 +235,7 @@ class TimeStepper:
                     f"bend so much that {MOST_SEARCHES} searches found ever new contacts; take a shorter time.step"
                 )
 
-    def _request(self, start: State) -> ActuatorRequests:
-        """Measure volumes and lengths with their gradients, and make the actuators' requests."""
-        return request(self.model, start, self._geometry)
-
     def _begin_motion(self, start: State, requests: ActuatorRequests) -> None:
-        """Compute forces and matrices of all bodies, and their motion without contacts."""
         if self._soft is not None:
             self._soft.begin(start, requests.load)
         self._rigid.begin(start)
