@@ -68,7 +68,7 @@ def test_twice_the_stretch_of_a_law_is_beyond_it(hollow: str) -> None:
         fresh.judge(replace(state, position=position), None)
 
 
-def test_what_a_run_came_to_on_its_way_counts_until_it_starts_anew(hollow: str) -> None:
+def test_largest_stretches_count_until_a_restart(hollow: str) -> None:
     made = simulation(hollow)
     state, watch = made.state, StrainWatch(made.model)
     watch.complaint(replace(state, step=20, position=3.0 * state.position))
@@ -78,7 +78,7 @@ def test_what_a_run_came_to_on_its_way_counts_until_it_starts_anew(hollow: str) 
     watch.judge(state, None)
 
 
-def test_a_law_without_a_known_range_is_judged_by_elements_inside_out(hollow: str) -> None:
+def test_law_without_range_is_judged_by_inverted_elements(hollow: str) -> None:
     """Neo-Hookean rubber has no limit by itself, but at 60 kPa these walls explode: 156 elements end inside out."""
     made, output = simulation(hollow, law="neo-hookean", element="smoothed"), Outcome()
     with (
