@@ -291,7 +291,7 @@ class ActuatorSet(ABC):
         self.compliance: Sequence[np.ndarray] = [np.zeros((1, 1))] * count
 
     @abstractmethod
-    def shapes(self, room: "Room") -> "ActuatorShapes":
+    def shapes(self, buffers: "ActuatorBuffers") -> "ActuatorShapes":
         """What measures them, in arrays of all actuators."""
 
     def why_not(self, drive: Drive, number: int) -> str:
@@ -318,7 +318,7 @@ class ActuatorSet(ABC):
 
 
 @dataclass(frozen=True)
-class Room:
+class ActuatorBuffers:
     """Where the shapes of a kind's actuators write what they measure; the arrays belong to all actuators or are views.
 
     Attributes:

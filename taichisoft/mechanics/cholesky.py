@@ -52,9 +52,9 @@ def schedule(work: np.ndarray, prerequisites: list[list[int]], workers: int) -> 
     for task, before in enumerate(prerequisites):
         for other in before:
             followers[other].append(task)
-    way = _longest_ways(work, prerequisites, followers)
+    path = _longest_paths(work, prerequisites, followers)
     missing = [len(before) for before in prerequisites]
-    ready = [(-way[task], task) for task, count in enumerate(missing) if not count]
+    ready = [(-path[task], task) for task, count in enumerate(missing) if not count]
     heapq.heapify(ready)
     at_work: list[tuple[float, int]] = []
     now, order = 0.0, []
@@ -67,23 +67,23 @@ def schedule(work: np.ndarray, prerequisites: list[list[int]], workers: int) -> 
         for follower in followers[task]:
             missing[follower] -= 1
             if not missing[follower]:
-                heapq.heappush(ready, (-way[follower], follower))
+                heapq.heappush(ready, (-path[follower], follower))
     return order
 
 
-def _longest_ways(work: np.ndarray, prerequisites: list[list[int]], followers: list[list[int]]) -> list[float]:
+def _longest_paths(work: np.ndarray, prerequisites: list[list[int]], followers: list[list[int]]) -> list[float]:
     """Work from the start of each task to the end of all that follow, one after the other."""
-    way = [0.0] * len(work)
+    path = [0.0] * len(work)
     missing = [len(after) for after in followers]
     last = [task for task, count in enumerate(missing) if not count]
     while last:
         task = last.pop()
-        way[task] = float(work[task]) + max((way[follower] for follower in followers[task]), default=0.0)
+        path[task] = float(work[task]) + max((path[follower] for follower in followers[task]), default=0.0)
         for before in prerequisites[task]:
             missing[before] -= 1
             if not missing[before]:
                 last.append(before)
-    return way
+    return path
 
 
 # The tasks that compute the fronts of a factorisation: subtrees, fronts, and pieces of fronts.

@@ -377,11 +377,11 @@ def predicted_work(grouped: Supernodes) -> float:
     width = 3 * np.diff(grouped.first_column).astype(np.int64)
     height = 3 * np.diff(grouped.row_start).astype(np.int64)
     work = height**3 - (height - width) ** 3
-    way = width**3
+    path = width**3
     for s in range(grouped.count - 1, -1, -1):
         if grouped.parent[s] >= 0:
-            way[s] += way[grouped.parent[s]]
-    return float(work.sum() + (ASSUMED_THREADS - 1) * way.max()) / (6 * ASSUMED_THREADS)
+            path[s] += path[grouped.parent[s]]
+    return float(work.sum() + (ASSUMED_THREADS - 1) * path.max()) / (6 * ASSUMED_THREADS)
 
 
 def _best(graph: sparse.csr_matrix) -> Supernodes:

@@ -6,12 +6,12 @@ import numpy as np
 
 from taichisoft.mechanics.actuator_kind import (
     UNLIMITED,
+    ActuatorBuffers,
     ActuatorKind,
     ActuatorNames,
     ActuatorShapes,
     CoordinateLaw,
     Drive,
-    Room,
 )
 from taichisoft.mechanics.body_geometry import Poses
 from taichisoft.mechanics.cables import CABLES
@@ -45,17 +45,10 @@ class Actuators(ActuatorNames):
         coordinates: what the coordinates depend on.
         first_coordinate: number of each actuator's first coordinate, which is its own, and one past the last of all,
             shape (actuator_count + 1,).
-        rest_value: values at the start [mm^3] or [mm], shape (actuator_count,).
-        rest_effort: efforts at the start [kPa] or [mN], shape (actuator_count,).
-        sign: 1 where the coordinate grows with the value, else -1, shape (actuator_count,).
-        coordinate_range: smallest and largest coordinate [mm^3] or [mm], shape (actuator_count, 2).
-        effort_range: smallest and largest pressure [kPa] or tension [mN], shape (actuator_count, 2).
-        effort_at_stop: smallest effort where a stop holds the coordinate, shape (actuator_count,).
-        compliance: by how much the coordinates of each actuator give way to its efforts.
+        rest_value, rest_effort, sign, coordinate_range, effort_range, effort_at_stop, compliance, has_law: as of
+            `ActuatorSet`, for all kinds; volumes [mm^3] and pressures [kPa], lengths [mm] and tensions [mN].
         always_has_rows: whether an actuator takes part in the constraint problem even where its effort is imposed,
             since it has stops, rubs, acts on a rigid body, or follows a law, shape (actuator_count,).
-        takes_effort: whether the effort can be asked for, shape (actuator_count,).
-        has_law: whether effort and coordinate follow a law, see `ActuatorSet.laws`, shape (actuator_count,).
     """
 
     def __init__(
@@ -182,7 +175,7 @@ class ActuatorGeometry:
         for one in actuators.sets.values():
             last_actuator, last = actuator + len(one.names), first + int(one.coordinate_start[-1])
             if one.names:
-                room = Room(
+                buffers = ActuatorBuffers(
                     first=first,
                     coordinates=coordinates,
                     gradient=self.gradient,
@@ -191,7 +184,7 @@ class ActuatorGeometry:
                     value=self.value[actuator:last_actuator],
                     node_count=node_count,
                 )
-                self._shapes.append(one.shapes(room))
+                self._shapes.append(one.shapes(buffers))
             actuator, first = last_actuator, last
 
     def update(self, poses: Poses, pull_point: np.ndarray) -> None:

@@ -219,8 +219,8 @@ class AndersonMixing:
         mixed = after
         for share, (first, second) in zip(shares, zip(self._solutions, self._solutions[1:], strict=False), strict=True):
             mixed = mixed.plus(second, -share).plus(first, share)
-        way = float(np.linalg.norm(mixed.node_velocity - before.node_velocity))
-        share = min(1.0, self._farthest * float(np.linalg.norm(self._changes[-1])) / max(way, 1e-300))
+        distance = float(np.linalg.norm(mixed.node_velocity - before.node_velocity))
+        share = min(1.0, self._farthest * float(np.linalg.norm(self._changes[-1])) / max(distance, 1e-300))
         self._farthest *= 2.0
         return before.towards(mixed, share)
 
@@ -336,19 +336,19 @@ class NonlinearStep:
 
         `force` is the product of the matrix and the change of the unknowns' rates [mN s], shape (node_count, 3).
         """
-        way = self._soft.rates(after.node_velocity) - self._soft.rates(before.node_velocity)
-        start = -float((force * way).sum())
-        solution, end = after, self._slope(after, after, way)
+        direction = self._soft.rates(after.node_velocity) - self._soft.rates(before.node_velocity)
+        start = -float((force * direction).sum())
+        solution, end = after, self._slope(after, after, direction)
         if not (start < 0.0 and end > -LARGE_SLOPE * start):
             return solution
         # Illinois variant of regula falsi: the value of a retained end is halved.
         low, high, low_slope, high_slope, last = 0.0, 1.0, start, end, 0.0
         for _ in range(MOST_TRIALS):
             share = low - low_slope * (high - low) / (high_slope - low_slope)
-            room = LEAST_MOVE * (high - low)
-            share = min(max(share, low + room), high - room)
+            margin = LEAST_MOVE * (high - low)
+            share = min(max(share, low + margin), high - margin)
             solution = before.towards(after, share)
-            slope = self._slope(solution, after, way)
+            slope = self._slope(solution, after, direction)
             if abs(slope) <= -SMALL_SLOPE * start:
                 break
             if slope > 0.0:
@@ -360,11 +360,11 @@ class NonlinearStep:
             last = slope
         return solution
 
-    def _slope(self, solution: StepSolution, forces: StepSolution, way: np.ndarray) -> float:
+    def _slope(self, solution: StepSolution, forces: StepSolution, direction: np.ndarray) -> float:
         """Move the bodies to a solution, and return the slope: the product of the residual there and the direction."""
         self._move(solution)
         lacking = self.equations.residual(forces.effort) + self._soft.on_unknowns(forces.contact_node_impulse)
-        return -float((lacking * way).sum())
+        return -float((lacking * direction).sum())
 
     def _move(self, solution: StepSolution) -> None:
         """Move the bodies to where a step with the velocities of a solution takes forces."""

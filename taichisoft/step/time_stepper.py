@@ -122,7 +122,7 @@ class TimeStepper:
             self.state, self.report = self._move(start, control, started)
         return self.report
 
-    def find_equilibrium(self, start: State, asked: State, stable: bool = True) -> FoundEquilibrium:
+    def find_equilibrium(self, start: State, requested: State, stable: bool = True) -> FoundEquilibrium:
         """Where the bodies of a state come to rest under what another asks for; of a model of static dynamics.
 
         An unstable equilibrium is left if it must be `stable`.
@@ -141,7 +141,7 @@ class TimeStepper:
                 self._solver.tolerance, self._solver.unmixed = self.model.scene.time.newton_tolerance, 0
 
         # Not kept: it would refer back to this object, which could not go as soon as nobody needs it.
-        return EquilibriumSearch(self.model, move, self._stability).find(start, asked, stable)
+        return EquilibriumSearch(self.model, move, self._stability).find(start, requested, stable)
 
     def _stability(self, end: State) -> StabilityCheck | None:
         """Prepare to check the end of the last move."""
