@@ -162,7 +162,6 @@ def temporary_cache() -> Path:
 
 
 def _can_be_written(folder: Path) -> bool:
-    """Whether the folder exists or can be made, and files can be written to it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -99,9 +99,9 @@ def turn_towards(start: np.ndarray, end: np.ndarray, furthest: float) -> np.ndar
         return end
     from scipy.spatial.transform import Rotation
 
-    way = (Rotation.from_rotvec(end.copy()) * Rotation.from_rotvec(start.copy()).inv()).as_rotvec()
-    angle = float(np.linalg.norm(way))
-    return end if angle <= furthest else compose_rotation_vectors(furthest / angle * way, start)
+    turn = (Rotation.from_rotvec(end.copy()) * Rotation.from_rotvec(start.copy()).inv()).as_rotvec()
+    angle = float(np.linalg.norm(turn))
+    return end if angle <= furthest else compose_rotation_vectors(furthest / angle * turn, start)
 
 
 def edge_frames(along: np.ndarray, across: np.ndarray) -> np.ndarray:

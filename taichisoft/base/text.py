@@ -17,11 +17,7 @@ _PACKAGES = ("taichisoft", "functools")
 
 
 def warn_caller(line: str) -> None:
-    """Warn, at the innermost call that no package of this project makes.
-
-    Args:
-        line: what is wrong, where, and what would be right.
-    """
+    """Warn in one line, at the innermost call that no package of this project makes."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(_PACKAGES):
         frame, level = frame.f_back, level + 1

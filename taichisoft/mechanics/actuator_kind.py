@@ -75,12 +75,7 @@ class Line:
     frame: int = -1
 
     def points(self, poses: LinePoses, frames: MovingFrames) -> np.ndarray:
-        """Positions of the points from the pulled end on [mm], shape (point_count, 3).
-
-        Args:
-            poses: where bodies, frames and pull points are.
-            frames: the frames of the poses.
-        """
+        """Positions of the points from the pulled end on [mm], shape (point_count, 3)."""
         place = self.place.copy()
         if self.has_pull_point:
             place[0] = poses.pull_point[self.number]
@@ -296,7 +291,7 @@ class ActuatorSet(ABC):
         self.compliance: Sequence[np.ndarray] = [np.zeros((1, 1))] * count
 
     @abstractmethod
-    def shapes(self, room: "Room") -> "ActuatorShapes":
+    def shapes(self, buffers: "ActuatorBuffers") -> "ActuatorShapes":
         """What measures them, in arrays of all actuators."""
 
     def why_not(self, drive: Drive, number: int) -> str:
@@ -312,13 +307,8 @@ class ActuatorSet(ABC):
         return {}
 
     def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
-        """Fields of the state after a step [s] that belong to this kind.
-
-        Args:
-            start: state at the start of the step.
-            effort: efforts of the kind's actuators in the step, shape (actuator_count,).
-            value: their values after it, shape (actuator_count,).
-            time_step: time step [s].
+        """Fields of the state after a step [s] that belong to this kind, by its efforts in the step and values after
+        it.
         """
         return {}
 
@@ -328,7 +318,7 @@ class ActuatorSet(ABC):
 
 
 @dataclass(frozen=True)
-class Room:
+class ActuatorBuffers:
     """Where the shapes of a kind's actuators write what they measure; the arrays belong to all actuators or are views.
 
     Attributes:

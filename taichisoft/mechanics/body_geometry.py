@@ -189,13 +189,11 @@ def axes_of_bodies(scene: Scene, soft_bodies: Iterable[PlacedNodes]) -> dict[str
 
 
 def best_rotation(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """The rotation about their means that brings points closest to where they are after, shape (3, 3).
+    """The rotation about their means that brings points [mm], (count, 3), closest to where they are after, shape (3,
+    3).
 
     Closest in the sum of squares: Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta
     Crystallographica A32 (1976) 922.
-
-    Args:
-        before, after: points [mm], shape (count, 3).
     """
     covariance = (after - after.mean(axis=0)).T @ (before - before.mean(axis=0))
     left, _, right = np.linalg.svd(covariance)

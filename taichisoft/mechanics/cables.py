@@ -10,12 +10,12 @@ from taichisoft.base.rotations import matrices_from_quaternions, rotation_from_d
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.actuator_kind import (
     UNLIMITED,
+    ActuatorBuffers,
     ActuatorFigure,
     ActuatorKind,
     ActuatorSet,
     Drive,
     Line,
-    Room,
     limits,
 )
 from taichisoft.mechanics.body_geometry import Poses
@@ -105,12 +105,7 @@ def make_cable(
     rigid: Mapping[str, tuple[int, RigidBody]],
     obstacles: Mapping[str, Obstacle],
 ) -> Cable:
-    """A cable of a soft body.
-
-    Raises:
-        MeshError: a file of points cannot be read.
-        SceneError: a point lies outside its body, or two neighbouring points are the same.
-    """
+    """A cable of a soft body."""
     key = f"soft_bodies.{body.name}.cables.{name}"
     listed = read_points(cable.points) if isinstance(cable.points, str) else cable.points
     count = len(listed)
@@ -205,12 +200,7 @@ class Cables(ActuatorSet):
         rigid: "Sequence[RigidBody]",
         obstacles: "Sequence[Obstacle]",
     ):
-        """Find the points of all cables in the bodies, and which of the frames of these names carry pull points.
-
-        Raises:
-            MeshError: a file of points cannot be read.
-            SceneError: a point lies outside its body, or two neighbouring points are the same.
-        """
+        """Find the points of all cables in the bodies, and which of the frames of these names carry pull points."""
 
         others = {body.name: (index, body) for index, body in enumerate(rigid)}
         bodies = {body.name: body for body in soft}
@@ -259,9 +249,9 @@ class Cables(ActuatorSet):
         """The pull points of the first state."""
         return {"pull_point": self.rest_pull_point.copy()}
 
-    def shapes(self, room: Room) -> "CableShapes":
+    def shapes(self, buffers: ActuatorBuffers) -> "CableShapes":
         """What measures their lengths."""
-        return CableShapes(self, room)
+        return CableShapes(self, buffers)
 
     def _lay_out(self) -> None:
         from taichisoft.mechanics.kernels import actuator_coordinates as kernels
@@ -302,21 +292,20 @@ def _joined(tables: Sequence[np.ndarray], empty: tuple[int, ...], kind: type) ->
 class CableShapes:
     """Where the cables run, how long they are, and how that changes with the bodies, at present positions."""
 
-    def __init__(self, cables: Cables, room: Room):
-        """Take the arrays to write to."""
+    def __init__(self, cables: Cables, buffers: ActuatorBuffers):
         from taichisoft.mechanics.kernels import actuator_coordinates as kernels
 
         point_count = len(cables.paths.owner)
-        self._cables, self._room, self._kernel = cables, room, kernels.measure
+        self._cables, self._buffers, self._kernel = cables, buffers, kernels.measure
         self._shapes = kernels.CableShapeArrays(
             place=cables.place.copy(),
             position=np.empty((point_count, 3)),
             both=np.empty((point_count, 3)),
             onward=np.zeros((point_count, 3)),
-            length=room.value,
-            grip=room.grip,
+            length=buffers.value,
+            grip=buffers.grip,
         )
-        self._node_position = np.empty((room.node_count, 3))
+        self._node_position = np.empty((buffers.node_count, 3))
         self._pulled_from_space = np.flatnonzero(cables.has_pull_point)
         self._pull_point_places = cables.paths.point_start[:-1][cables.has_pull_point]
 
@@ -325,23 +314,23 @@ class CableShapes:
         self._shapes.place[self._pull_point_places] = pull_point[self._pulled_from_space]
         self._node_position[:] = poses.position
         self._kernel(
-            self._room.first,
+            self._buffers.first,
             self._cables.paths,
-            self._room.coordinates,
+            self._buffers.coordinates,
             self._node_position,
             poses.rigid_position.copy(),
             matrices_from_quaternions(poses.rigid_rotation),
             self._shapes,
-            self._room.gradient,
+            self._buffers.gradient,
         )
 
     def coordinates(self) -> np.ndarray:
         """The coordinates where they were last measured [mm]: for a whole cable its length with a minus, which differs
         from how far it is pulled in by a constant; for an inner point the length beyond it; (coordinate_count,)."""
         paths, position = self._cables.paths, self._shapes.position
-        way = np.zeros(len(position))
-        way[1:] = np.linalg.norm(np.diff(position, axis=0), axis=1)
-        along = np.cumsum(way)
+        segment = np.zeros(len(position))
+        segment[1:] = np.linalg.norm(np.diff(position, axis=0), axis=1)
+        along = np.cumsum(segment)
         first, last = paths.point_start[paths.cable], paths.point_start[paths.cable + 1] - 1
         beyond = along[last] - along[paths.first_point]
         return np.where(paths.first_point == first, -beyond, beyond)

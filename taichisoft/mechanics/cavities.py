@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.mechanics.actuator_kind import (
+    ActuatorBuffers,
     ActuatorFigure,
     ActuatorKind,
     ActuatorSet,
     Drive,
-    Room,
     StateDrive,
     StateFigure,
     limits,
 )
 from taichisoft.mechanics.body_geometry import Poses
-from taichisoft.mechanics.cavity_air import LineAir, Orifice, ShutAir, Tube, Valves, air_mass, tube, tube_volume
+from taichisoft.mechanics.cavity_air import LineAir, Orifice, SealedAir, Tube, Valves, air_mass, tube, tube_volume
 from taichisoft.mesh import surface
 from taichisoft.mesh.surface import stacked
 
@@ -107,17 +107,17 @@ class Cavities(ActuatorSet):
         constant = " with a supply of constant pressure" if table.line is not None and drive is CAVITIES.effort else ""
         return f'its air is "{table.air}"{constant}'
 
-    def laws(self, state: "State", time_step: float) -> dict[int, ShutAir | LineAir]:
+    def laws(self, state: "State", time_step: float) -> dict[int, SealedAir | LineAir]:
         """How the volumes of cavities with air of their own follow from its pressure."""
         return {number: self._law(number, state, time_step) for number in np.flatnonzero(self.has_law).tolist()}
 
-    def _law(self, number: int, state: "State", time_step: float) -> ShutAir | LineAir:
+    def _law(self, number: int, state: "State", time_step: float) -> SealedAir | LineAir:
         mass, rest_volume = float(state.air_mass[number]), float(self.rest_value[number])
         line = self._settings[number].line
         if line is None:
             exponent, dead_volume = self._settings[number].exponent, float(self._dead_volume[number])
             warm_space = float(state.warm_air_space[number])
-            return ShutAir(mass, exponent, warm_space, rest_volume, dead_volume, self.atmosphere)
+            return SealedAir(rest_volume, self.atmosphere, mass, exponent, warm_space, dead_volume)
         opening, in_tube = float(state.valve_opening[number]), float(state.tube_air_mass[number])
         source = float(state.supply_pressure[number]) if opening >= 0.0 else line.exhaust
         return LineAir(
@@ -157,9 +157,9 @@ class Cavities(ActuatorSet):
         warm = np.where(self.has_law, start.warm_air_space, space)
         return {"air_mass": mass, "tube_air_mass": in_tube, "warm_air_space": warm, "air_flow": flow}
 
-    def shapes(self, room: Room) -> "CavityVolumes":
+    def shapes(self, buffers: ActuatorBuffers) -> "CavityVolumes":
         """What measures their volumes."""
-        return CavityVolumes(self, room)
+        return CavityVolumes(self, buffers)
 
     def failure(self, value: np.ndarray) -> tuple[str, str, str] | None:
         """The first cavity with a volume [mm^3] of less than nothing: that of walls which have changed sides."""
@@ -180,8 +180,7 @@ def _of_corners(parts: list[np.ndarray], corners: int) -> tuple[np.ndarray, np.n
 class CavityVolumes:
     """Volumes of the cavities, and how they change with the nodes, at present positions."""
 
-    def __init__(self, cavities: Cavities, room: Room):
-        """Take the arrays to write to."""
+    def __init__(self, cavities: Cavities, buffers: ActuatorBuffers):
         from taichisoft.mechanics.kernels import actuator_coordinates as kernels
 
         self._surfaces, self._curved, self._kernel = cavities.surfaces, cavities.curved, kernels.volumes_and_gradients
@@ -189,11 +188,11 @@ class CavityVolumes:
         self._volumes = kernels.CavityVolumeArrays(
             position=np.empty((vertex_count, 3)),
             area_vector=np.empty((vertex_count, 3)),
-            volume=room.value,
-            gradient=room.soft,
+            volume=buffers.value,
+            gradient=buffers.soft,
         )
         self._measured: np.ndarray | None = None
-        self._node_position = np.empty((room.node_count, 3))
+        self._node_position = np.empty((buffers.node_count, 3))
 
     def update(self, poses: Poses, pull_point: np.ndarray) -> None:
         """Fill the volumes [mm^3] and gradients [mm^2] for node positions that stay as they are."""
@@ -225,7 +224,6 @@ def _is_regulated(cavity: "CavitySettings") -> bool:
 
 
 def _has_regulator(cavity: "CavitySettings") -> bool:
-    """Whether a pressure can be asked for."""
     return cavity.air == "regulated" or (cavity.line is not None and cavity.line.has_regulator)
 
 

@@ -83,7 +83,25 @@ def air_mass(pressure: np.ndarray, volume: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class ShutAir:
+class CavityAir:
+    """Air that gives a cavity of its own pressure its volume, a `CoordinateLaw`.
+
+    Attributes:
+        rest_volume: volume of the cavity at rest [mm^3].
+        atmosphere: absolute pressure outside [kPa].
+    """
+
+    rest_volume: float
+    atmosphere: float
+
+    @property
+    def lowest_effort(self) -> float:
+        """Pressure over the atmosphere's at which there is a vacuum [kPa]."""
+        return -self.atmosphere
+
+
+@dataclass(frozen=True)
+class SealedAir(CavityAir):
     """Air of constant mass, p V^n = const, with p its absolute pressure and V the space that it fills.
 
     n is 1 for slow changes at constant temperature (isothermal) and 1.4 for fast ones without heat flow (adiabatic).
@@ -92,22 +110,13 @@ class ShutAir:
         mass: mass of the air [kg].
         exponent: n [-].
         warm_space: space in which the air has room temperature [mm^3].
-        rest_volume: volume of the cavity at rest [mm^3].
         dead_volume: volume of tube and fittings, at the same pressure [mm^3].
-        atmosphere: absolute pressure outside [kPa].
     """
 
     mass: float
     exponent: float
     warm_space: float
-    rest_volume: float
     dead_volume: float
-    atmosphere: float
-
-    @property
-    def lowest_effort(self) -> float:
-        """Pressure over the atmosphere's at which there is a vacuum [kPa]."""
-        return -self.atmosphere
 
     @property
     def scale(self) -> float:
@@ -126,7 +135,7 @@ class ShutAir:
         return space - self.scale, -space / (self.exponent * absolute)
 
 
-# Valves and regulators of air lines: what has become of what is asked for, after delay and response time.
+# Valves and regulators of air lines: what has become of requests, after delay and response time.
 
 
 class Valves:
@@ -154,29 +163,23 @@ class Valves:
         }
 
     def moved(self, state: State, pressure: np.ndarray, request: np.ndarray) -> dict[str, np.ndarray]:
-        """Fields of the state that say how valves and regulators are in the step that begins.
-
-        Args:
-            state: state at the start of the step.
-            pressure: pressures that regulators are asked for, within limits [kPa], shape (cavity_count,).
-            request: openings that valves are asked for, from -1 to 1, shape (cavity_count,).
-        """
+        """Valves and regulators in the step that begins, by the pressures and openings requested."""
         if not self.lines:
             return {}
         opening, supply = state.valve_opening.copy(), state.supply_pressure.copy()
         waiting = state.delayed_requests.copy()
         for number, line in self.lines.items():
-            asked = float((pressure if line.has_regulator else request)[number])
-            asked = self._delayed(waiting[number], self._delays[number], asked)
+            target = float((pressure if line.has_regulator else request)[number])
+            target = self._delayed(waiting[number], self._delays[number], target)
             # First order, exact for a request that stays as it is in the step.
             share = 1.0 if line.response_time == 0.0 else -math.expm1(-self._time_step / line.response_time)
             if line.has_regulator:
-                supply[number] += share * (asked - supply[number])
+                supply[number] += share * (target - supply[number])
                 opening[number] = request[number]
             elif line.period is not None:
-                opening[number] = math.copysign(self._share_open(state.step, line.period, abs(asked)), asked)
+                opening[number] = math.copysign(self._share_open(state.step, line.period, abs(target)), target)
             else:
-                opening[number] += share * (asked - opening[number])
+                opening[number] += share * (target - opening[number])
         return {
             "valve_request": request,
             "valve_opening": opening,
@@ -184,12 +187,12 @@ class Valves:
             "delayed_requests": waiting,
         }
 
-    def _delayed(self, waiting: np.ndarray, delay: int, asked: float) -> float:
+    def _delayed(self, waiting: np.ndarray, delay: int, target: float) -> float:
         """The request of `delay` steps ago; requests on the way move up by one."""
         if not delay:
-            return asked
+            return target
         oldest = float(waiting[0])
-        waiting[: delay - 1], waiting[delay - 1] = waiting[1:delay].copy(), asked
+        waiting[: delay - 1], waiting[delay - 1] = waiting[1:delay].copy(), target
         return oldest
 
     def _share_open(self, step: int, period: float, duty: float) -> float:
@@ -222,7 +225,7 @@ class Tube(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LineAir:
+class LineAir(CavityAir):
     """Air of constant temperature in a cavity and in the tube before it, at the end of a step.
 
     Attributes:
@@ -230,8 +233,6 @@ class LineAir:
         valve: the valve as open as it is in the step.
         source: absolute pressure to which it leads [kPa].
         tube: the tube; None where the valve is at the cavity.
-        rest_volume: volume of the cavity at rest [mm^3].
-        atmosphere: absolute pressure outside [kPa].
         time_step: time step [s].
     """
 
@@ -240,14 +241,7 @@ class LineAir:
     valve: Orifice
     source: float
     tube: Tube | None
-    rest_volume: float
-    atmosphere: float
     time_step: float
-
-    @property
-    def lowest_effort(self) -> float:
-        """Pressure over the atmosphere's at which there is a vacuum [kPa]."""
-        return -self.atmosphere
 
     @property
     def scale(self) -> float:
@@ -255,11 +249,7 @@ class LineAir:
         return self.rest_volume
 
     def growth(self, pressure: float) -> tuple[float, float]:
-        """Growth of the cavity at which the air has a pressure over the atmosphere's [kPa] at the end of the step.
-
-        Returns:
-            Growth over the rest volume [mm^3], and its change with the pressure [mm^3/kPa], which is negative.
-        """
+        """As of `SealedAir`, at the end of the step."""
         absolute = pressure + self.atmosphere
         _, into_cavity, slope = self._flows(absolute)
         space = (self.cavity_mass + self.time_step * into_cavity) * PRESSURE_TIMES_VOLUME / absolute

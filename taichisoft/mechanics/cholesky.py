@@ -52,9 +52,9 @@ def schedule(work: np.ndarray, prerequisites: list[list[int]], workers: int) -> 
     for task, before in enumerate(prerequisites):
         for other in before:
             followers[other].append(task)
-    way = _longest_ways(work, prerequisites, followers)
+    path = _longest_paths(work, prerequisites, followers)
     missing = [len(before) for before in prerequisites]
-    ready = [(-way[task], task) for task, count in enumerate(missing) if not count]
+    ready = [(-path[task], task) for task, count in enumerate(missing) if not count]
     heapq.heapify(ready)
     at_work: list[tuple[float, int]] = []
     now, order = 0.0, []
@@ -67,23 +67,23 @@ def schedule(work: np.ndarray, prerequisites: list[list[int]], workers: int) -> 
         for follower in followers[task]:
             missing[follower] -= 1
             if not missing[follower]:
-                heapq.heappush(ready, (-way[follower], follower))
+                heapq.heappush(ready, (-path[follower], follower))
     return order
 
 
-def _longest_ways(work: np.ndarray, prerequisites: list[list[int]], followers: list[list[int]]) -> list[float]:
+def _longest_paths(work: np.ndarray, prerequisites: list[list[int]], followers: list[list[int]]) -> list[float]:
     """Work from the start of each task to the end of all that follow, one after the other."""
-    way = [0.0] * len(work)
+    path = [0.0] * len(work)
     missing = [len(after) for after in followers]
     last = [task for task, count in enumerate(missing) if not count]
     while last:
         task = last.pop()
-        way[task] = float(work[task]) + max((way[follower] for follower in followers[task]), default=0.0)
+        path[task] = float(work[task]) + max((path[follower] for follower in followers[task]), default=0.0)
         for before in prerequisites[task]:
             missing[before] -= 1
             if not missing[before]:
                 last.append(before)
-    return way
+    return path
 
 
 # The tasks that compute the fronts of a factorisation: subtrees, fronts, and pieces of fronts.
@@ -240,11 +240,7 @@ class Layout:
 
 
 def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
-    """Assign every part of every front its place in memory.
-
-    Raises:
-        MeshError: there are more numbers than the kernels can count.
-    """
+    """Assign every part of every front its place in memory."""
     width = 3 * np.diff(supernodes.first_column)
     columns = _padded(width)
     rest = 3 * np.diff(supernodes.row_start) - width
@@ -313,7 +309,6 @@ def _offsets(sizes: np.ndarray) -> np.ndarray:
 
 
 def _scalars(first: np.ndarray) -> np.ndarray:
-    """The three scalars of each node from the first one."""
     return (first[:, None] + np.arange(3)).reshape(-1)
 
 
@@ -340,7 +335,6 @@ def _place_blocks(
 
 
 def _children(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Children of every supernode as one list, with the start of each, ascending."""
     child = np.flatnonzero(parent >= 0)
     child = child[np.argsort(parent[child], kind="stable")]
     start = np.searchsorted(parent[child], np.arange(len(parent) + 1))
@@ -410,7 +404,6 @@ class Cholesky:
     """
 
     def __init__(self, symbolic: SymbolicFactor):
-        """Allocate the matrix and its factor."""
         self.symbolic = symbolic
         self.blocks = np.zeros((len(symbolic.block_pairs), 3, 3))
         tiles = _allocate(symbolic.size)
@@ -448,11 +441,7 @@ class Cholesky:
         return self._begun.forward
 
     def factorise(self, right_hand_side: np.ndarray) -> None:
-        """Factorise what `blocks` holds, and begin to solve for a right-hand side b of shape (node_count, 3).
-
-        Raises:
-            NotPositiveDefinite: a pivot is not positive; the error has the node.
-        """
+        """Factorise what `blocks` holds, and begin to solve for a right-hand side b of shape (node_count, 3)."""
         factor, none = self.factor, 3 * len(self.symbolic.order)
         factor.done.fill(0)
         factor.taken.fill(0)

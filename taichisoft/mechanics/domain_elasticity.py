@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -12,11 +12,15 @@ from taichisoft.mechanics.kernels import domain_deformation as kernels
 from taichisoft.mechanics.kernels import hooke_domains, rubber_domains
 from taichisoft.mechanics.kernels.domain_deformation import HOOKE, LAMBDA, MU
 from taichisoft.mechanics.kernels.hooke_domains import BlockParts, HookeEntries
+from taichisoft.mechanics.kernels.reinforcement_forces import ReinforcementParts
 from taichisoft.runtime.arithmetic import COUNTERS
 from taichisoft.runtime.language import THREADS
 
 if TYPE_CHECKING:
     from taichisoft.mechanics.soft_body_arrays import SoftBody
+
+
+Bundle = TypeVar("Bundle", kernels.Domains, ReinforcementParts)
 
 
 class DomainElasticity:
@@ -57,12 +61,7 @@ class DomainElasticity:
         return self.domains.node[row], self.domains.node[column]
 
     def find_blocks(self, block_pairs: np.ndarray, rest_position: np.ndarray) -> None:
-        """Find which domains add to which block.
-
-        Args:
-            block_pairs: the two nodes (row, column) of each block of the system matrix, shape (block_count, 2).
-            rest_position: of all nodes [mm], shape (node_count, 3).
-        """
+        """Find which domains add to which block; nodes at rest are at positions [mm], shape (node_count, 3)."""
         hooke = self.data.law == HOOKE
         if hooke.any():
             some = self.domains.select(np.flatnonzero(hooke))
@@ -124,25 +123,21 @@ class DomainSystem:
         force: np.ndarray,
         blocks: np.ndarray,
     ):
-        """Allocate the work space.
-
-        Args:
-            elasticity: the model's domains.
-            position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
-            force: `add` adds the nodal forces to it [mN], shape (node_count, 3).
-            blocks: `add` adds the stiffness to them, shape (block_count, 3, 3).
-        """
+        """Allocate the work space for nodes that the caller moves; `add` adds to their forces and to the blocks."""
         self._hooke, self._rubber = elasticity.hooke, elasticity.rubber
         self._movement = kernels.Movement(position, velocity)
         self._total = kernels.DomainSums(force, blocks, np.zeros(COUNTERS, dtype=np.int32))
+        # Of Hooke's and other laws: the arrays with present moduli, and the same without damping.
+        self._data = {
+            model: model.data._replace(modulus=model.data.modulus.copy())
+            for model in (self._hooke, self._rubber)
+            if model is not None
+        }
+        self._undamped = {model: undamped_data(data) for model, data in self._data.items()}
         if self._hooke is not None:
-            self._hooke_data = _own_moduli(self._hooke.data)
-            self._undamped_hooke = undamped_data(self._hooke_data)
             entry_count = len(self._hooke.data.node)
             self._entries = HookeEntries(np.zeros((entry_count, 3)), aligned(entry_count, 4))
         if self._rubber is not None:
-            self._rubber_data = _own_moduli(self._rubber.data)
-            self._undamped_rubber = undamped_data(self._rubber_data)
             slot_count, most_entries = (
                 int(self._rubber.groups.first_slot[-1]),
                 int(np.diff(self._rubber.data.start).max()),
@@ -157,25 +152,21 @@ class DomainSystem:
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
         """Multiply the stiffness of each element in the model by `factor`, shape (element_count,)."""
-        if self._hooke is not None:
-            np.multiply(self._hooke.data.modulus, factor[self._hooke.element, None], out=self._hooke_data.modulus)
-        if self._rubber is not None:
-            np.multiply(self._rubber.data.modulus, factor[self._rubber.element, None], out=self._rubber_data.modulus)
+        for model, data in self._data.items():
+            np.multiply(model.data.modulus, factor[model.element, None], out=data.modulus)
 
     def add(self, damped: bool) -> None:
         """Add forces and stiffness as `ElasticSystem.assemble` does."""
+        data = self._data if damped else self._undamped
         if self._hooke is not None:
             self._total.progress[:] = 0
-            data = self._hooke_data if damped else self._undamped_hooke
-            hooke_domains.add_hooke_domains(
-                data, self._movement, self._hooke.block, self._entries, self._hooke.parts, self._total, THREADS
-            )
+            own, parts = data[self._hooke], self._hooke.parts
+            block, workers = self._hooke.block, THREADS
+            hooke_domains.add_hooke_domains(own, self._movement, block, self._entries, parts, self._total, workers)
         if self._rubber is not None:
             self._total.progress[:] = 0
-            data = self._rubber_data if damped else self._undamped_rubber
-            rubber_domains.add_rubber_domains(
-                data, self._movement, self._rubber.groups, self._sums, self._rubber.copies, self._total
-            )
+            own, groups, copies = data[self._rubber], self._rubber.groups, self._rubber.copies
+            rubber_domains.add_rubber_domains(own, self._movement, groups, self._sums, copies, self._total)
 
 
 def aligned(count: int, width: int) -> np.ndarray:
@@ -205,11 +196,7 @@ def domain_data(
     )
 
 
-def _own_moduli(data: kernels.Domains) -> kernels.Domains:
-    return data._replace(modulus=data.modulus.copy())
-
-
-def undamped_data(data: kernels.Domains) -> kernels.Domains:
-    """The same domains without damping; they share the array of moduli."""
+def undamped_data(data: Bundle) -> Bundle:
+    """The same domains or membranes without damping; they share all other arrays."""
     lag, factor = data.undamped * data.lag, data.undamped * data.factor
     return data._replace(lag=lag, factor=factor, undamped=np.ones_like(lag))

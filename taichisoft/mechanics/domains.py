@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.mechanics.elastic_laws import find_blocks, node_of_block
+from taichisoft.mechanics.elastic_laws import find_blocks, joined_arrays, node_of_block
 from taichisoft.mechanics.kernels.rubber_domains import BlockCopies, DomainGroups
 
 
@@ -32,15 +32,7 @@ class IntegrationDomains:
     @classmethod
     def joined(cls, parts: Sequence["IntegrationDomains"]) -> "IntegrationDomains":
         """Several sets of domains one after the other; they share the numbering of nodes and elements."""
-        first_entry = np.cumsum([0, *(len(part.node) for part in parts)])
-        starts = [part.start[:-1] + first for part, first in zip(parts, first_entry[:-1], strict=True)]
-        return cls(
-            start=np.concatenate([*starts, first_entry[-1:]]).astype(np.int32),
-            node=np.concatenate([part.node for part in parts]),
-            gradient=np.concatenate([part.gradient for part in parts]),
-            volume=np.concatenate([part.volume for part in parts]),
-            element=np.concatenate([part.element for part in parts]),
-        )
+        return cls(**joined_arrays(parts))
 
     def select(self, numbers: np.ndarray) -> "IntegrationDomains":
         """The domains with these numbers, in this order."""
@@ -76,13 +68,7 @@ class IntegrationDomains:
 
 
 def quadrature_domains(elements: np.ndarray, gradient: np.ndarray, volume: np.ndarray) -> IntegrationDomains:
-    """The quadrature points of elements.
-
-    Args:
-        elements: node indices, shape (element_count, nodes_per_element).
-        gradient: of the shape functions at rest [1/mm], shape (element_count, point_count, nodes_per_element, 3).
-        volume: that each quadrature point stands for [mm^3], shape (element_count, point_count).
-    """
+    """The quadrature points of elements, with gradients and volumes as those of `element_kinds.py`."""
     element_count, point_count, nodes_per_element, _ = gradient.shape
     return IntegrationDomains(
         start=np.arange(element_count * point_count + 1, dtype=np.int32) * np.int32(nodes_per_element),

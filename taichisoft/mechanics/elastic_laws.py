@@ -1,7 +1,8 @@
 """The laws of elasticity of a body's elements, as the kernels read them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -65,6 +66,19 @@ def find_parts(
     )
 
 
+def joined_arrays(parts: Sequence[Any]) -> dict[str, np.ndarray]:
+    """The arrays by name of several data classes or bundles of one kind, one after the other.
+
+    Those called `start`, which say where the entries of each thing begin, count on.
+    """
+    tables = [part._asdict() if hasattr(part, "_asdict") else vars(part) for part in parts]
+    joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    if "start" in joined:
+        sizes = np.concatenate([np.diff(table["start"]) for table in tables])
+        joined["start"] = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
+    return joined
+
+
 @dataclass(frozen=True)
 class ElasticLaws:
     """Laws of some elements or materials.
@@ -84,12 +98,7 @@ class ElasticLaws:
     @classmethod
     def joined(cls, parts: "list[ElasticLaws]") -> "ElasticLaws":
         """Several, one after the other."""
-        return cls(
-            kind=np.concatenate([part.kind for part in parts]),
-            modulus=np.vstack([part.modulus for part in parts]),
-            pure_number=np.vstack([part.pure_number for part in parts]),
-            lame=np.vstack([part.lame for part in parts]),
-        )
+        return cls(**joined_arrays(parts))
 
     def select(self, indices: np.ndarray) -> "ElasticLaws":
         """Laws at these indices."""
@@ -99,14 +108,7 @@ class ElasticLaws:
 def elastic_law(
     law: Law, young_modulus: float | None, coefficients: Mapping[str, float] | None, poisson_ratio: float
 ) -> ElasticLaws:
-    """The law of one material, as arrays of length 1.
-
-    Args:
-        law: its name.
-        young_modulus: at rest [kPa]; None where there are coefficients.
-        coefficients: of the law, by name.
-        poisson_ratio: at rest; lambda follows from it as in Hooke's law.
-    """
+    """The law of one material, as arrays of length 1; lambda follows from Poisson's ratio as in Hooke's law."""
     if young_modulus is None:
         young_modulus = 2.0 * (1.0 + poisson_ratio) * initial_shear_modulus(law, coefficients or {})
     lame = lame_parameters(np.array([young_modulus]), np.array([poisson_ratio]))

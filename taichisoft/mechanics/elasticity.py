@@ -7,7 +7,7 @@ import scipy.sparse as sparse
 
 from taichisoft.base.rotations import edge_frames
 from taichisoft.mechanics.cholesky import Cholesky, SymbolicFactor
-from taichisoft.mechanics.domain_elasticity import DomainElasticity, DomainSystem, aligned
+from taichisoft.mechanics.domain_elasticity import DomainElasticity, DomainSystem, aligned, undamped_data
 from taichisoft.mechanics.elastic_laws import find_blocks, find_parts, node_of_block
 from taichisoft.mechanics.element_kinds import linear_tetrahedra
 from taichisoft.mechanics.kernels import hooke_domains, reinforcement_forces
@@ -41,12 +41,9 @@ class ReinforcementElasticity:
         found = [one.moved(body.nodes.start) for one, body in zip(own, bodies, strict=True) if one is not None]
         joined = Reinforcements.joined(found)
         lag, factor = np.repeat(lag, counts), np.repeat(factor, counts)
-        undamped = step / np.maximum(lag, step)
-        arrays = (joined.start, joined.node, joined.gradient, joined.measure, joined.stiffness, joined.slackening)
-        self.parts = reinforcement_forces.ReinforcementParts(*arrays, lag, factor, undamped)
-        self.undamped_parts = reinforcement_forces.ReinforcementParts(
-            *arrays, undamped * lag, undamped * factor, np.ones(len(lag))
-        )
+        rates = {"lag": lag, "factor": factor, "undamped": step / np.maximum(lag, step)}
+        self.parts = reinforcement_forces.ReinforcementParts(**vars(joined), **rates)
+        self.undamped_parts = undamped_data(self.parts)
 
     def _pairs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Part, and entries of every ordered pair of its nodes."""
@@ -249,32 +246,27 @@ class ElasticSystem:
     Attributes:
         position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
         force: elastic force less the lagged stiffness term, f - (s + b) K v [mN], shape (node_count, 3).
-        rotation: of each linear element, shape (linear_count, 3, 3).
         solver: the direct solver, whose blocks are A.
         reduced: the bodies that move by modes; None without any.
         modes: what kernels read of them; without entries where there are none.
     """
 
     def __init__(self, elasticity: Elasticity):
-        """Allocate the work space."""
         self._elasticity = elasticity
         data, node_count = elasticity.element_data, len(elasticity.rest_position)
         self._elements = data._replace(force_modulus=data.force_modulus.copy(), root=data.root.copy())
         self._undamped_elements = self._elements._replace(lag=elasticity.undamped * data.lag, root=data.root.copy())
         self.solver = Cholesky(elasticity.symbolic)
         self.position, self.velocity, self.force = (np.zeros((node_count, 3)) for _ in range(3))
-        self.rotation = np.empty((len(elasticity.linear), 3, 3))
-        self._deformation = hooke_domains.Deformation(self.position, self.velocity, self.rotation)
+        self._rotation = np.empty((len(elasticity.linear), 3, 3))  # unread, but the compiler's last bits depend on it
         entry_count = elasticity.linear_elements.size
         self._entries = HookeEntries(np.zeros((entry_count, 3)), aligned(entry_count, 4))
-        self._matrix = hooke_domains.SystemMatrix(
-            self.force, self.solver.blocks, elasticity.diagonal, np.zeros(COUNTERS, dtype=np.int32)
-        )
+        self._sums = DomainSums(self.force, self.solver.blocks, np.zeros(COUNTERS, dtype=np.int32))
         self._domains: DomainSystem | None = None
         if elasticity.domains is not None:
             moving = (self.position, self.velocity, self.force)
             self._domains = DomainSystem(elasticity.domains, *moving, self.solver.blocks)
-        movement = Movement(self.position, self.velocity)
+        self._movement = movement = Movement(self.position, self.velocity)
         self._reinforcements: ReinforcementSystem | None = None
         if elasticity.reinforcements is not None:
             sums = (self.force, self.solver.blocks)
@@ -286,10 +278,10 @@ class ElasticSystem:
         self.modes = no_modes(node_count) if self.reduced is None else self.reduced.modes
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
-        """Multiply the stiffness of each element in the model by a factor; Poisson's ratios are unchanged.
+        """Multiply the stiffness of each element in the model by a factor, shape (element_count,), with Poisson's
+        ratios kept.
 
-        Args:
-            factor: of each element [-], shape (element_count,); 1 everywhere restores the model bit for bit.
+        Ones restore the model bit for bit.
         """
         if self._domains is not None:
             self._domains.scale_stiffness(factor)
@@ -306,11 +298,18 @@ class ElasticSystem:
     def assemble(self, damped: bool = True) -> None:
         """Fill `force`, and the solver's blocks with A, its rotations frozen at `position`, under laws of rubber turned
         on with `velocity`; without damping by stiffness, f - h K v and b = 0 in A."""
-        self._matrix.progress[:] = 0
-        elements = self._elements if damped else self._undamped_elements
+        self._sums.progress[:] = 0
+        elements, parts = self._elements if damped else self._undamped_elements, self._elasticity.block_parts
         if self._has_full_bodies:
             hooke_domains.assemble(
-                elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix, THREADS
+                elements,
+                self._movement,
+                self._rotation,
+                self._entries,
+                parts,
+                self._elasticity.diagonal,
+                self._sums,
+                THREADS,
             )
         if self._domains is not None:
             self._domains.add(damped)

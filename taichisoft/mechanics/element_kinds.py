@@ -28,16 +28,8 @@ POINTS = SIGNS / np.sqrt(3.0)
 
 
 def hexahedral_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarray) -> IntegrationDomains:
-    """Domains of trilinear hexahedra: eight for the energy of shape, and one for that of volume, whose mean gradient
-    keeps volume without locking (mean dilatation, B-bar).
-
-    Args:
-        nodes: at rest [mm], shape (node_count, 3).
-        elements: node indices of tetrahedra, six for each hexahedron, shape (element_count, 4).
-        material: number of the material of each element, shape (element_count,).
-
-    Raises:
-        MeshError: a hexahedron is turned over at a Gauss point.
+    """Domains of trilinear hexahedra, six tetrahedra each: eight for the energy of shape, and one for that of volume,
+    whose mean gradient keeps volume without locking (mean dilatation, B-bar).
     """
     hexahedra = _hexahedra(elements)
     slopes = np.array([_slopes(point) for point in POINTS])  # [point, corner, direction]
@@ -120,20 +112,14 @@ def linear_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarr
 
 
 def quadratic_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients and volumes of ten-node tetrahedra, whose sides may be curved, at four quadrature points.
+    """Gradients and volumes of ten-node tetrahedra, whose sides may be curved, as of `linear_tetrahedra`, at four
+    points.
 
     Over curved elements the gradients times the determinant of the Jacobian are cubic functions, which four points do
     not integrate exactly, so that a constant stress would push nodes inside a body. The volumes are scaled to that of
     the element, and the gradients shifted by what their mean misses (the integration constraint of Chen, Wu, Yoon and
-    You 2001): then they give rigid motions and constant strains exactly, too, and a constant stress is at rest.
-
-    Args:
-        nodes: rest positions [mm], shape (node_count, 3).
-        elements: node indices, the four corners first and then the middles of `SIDES`, shape (element_count, 10).
-
-    Returns:
-        gradients [1/mm] of the shape functions, shape (element_count, 4, 10, 3), and the volume [mm^3] that each
-        quadrature point stands for, shape (element_count, 4); negative where an element is inside out.
+    You 2001): then they give rigid motions and constant strains exactly, too, and a constant stress is at rest. A
+    volume is negative where an element is inside out.
     """
     gradients, determinants = _gradients(nodes, elements, QUADRATURE_POINTS)
     exact_gradients, exact_determinants = _gradients(nodes, elements, CUBIC_POINTS)
@@ -179,10 +165,6 @@ def smoothed_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarr
 def domains_of_elements(elements: np.ndarray, node_count: int, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The domains of `smoothed_domains` that each element is a part of.
 
-    Args:
-        elements, material: as in `smoothed_domains`.
-        node_count: number of the nodes.
-
     Returns:
         Numbers of the domains around its edges, shape (element_count, 6), and around its nodes, (element_count, 4).
     """
@@ -207,12 +189,9 @@ def _numbered(owners: np.ndarray, material: np.ndarray) -> tuple[np.ndarray, np.
 def _smoothed(
     nodes: np.ndarray, elements: np.ndarray, material: np.ndarray, owners: np.ndarray, counts_for: np.ndarray
 ) -> IntegrationDomains:
-    """Domains of the elements that share an owner, each giving equal parts to all of its own.
+    """Domains of the elements that share an owner, each giving equal parts to all of its own, (element_count, owners).
 
-    Args:
-        nodes, elements, material: as in `smoothed_domains`.
-        owners: numbers of the owners of each element, shape (element_count, owners_per_element).
-        counts_for: shares of a domain's volume for the energies of shape and of volume, shape (2,).
+    Their volumes count in two shares for the energies of shape and of volume.
     """
     gradient, volume = linear_tetrahedra(nodes, elements)
     owners_per_element = owners.shape[1]
@@ -255,19 +234,6 @@ class ElementKind:
     stress_domains: Callable[[np.ndarray, int, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def _linear_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarray) -> IntegrationDomains:
-    return quadrature_domains(elements, *linear_tetrahedra(nodes, elements))
-
-
-def _linear_stress(elements: np.ndarray, node_count: int, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    own = np.arange(len(elements))[:, None]
-    return own, own
-
-
-def _quadratic_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarray) -> IntegrationDomains:
-    return quadrature_domains(elements, *quadratic_tetrahedra(nodes, elements))
-
-
 def _quadratic_stress(elements: np.ndarray, node_count: int, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of the eight parts of an element each of the first four is at a corner; the others share its middle."""
     point_count = len(QUADRATURE_POINTS)
@@ -280,8 +246,16 @@ def _quadratic_stress(elements: np.ndarray, node_count: int, material: np.ndarra
 # The mass of a quadratic element is spread as the diagonal of the consistent mass matrix (Hinton, Rock and Zienkiewicz
 # 1976), since the integrals of the functions of its corners are negative.
 ELEMENT_KINDS = {
-    "linear": ElementKind(np.full(4, 1 / 4), _linear_domains, _linear_stress),
+    "linear": ElementKind(
+        np.full(4, 1 / 4),
+        lambda nodes, elements, _: quadrature_domains(elements, *linear_tetrahedra(nodes, elements)),
+        lambda elements, _node_count, _material: (np.arange(len(elements))[:, None],) * 2,
+    ),
     "smoothed": ElementKind(np.full(4, 1 / 4), smoothed_domains, domains_of_elements),
     "hexahedral": ElementKind(np.full(4, 1 / 4), hexahedral_domains, domains_of_hexahedra),
-    "quadratic": ElementKind(np.repeat([1 / 36, 4 / 27], [4, 6]), _quadratic_domains, _quadratic_stress),
+    "quadratic": ElementKind(
+        np.repeat([1 / 36, 4 / 27], [4, 6]),
+        lambda nodes, elements, _: quadrature_domains(elements, *quadratic_tetrahedra(nodes, elements)),
+        _quadratic_stress,
+    ),
 }

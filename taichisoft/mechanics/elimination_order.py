@@ -51,7 +51,6 @@ def nested_dissection(adjacency: sparse.csr_matrix) -> np.ndarray:
 
 
 def _dissect(graph: sparse.csr_matrix, nodes: np.ndarray) -> list[np.ndarray]:
-    """The order of a part of the graph, in pieces."""
     part = graph[nodes][:, nodes].tocsr()
     count, component = csgraph.connected_components(part, directed=False)
     if count > 1:
@@ -128,7 +127,6 @@ def _cuts(part: sparse.csr_matrix, key: np.ndarray) -> list[Cut]:
 
 
 def _reached(network: sparse.csr_matrix, start: int) -> np.ndarray:
-    """Points of a network that can be reached from `start`."""
     reached = np.zeros(network.shape[0], dtype=bool)
     reached[csgraph.breadth_first_order(network, start, return_predecessors=False)] = True
     return reached
@@ -254,11 +252,8 @@ class Supernodes:
 
 
 def group_columns(adjacency: sparse.csr_matrix, order: np.ndarray) -> Supernodes:
-    """Supernodes of a symmetric pattern (diagonal included) whose nodes are eliminated in an order, or one as good.
-
-    Args:
-        adjacency: which nodes share an element, shape (node_count, node_count).
-        order: node eliminated at each position, shape (node_count,); every subtree is made consecutive.
+    """Supernodes of a symmetric pattern (diagonal included) whose nodes are eliminated in an order, or one as good, in
+    which every subtree is consecutive.
     """
     parent, _ = _column_structure(adjacency, order)
     order = order[_postorder(parent)]
@@ -382,11 +377,11 @@ def predicted_work(grouped: Supernodes) -> float:
     width = 3 * np.diff(grouped.first_column).astype(np.int64)
     height = 3 * np.diff(grouped.row_start).astype(np.int64)
     work = height**3 - (height - width) ** 3
-    way = width**3
+    path = width**3
     for s in range(grouped.count - 1, -1, -1):
         if grouped.parent[s] >= 0:
-            way[s] += way[grouped.parent[s]]
-    return float(work.sum() + (ASSUMED_THREADS - 1) * way.max()) / (6 * ASSUMED_THREADS)
+            path[s] += path[grouped.parent[s]]
+    return float(work.sum() + (ASSUMED_THREADS - 1) * path.max()) / (6 * ASSUMED_THREADS)
 
 
 def _best(graph: sparse.csr_matrix) -> Supernodes:

@@ -6,12 +6,12 @@ import numpy as np
 
 from taichisoft.mechanics.actuator_kind import (
     UNLIMITED,
+    ActuatorBuffers,
     ActuatorKind,
     ActuatorNames,
     ActuatorShapes,
     CoordinateLaw,
     Drive,
-    Room,
 )
 from taichisoft.mechanics.body_geometry import Poses
 from taichisoft.mechanics.cables import CABLES
@@ -45,17 +45,10 @@ class Actuators(ActuatorNames):
         coordinates: what the coordinates depend on.
         first_coordinate: number of each actuator's first coordinate, which is its own, and one past the last of all,
             shape (actuator_count + 1,).
-        rest_value: values at the start [mm^3] or [mm], shape (actuator_count,).
-        rest_effort: efforts at the start [kPa] or [mN], shape (actuator_count,).
-        sign: 1 where the coordinate grows with the value, else -1, shape (actuator_count,).
-        coordinate_range: smallest and largest coordinate [mm^3] or [mm], shape (actuator_count, 2).
-        effort_range: smallest and largest pressure [kPa] or tension [mN], shape (actuator_count, 2).
-        effort_at_stop: smallest effort where a stop holds the coordinate, shape (actuator_count,).
-        compliance: by how much the coordinates of each actuator give way to its efforts.
+        rest_value, rest_effort, sign, coordinate_range, effort_range, effort_at_stop, compliance, has_law: as of
+            `ActuatorSet`, for all kinds; volumes [mm^3] and pressures [kPa], lengths [mm] and tensions [mN].
         always_has_rows: whether an actuator takes part in the constraint problem even where its effort is imposed,
             since it has stops, rubs, acts on a rigid body, or follows a law, shape (actuator_count,).
-        takes_effort: whether the effort can be asked for, shape (actuator_count,).
-        has_law: whether effort and coordinate follow a law, see `ActuatorSet.laws`, shape (actuator_count,).
     """
 
     def __init__(
@@ -120,14 +113,7 @@ class Actuators(ActuatorNames):
         return {name: values for one in self.sets.values() for name, values in one.start().items()}
 
     def after(self, start: State, effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
-        """Fields of the state after a step [s] that belong to a kind of actuators alone.
-
-        Args:
-            start: state at the start of the step.
-            effort: pressures [kPa] and tensions [mN] in the step, shape (actuator_count,).
-            value: volumes [mm^3] and lengths [mm] after it, shape (actuator_count,).
-            time_step: time step [s].
-        """
+        """Fields of the state after a step [s] that belong to a kind of actuators alone, see `ActuatorSet.after`."""
         fields: dict[str, np.ndarray] = {}
         for kind in ACTUATOR_KINDS:
             fields |= self.sets[kind.name].after(start, self.of(kind, effort), self.of(kind, value), time_step)
@@ -140,10 +126,8 @@ class Actuators(ActuatorNames):
         return losses[..., start[place.start] : start[place.stop]]
 
     def split(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Efforts of actuators, (actuator_count,), and those lost at further coordinates, (loss_count,).
-
-        Args:
-            effort: of all coordinates, shape (coordinate_count,).
+        """Efforts of all coordinates as those of actuators, (actuator_count,), and those lost further on,
+        (loss_count,).
         """
         own = self.first_coordinate[:-1]
         return effort[own], effort[self._further]
@@ -178,7 +162,6 @@ class ActuatorGeometry:
     """
 
     def __init__(self, actuators: Actuators, node_count: int):
-        """Make room."""
         self._coordinates = coordinates = actuators.coordinates
         starts = coordinates.entry_start, coordinates.rigid_start
         self._of_soft, self._of_rigid = (np.repeat(np.arange(actuators.count), np.diff(start)) for start in starts)
@@ -192,7 +175,7 @@ class ActuatorGeometry:
         for one in actuators.sets.values():
             last_actuator, last = actuator + len(one.names), first + int(one.coordinate_start[-1])
             if one.names:
-                room = Room(
+                buffers = ActuatorBuffers(
                     first=first,
                     coordinates=coordinates,
                     gradient=self.gradient,
@@ -201,7 +184,7 @@ class ActuatorGeometry:
                     value=self.value[actuator:last_actuator],
                     node_count=node_count,
                 )
-                self._shapes.append(one.shapes(room))
+                self._shapes.append(one.shapes(buffers))
             actuator, first = last_actuator, last
 
     def update(self, poses: Poses, pull_point: np.ndarray) -> None:
@@ -219,12 +202,7 @@ class ActuatorGeometry:
         return np.where(squares > 0.0, np.sqrt(squares), 1.0)
 
     def rates(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
-        """How fast the coordinates grow with these velocities, by the gradients last measured.
-
-        Args:
-            node_velocity: [mm/s], shape (node_count, 3).
-            rigid_velocity: linear [mm/s] and angular [rad/s], shape (rigid_count, 6).
-        """
+        """How fast the coordinates grow with velocities of nodes and rigid bodies, by the gradients last measured."""
         coordinates, gradient = self._coordinates, self.gradient
         of_soft = (gradient.soft * node_velocity[coordinates.entry_node]).sum(axis=1)
         of_rigid = (gradient.rigid * rigid_velocity[coordinates.rigid_body]).sum(axis=1)

@@ -73,11 +73,7 @@ class Modes:
 
 
 def read_modes(path: Path, key: str) -> Modes:
-    """Read a file of modes; `key` is the key of the scene that names it.
-
-    Raises:
-        SceneError: it cannot be read, or what it has does not fit together.
-    """
+    """Read a file of modes; `key` is the key of the scene that names it."""
     where = f"{key}: {path}"
     try:
         found = read_arrays(path)
@@ -86,23 +82,24 @@ def read_modes(path: Path, key: str) -> Modes:
     missing = [name for name in ("rest_position", "modes") if name not in found]
     if missing:
         raise SceneError(f"{where}: has no array '{missing[0]}'; {REMEDY}")
-    modes = Modes(
-        rest_position=_numbers(found, "rest_position", (-1, 3), where),
-        modes=_numbers(found, "modes", (len(found["rest_position"]), 3, -1), where),
-        domain=_numbers(found, "domain", (-1,), where).astype(np.int64) if "domain" in found else None,
-        weight=_numbers(found, "weight", (len(found.get("domain", ())),), where) if "weight" in found else None,
-        amplitude_range=_numbers(found, "amplitude_range", (found["modes"].shape[-1], 2), where)
-        if "amplitude_range" in found
-        else None,
-        fingerprint=str(found.get("fingerprint", "")),
-        tolerance=_number(found, "tolerance", where),
-        error=_number(found, "error", where),
-        imbalance=_number(found, "imbalance", where),
-        error_per_imbalance=_number(found, "error_per_imbalance", where),
-        pressed=_numbers(found, "pressed", (len(found["rest_position"]),), where) > 0.0 if "pressed" in found else None,
-        drives=str(found.get("drives", "{}")),
-        report=str(found.get("report", "{}")),
-    )
+    place = _numbers(found, "rest_position", (-1, 3), where)
+    basis = _numbers(found, "modes", (len(place), 3, -1), where)
+    shapes = {
+        "domain": (-1,),
+        "weight": np.shape(found.get("domain", ())),
+        "amplitude_range": (basis.shape[2], 2),
+        "pressed": (len(place),),
+    } | dict.fromkeys(("tolerance", "error", "imbalance", "error_per_imbalance"), ())
+    given: dict[str, Any] = {n: _numbers(found, n, shape, where) for n, shape in shapes.items() if n in found}
+    for name, value in given.items():
+        if not shapes[name]:
+            given[name] = value.item()
+    if "domain" in given:
+        given["domain"] = given["domain"].astype(np.int64)
+    if "pressed" in given:
+        given["pressed"] = given["pressed"] > 0.0
+    given |= {name: str(found[name]) for name in ("fingerprint", "drives", "report") if name in found}
+    modes = Modes(place, basis, **given)
     if not 0 < modes.mode_count <= 3 * len(modes.rest_position):
         raise SceneError(f"{where}: has {modes.mode_count} modes; must be 1 to {3 * len(modes.rest_position)}")
     if modes.weight is not None and not (modes.weight > 0.0).all():
@@ -119,10 +116,6 @@ def read_modes(path: Path, key: str) -> Modes:
     return modes
 
 
-def _number(found: dict[str, np.ndarray], name: str, where: str) -> float | None:
-    return _numbers(found, name, (), where).item() if name in found else None
-
-
 def _numbers(found: dict[str, np.ndarray], name: str, shape: tuple[int, ...], where: str) -> np.ndarray:
     """An array of finite numbers of a shape, in which -1 is any number."""
     array = found[name]
@@ -137,18 +130,7 @@ def _numbers(found: dict[str, np.ndarray], name: str, shape: tuple[int, ...], wh
 
 
 def check_modes(modes: Modes, path: str, key: str, body: Any, domain_count: int) -> None:
-    """Refuse modes of another body.
-
-    Args:
-        modes: what the file has.
-        path: of the file.
-        key: of the scene that names it.
-        body: the `SoftBody`.
-        domain_count: number of its integration domains.
-
-    Raises:
-        SceneError: another mesh, other materials or masses, or a body that modes cannot move.
-    """
+    """Refuse modes of another mesh, of other materials or masses, or of a body that modes cannot move."""
     where, nodes = f"{key}: {path}", body.mesh.nodes
     if len(modes.rest_position) != len(nodes):
         raise SceneError(

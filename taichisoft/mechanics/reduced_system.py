@@ -7,6 +7,7 @@ import numpy as np
 from taichisoft.base.rotations import rotation_from_degrees
 from taichisoft.mechanics.domain_elasticity import aligned, domain_data, undamped_data
 from taichisoft.mechanics.domains import IntegrationDomains
+from taichisoft.mechanics.elastic_laws import joined_arrays
 from taichisoft.mechanics.kernels import mode_motion, reduced_domains
 from taichisoft.mechanics.kernels.domain_deformation import HOOKE, MU, SHAPE, Domains, Movement
 from taichisoft.mechanics.soft_body_arrays import SoftBody
@@ -131,14 +132,7 @@ class ReducedElasticity:
             parts.append(data._replace(node=data.node + body.nodes.start, volume=data.volume * weight[:, None]))
             slope_start.append(first_slope + 9 * tiles * np.arange(len(weight)))
             element.append(domains.element + first_element[number])
-        entry = np.cumsum([0, *(len(part.node) for part in parts)])
-        starts = [part.start[:-1] + first for part, first in zip(parts, entry[:-1], strict=True)]
-        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in Domains._fields}
-        joined["start"] = np.concatenate([*starts, entry[-1:]])
-        joined = {name: np.ascontiguousarray(array) for name, array in joined.items()}
-        for name in ("start", "node", "law"):
-            joined[name] = joined[name].astype(np.int32)
-        self.data, self.element = Domains(**joined), np.concatenate(element)
+        self.data, self.element = Domains(**joined_arrays(parts)), np.concatenate(element)
         self.domains = reduced_domains.ReducedDomains(
             body_start=np.cumsum([0, *(len(part.law) for part in parts)]).astype(np.int32),
             slope_start=np.concatenate(slope_start).astype(np.int32),
@@ -146,15 +140,7 @@ class ReducedElasticity:
         )
 
     def slope_products(self, number: int, data: Domains) -> np.ndarray:
-        """The sum of 2 w mu B_k : B_l, times the factor of K in A, over a body's domains under Hooke's law.
-
-        Args:
-            number: of the body.
-            data: the domains with their present moduli.
-
-        Returns:
-            shape (width, width).
-        """
+        """The sum of 2 w mu B_k : B_l, times the factor of K in A, over a body's domains under Hooke's law."""
         some, tiles = slice(*self.domains.body_start[number : number + 2]), int(self.modes.tiles[number])
         first = int(self.domains.slope_start[some.start])
         count = some.stop - some.start
@@ -202,14 +188,8 @@ def chosen_domains(body: "SoftBody") -> tuple[IntegrationDomains, np.ndarray]:
 
 
 def mode_slopes(domains: IntegrationDomains, modes: np.ndarray) -> np.ndarray:
-    """B of each domain: its deformation gradient by an amplitude of 1 of each mode.
-
-    Args:
-        domains: the domains.
-        modes: shape (node_count, 3, mode_count).
-
-    Returns:
-        shape (domain_count, 9, mode_count), entry 00 first, then 01.
+    """B of each domain: its deformation gradient by an amplitude of 1 of each mode, shape (domain_count, 9,
+    mode_count), entry 00 first, then 01.
     """
     slopes = np.empty((len(domains.element), 9, modes.shape[2]))
     for d, (a, b) in enumerate(zip(domains.start[:-1].tolist(), domains.start[1:].tolist(), strict=True)):
@@ -264,13 +244,7 @@ class ReducedSystem:
     """
 
     def __init__(self, elasticity: ReducedElasticity, movement: Movement, blocks: np.ndarray):
-        """Allocate the work space.
-
-        Args:
-            elasticity: the model's reduced bodies.
-            movement: positions and velocities of all nodes, which `begin` changes.
-            blocks: of the system matrix, which `assemble` fills, shape (block_count, 3, 3).
-        """
+        """Allocate the work space; `begin` changes the movement of the nodes, `assemble` fills the blocks."""
         self._elasticity, self._movement = elasticity, movement
         own = elasticity.modes
         self.modes = own._replace(axes=own.axes.copy(), origin=own.origin.copy())
@@ -334,15 +308,8 @@ class ReducedSystem:
     ) -> None:
         """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
 
-        The frames are where they will be at the end of the step, so that velocities have their motion; in overdamped
-        dynamics they have nothing else.
-
-        Args:
-            turn: rotation of the frame that each reduced body follows, shape (body_count, 3, 3).
-            shift: its shift [mm], shape (body_count, 3): it has moved what was at x at rest to turn @ x + shift.
-            gravity: acceleration of gravity [mm/s^2], shape (3,).
-            time_step: time step h [s].
-            has_inertia: whether bodies have inertia.
+        The frames that they follow are where they will be at the end of the step, so that velocities have their
+        motion; in overdamped dynamics they have nothing else.
         """
         self._follow(turn, shift)
         self._amplitudes.gravity[0] = gravity
@@ -351,7 +318,6 @@ class ReducedSystem:
         mode_motion.find_reference(time_step, float(has_inertia), self.modes, self._blocks, *moving, 1)
 
     def _follow(self, turn: np.ndarray, shift: np.ndarray) -> None:
-        """Let the bodies' own axes follow the frames."""
         pose = turn.tobytes(), shift.tobytes()
         if pose == self._frames:
             return
@@ -407,9 +373,7 @@ class ReducedSystem:
     def right_hand_side(self, node_impulse: np.ndarray, time_step: float) -> np.ndarray:
         """Impulses on the unknowns in a step, shape (node_count, 3): on the nodes of full bodies as they are.
 
-        Args:
-            node_impulse: on the nodes [mN s], without weight and drag of reduced bodies, shape (node_count, 3).
-            time_step: time step h [s].
+        Those on the nodes [mN s] are without weight and drag of reduced bodies.
         """
         self._impulse[:] = self._unknown[:] = node_impulse
         force = self._stiffness.force

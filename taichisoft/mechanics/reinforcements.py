@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from taichisoft.errors import SceneError
+from taichisoft.mechanics.elastic_laws import joined_arrays
 from taichisoft.mechanics.kernels.reinforcement_forces import SHEET, STIFF, THREAD
 from taichisoft.mechanics.selection import SMALLEST_WEIGHT, embed, surface_group
 from taichisoft.mesh.surface import MappedSurface
@@ -119,15 +120,7 @@ class Reinforcements:
     @classmethod
     def joined(cls, parts: "Sequence[Reinforcements]") -> "Reinforcements":
         """Several, one after the other, which share the numbering of nodes."""
-        sizes = np.concatenate([np.diff(part.start) for part in parts])
-        return cls(
-            start=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32),
-            node=np.concatenate([part.node for part in parts]).astype(np.int32),
-            gradient=np.concatenate([part.gradient for part in parts]),
-            measure=np.concatenate([part.measure for part in parts]),
-            stiffness=np.concatenate([part.stiffness for part in parts]),
-            slackening=np.concatenate([part.slackening for part in parts]),
-        )
+        return cls(**joined_arrays(parts))
 
     def moved(self, first_node: int) -> "Reinforcements":
         """The same with nodes that count from another first one."""
@@ -135,11 +128,7 @@ class Reinforcements:
 
 
 def make_reinforcements(mesh: VolumeMesh, body: SoftBodySettings, key: str) -> Reinforcements | None:
-    """The membranes and fibres of a body; None without any. `key` begins errors.
-
-    Raises:
-        SceneError: a group is not in the mesh, a fibre leaves the body, or the body is one that cannot have any.
-    """
+    """The membranes and fibres of a body; None without any. `key` begins errors."""
     if not body.membranes and not body.fibres:
         return None
     if body.element == "quadratic" or body.reduced is not None:

@@ -243,12 +243,7 @@ BOX_TRIANGLES = np.array(
 
 
 def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
-    """Compute a rigid body from its table in the scene.
-
-    Raises:
-        MeshError: its surface cannot be read, is not closed, or is not smooth although it should be.
-        SceneError: the given inertia is not symmetric positive definite, or one that no body has.
-    """
+    """Compute a rigid body from its table in the scene."""
     if body.follows is not None:
         body = body.model_copy(update={"density": 1e-6})
     shape = round_shape(body)
@@ -293,11 +288,7 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
 
 
 def make_obstacle(name: str, obstacle: settings.ObstacleSettings) -> Obstacle:
-    """Compute an obstacle from its table in the scene; its surface need not be closed, but a closed one faces outward.
-
-    Raises:
-        MeshError: its surface cannot be read, is closed and encloses no volume, or is not smooth although it should be.
-    """
+    """Compute an obstacle from its table in the scene, whose surface need not be closed."""
     if obstacle.plane is not None:
         normal = np.array(obstacle.plane.normal)
         return Obstacle(name, point=np.array(obstacle.plane.point), normal=normal / np.linalg.norm(normal))

@@ -158,11 +158,7 @@ def anchor_stiffness(mesh: VolumeMesh, anchors: Sequence[Anchor], key: str) -> n
 
 
 def nodal_forces(mesh: VolumeMesh, forces: Sequence[NodalForce], key: str) -> np.ndarray:
-    """Sum of the constant forces on each node [mN], shape (node_count, 3).
-
-    Raises:
-        SceneError: a force selects nothing; `key` begins the error.
-    """
+    """Sum of the constant forces on each node [mN], shape (node_count, 3)."""
     total = np.zeros((len(mesh.nodes), 3))
     for index, force in enumerate(forces):
         nodes = select_nodes(mesh, force, f"{key}.{index}")
@@ -171,11 +167,7 @@ def nodal_forces(mesh: VolumeMesh, forces: Sequence[NodalForce], key: str) -> np
 
 
 def select_elements(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndarray:
-    """Indices of the elements whose mean of nodes lies inside the box, or of the element group.
-
-    Raises:
-        SceneError: nothing is selected, or the mesh has no such group.
-    """
+    """Indices of the elements whose mean of nodes lies inside the box, or of the element group."""
     if selection.box is not None:
         means = mesh.nodes[mesh.elements].mean(axis=1)
         selected = np.flatnonzero(_inside(means, selection.box))
@@ -184,11 +176,7 @@ def select_elements(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndar
 
 
 def surface_group(mesh: VolumeMesh, name: str, key: str) -> np.ndarray:
-    """Triangles (count, 3) of a named surface of the mesh.
-
-    Raises:
-        SceneError: the mesh has no such surface group.
-    """
+    """Triangles (count, 3) of a named surface of the mesh."""
     if name not in mesh.surface_groups:
         known = ", ".join(sorted(mesh.surface_groups)) or "none"
         raise SceneError(f"{key}.group = '{name}': {mesh.source} has no such surface group; there are: {known}")
@@ -208,7 +196,6 @@ def _group(mesh: VolumeMesh, name: str, key: str, surfaces: bool) -> np.ndarray:
 
 
 def _box_key(key: str, box: tuple[Vector, Vector]) -> str:
-    """The box as the scene file has it."""
     return f"{key}.box = {[list(corner) for corner in box]}"
 
 

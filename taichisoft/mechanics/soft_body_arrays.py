@@ -179,10 +179,6 @@ def make_soft_body(
 ) -> SoftBody:
     """Compute the arrays of a soft body made of `mesh`; its first node and first material have the numbers given
     in the model.
-
-    Raises:
-        MeshError: a file is not fit to simulate.
-        SceneError: a selection selects nothing.
     """
     key = f"soft_bodies.{name}"
     nodes_per_element = len(ELEMENT_KINDS[body.element].mass_shares)
@@ -331,11 +327,7 @@ def _make_cavity(
 def _follow(
     mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str, body: settings.SoftBodySettings
 ) -> MappedSurface:
-    """A surface of its own, embedded in the elements as the body's settings say.
-
-    Raises:
-        MeshError: it sticks out of the body.
-    """
+    """A surface of its own, embedded in the elements as the body's settings say."""
     lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
     nodes, weights = embed(vertices, mesh.nodes, linear_parts(mesh.elements), body.embedding)

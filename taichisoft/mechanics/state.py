@@ -131,7 +131,6 @@ class State:
         return self.changed(**arrays)
 
     def __eq__(self, other: object) -> bool:
-        """Whether two states are equal bit for bit."""
         return isinstance(other, State) and all(
             np.shape(value) == np.shape(getattr(other, name))
             and np.asarray(value).tobytes() == np.asarray(getattr(other, name)).tobytes()

@@ -25,12 +25,7 @@ class Stretches:
     """
 
     def __init__(self, rest_position: np.ndarray, elements: np.ndarray):
-        """Compute gradients and volumes at rest.
-
-        Args:
-            rest_position: nodes [mm], shape (node_count, 3).
-            elements: shape (element_count, nodes_per_element); quadratic ones count as eight tetrahedra each, in order.
-        """
+        """Compute gradients and volumes at rest; a quadratic element counts as eight tetrahedra, in order."""
         self.tetrahedra = elements = linear_parts(elements)
         self._corners = np.ascontiguousarray(elements.T)
         gradients, volumes = linear_tetrahedra(rest_position, elements)

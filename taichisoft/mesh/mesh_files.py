@@ -2,7 +2,8 @@
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,23 +55,21 @@ def unreadable(path: Path, error: BaseException) -> MeshError:
 
 # Lists of points in files: JSON, or lines of text.
 
-POINT_SUFFIXES = (".json", ".csv")
+POINT_FORMATS: Mapping[str, Callable[[Path], np.ndarray]] = {
+    ".json": lambda path: np.array(json.loads(path.read_text(encoding="utf-8")), dtype=np.float64),
+    ".csv": lambda path: np.loadtxt(path, delimiter=",", ndmin=2),
+}
+POINT_SUFFIXES = tuple(POINT_FORMATS)
 
 
 def read_points(path: str | Path) -> np.ndarray:
     """Read points [mm], shape (point_count, 3).
 
     A .json file is a list of [x, y, z]; a .csv file has a line with x, y, z for each point, after `#` a comment.
-
-    Raises:
-        MeshError: the file cannot be read, or is not a list of points with three finite coordinates.
     """
     path = Path(path)
     try:
-        if path.suffix.lower() == ".json":
-            points = np.array(json.loads(path.read_text(encoding="utf-8")), dtype=np.float64)
-        else:
-            points = np.loadtxt(path, delimiter=",", ndmin=2)
+        points = POINT_FORMATS.get(path.suffix.lower(), POINT_FORMATS[".csv"])(path)
     except (OSError, ValueError, TypeError, RecursionError, OverflowError) as error:
         raise MeshError(f"{path}: cannot be read as a list of points: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
@@ -81,38 +80,39 @@ def read_points(path: str | Path) -> np.ndarray:
 # What meshio reads of VTK, VTU and older MSH files, with the groups that each format can name.
 
 NODE_COUNTS = {"triangle": 3, "triangle6": 6, "tetra": 4, "tetra10": 10, "hexahedron": 8}
-DIMENSIONS = {"triangle": 2, "triangle6": 2, "tetra": 3, "tetra10": 3, "hexahedron": 3}
 
 # Cell data of this prefix is 1 for the cells of a group and 0 for the others.
 GROUP_PREFIX = "group:"
 
 
-def read_with_meshio(path: Path) -> MeshContent:
-    """Read a file in its own order.
+def _read_msh(path: Path) -> MeshContent:
+    if is_msh41(path):
+        return read_msh41(path)
+    _refuse_truncated(path)
+    return _read_with_meshio(path, "gmsh", _named_groups)
 
-    Raises:
-        Exception: any that meshio's parsers raise for a broken file, up to SystemExit.
-    """
+
+def _read_with_meshio(
+    path: Path, module: str, groups_of: "Callable[[Any, str], tuple[np.ndarray, dict[str, np.ndarray]]]"
+) -> MeshContent:
     import meshio
 
-    suffix = path.suffix.lower()
-    if suffix == ".msh":
-        _refuse_truncated(path)
-    read = {".msh": meshio.gmsh.read, ".vtk": meshio.vtk.read, ".vtu": meshio.vtu.read}[suffix]
     with np.errstate(all="ignore"):  # an index that is none is found when the mesh is checked
-        content = read(path)
+        content = getattr(meshio, module).read(path)
     if np.ndim(content.points) != 2 or content.points.shape[1] != 3:
         raise ValueError("its points do not have three coordinates")
-    if suffix == ".vtk":
+    if module == "vtk":
         _refuse_lost_cells(path, sum(len(block.data) for block in content.cells))
-    groups_of = _named_groups if suffix == ".msh" else _flagged_groups
     tetrahedra, element_groups = groups_of(content, _one_of(content, "tetra", "tetra10"))
     hexahedra, hexahedron_groups = groups_of(content, "hexahedron")
     triangles, surface_groups = groups_of(content, _one_of(content, "triangle", "triangle6"))
     if triangles.shape[1] == 6:
         triangles = four_triangles(triangles)
         surface_groups = {name: (4 * group[:, None] + np.arange(4)).ravel() for name, group in surface_groups.items()}
-    others = _other_volumes(content)
+    others = Counter[str]()
+    for block in content.cells:
+        if block.dim == 3 and block.type not in NODE_COUNTS:
+            others[block.type] += len(block.data)
     groups = element_groups, surface_groups
     return MeshContent(content.points, tetrahedra, triangles, *groups, others, hexahedra, hexahedron_groups)
 
@@ -122,7 +122,9 @@ def _named_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str, n
     blocks = _blocks(content, cell_type)
     cells = _cells_of_kind(content, cell_type)
     tags = {
-        name: int(tag) for name, (tag, dimension) in content.field_data.items() if dimension == DIMENSIONS[cell_type]
+        name: int(tag)
+        for name, (tag, dimension) in content.field_data.items()
+        if dimension == (2 if cell_type.startswith("triangle") else 3)
     }
     if tags and not content.cell_sets:  # MSH 2: every cell carries the tag of one group
         carried = content.cell_data.get("gmsh:physical")
@@ -163,14 +165,6 @@ def _blocks(content: Any, cell_type: str) -> list[int]:
 def _cells_of_kind(content: Any, cell_type: str) -> np.ndarray:
     blocks = [content.cells[b].data for b in _blocks(content, cell_type)]
     return np.concatenate([np.empty((0, NODE_COUNTS[cell_type]), int), *blocks])
-
-
-def _other_volumes(content: Any) -> dict[str, int]:
-    others: dict[str, int] = {}
-    for block in content.cells:
-        if block.dim == 3 and block.type not in NODE_COUNTS:
-            others[block.type] = others.get(block.type, 0) + len(block.data)
-    return others
 
 
 def _merge_repetitions(
@@ -312,10 +306,6 @@ def write_msh(mesh: VolumeMesh, path: Path) -> None:
 
     In MSH 4 an entity (a piece of the geometry) belongs to groups, not the cells on it: so the cells that share
     their groups are one entity. Cells are numbered in the mesh's order, elements first, which brings it back.
-
-    Raises:
-        MeshError: a group cannot be kept.
-        OSError: the file cannot be written.
     """
     triangles, elements = grouped_cells(mesh)
     with path.open("w", encoding="utf-8", newline="\n") as file:
@@ -332,11 +322,7 @@ def write_msh(mesh: VolumeMesh, path: Path) -> None:
 
 
 def write_vtk(mesh: VolumeMesh, path: Path) -> None:
-    """Write legacy VTK for other programs: the tetrahedra alone.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write legacy VTK for other programs: the tetrahedra alone."""
     import meshio
 
     # Version 4.2: most programs besides ParaView do not know the arrays of 5.1.
@@ -346,12 +332,7 @@ def write_vtk(mesh: VolumeMesh, path: Path) -> None:
 
 
 def write_vtu(mesh: VolumeMesh, path: Path) -> None:
-    """Write VTU, with flags for the cells of each group that has any.
-
-    Raises:
-        MeshError: a group cannot be kept.
-        OSError: the file cannot be written.
-    """
+    """Write VTU, with flags for the cells of each group that has any."""
     import meshio
 
     triangles, elements = grouped_cells(mesh)
@@ -392,11 +373,7 @@ class GroupedCells:
 
 
 def grouped_cells(mesh: VolumeMesh) -> tuple[GroupedCells, GroupedCells]:
-    """The triangles of all surface groups, each once, in the order in which the groups name them; and the elements.
-
-    Raises:
-        MeshError: a group names a cell twice, two groups have one name, or a name cannot stand in a file.
-    """
+    """The triangles of all surface groups, each once, in the order in which the groups name them; and the elements."""
     _check_names(mesh)
     whole = np.vstack([np.empty((0, 3), dtype=np.int32), *mesh.surface_groups.values()])
     _, first, same = np.unique(whole, axis=0, return_index=True, return_inverse=True)
@@ -473,7 +450,13 @@ def _cells(triangles: GroupedCells, elements: GroupedCells) -> Iterator[str]:
 
 # Meshes in files: tetrahedra as legacy VTK, VTU and gmsh's MSH.
 
-VOLUME_SUFFIXES = (".msh", ".vtk", ".vtu")
+FORMATS: Mapping[str, tuple[Callable[[Path], MeshContent], Callable[[VolumeMesh, Path], None]]] = {
+    ".msh": (_read_msh, write_msh),
+    ".vtk": (lambda path: _read_with_meshio(path, "vtk", _flagged_groups), write_vtk),
+    ".vtu": (lambda path: _read_with_meshio(path, "vtu", _flagged_groups), write_vtu),
+}
+"""By suffix, what reads a file of volume meshes and what writes it."""
+VOLUME_SUFFIXES = tuple(FORMATS)
 
 
 def read_volume_mesh(path: str | Path) -> VolumeMesh:
@@ -501,8 +484,9 @@ def read_unchecked_mesh(path: str | Path) -> VolumeMesh:
         MeshError: the file is missing, unreadable or of another kind, or has other cells than tetrahedra.
     """
     path = existing_file(path, "volume mesh", VOLUME_SUFFIXES)
+    read, _ = FORMATS[path.suffix.lower()]
     try:
-        content = read_msh41(path) if path.suffix.lower() == ".msh" and is_msh41(path) else read_with_meshio(path)
+        content = read(path)
     # For a broken file the parsers raise exceptions of any kind, up to SystemExit.
     except (Exception, SystemExit) as error:
         raise unreadable(path, error) from error
@@ -525,6 +509,6 @@ def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
         MeshError: the suffix is unknown, the file cannot be written, or a group cannot be kept.
     """
     path = require_suffix(path, "volume mesh", VOLUME_SUFFIXES)
-    write = {".msh": write_msh, ".vtk": write_vtk, ".vtu": write_vtu}[path.suffix.lower()]
+    _, write = FORMATS[path.suffix.lower()]
     with atomic_file(path, MeshError) as partial:
         write(mesh, partial)

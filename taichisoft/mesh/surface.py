@@ -21,11 +21,8 @@ CURVED = 1e-3
 
 
 def vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit normals at the vertices, shape (vertex_count, 3): means of the triangles', weighted by their angles there.
-
-    Args:
-        vertices: positions [mm], shape (vertex_count, 3).
-        triangles: vertex indices, outward, shape (triangle_count, 3).
+    """Unit normals at the vertices, shape (vertex_count, 3): means of the outward triangles', weighted by their
+    angles.
     """
     corners = vertices[triangles]
     faces = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
@@ -39,16 +36,7 @@ def vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def refuse_unsmooth(vertices: np.ndarray, triangles: np.ndarray, source: str) -> None:
-    """Refuse what cannot be taken as a smooth surface that is curved in both directions, such as a ball or an egg.
-
-    Args:
-        vertices: positions [mm], shape (vertex_count, 3).
-        triangles: vertex indices, outward, shape (triangle_count, 3).
-        source: key of the scene that asks for it, which begins the error.
-
-    Raises:
-        MeshError: it has sharp edges, or triangles that stand for flat or cylindrical parts.
-    """
+    """Refuse a surface that does not stand for a smooth one, curved in both directions, as a ball or an egg."""
     corners = vertices[triangles]
     faces = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -407,16 +395,7 @@ def enclosed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def closed_outward(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
-    """The triangles of a closed surface, turned round with a warning when it is inside out.
-
-    Args:
-        vertices: positions [mm], shape (vertex_count, 3).
-        triangles: vertex indices, shape (triangle_count, 3).
-        source: name of the surface, which begins the error and the warning.
-
-    Raises:
-        MeshError: the surface is not closed, or encloses no volume.
-    """
+    """The triangles of a closed surface, turned round with a warning when it is inside out."""
     open_edges = count_open_edges(triangles)
     if open_edges:
         raise MeshError(

@@ -14,13 +14,7 @@ LARGEST = 1e9
 
 
 def refuse_coordinates(points: np.ndarray, source: object, what: str) -> None:
-    """Raise MeshError for the first point with a coordinate that is not finite, or larger than LARGEST.
-
-    Args:
-        points: positions [mm], shape (count, 3).
-        source: file that they come from; begins the error.
-        what: name of a point, such as "node".
-    """
+    """Raise MeshError for the first point with a coordinate that is not finite, or larger than LARGEST."""
     with np.errstate(invalid="ignore"):
         wrong = ~(np.abs(points) <= LARGEST)
     if not wrong.any():
@@ -50,8 +44,7 @@ NODES = np.vstack([np.eye(4), np.eye(4)[SIDES].mean(axis=1)])
 def slopes(points: np.ndarray) -> np.ndarray:
     """Slopes of the ten shape functions along the last three barycentric coordinates, shape (point_count, 10, 3).
 
-    Args:
-        points: barycentric coordinates, shape (point_count, 4).
+    Points are given by their four barycentric coordinates.
     """
     first, second = SIDES.T
     unit = np.eye(4)
@@ -62,13 +55,7 @@ def slopes(points: np.ndarray) -> np.ndarray:
 
 
 def jacobians(nodes: np.ndarray, elements: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Slopes of the positions [mm] along the last three barycentric coordinates, (element_count, point_count, 3, 3).
-
-    Args:
-        nodes: positions [mm], shape (node_count, 3).
-        elements: node indices, the four corners first and then the middles of `SIDES`, shape (element_count, 10).
-        points: barycentric coordinates, shape (point_count, 4).
-    """
+    """Slopes of the positions [mm] along the last three barycentric coordinates, (element_count, point_count, 3, 3)."""
     return np.asarray(np.einsum("eai,qaj->eqij", nodes[elements], slopes(points)))
 
 
@@ -251,12 +238,7 @@ class MeshContent:
     hexahedron_groups: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def mesh(self, source: str) -> VolumeMesh:
-        """The mesh, not checked yet; `source` begins its errors.
-
-        Raises:
-            MeshError: there are other cells with a volume than tetrahedra of four or ten nodes, or than hexahedra, or
-                hexahedra that cannot be divided.
-        """
+        """The mesh, not checked yet; `source` begins its errors."""
         others = dict(self.others)
         if len(self.hexahedra) and (len(self.tetrahedra) or others):
             others["hexahedron"] = len(self.hexahedra)
@@ -339,12 +321,7 @@ def too_stiff(poisson_ratio: float) -> str:
 
 
 def share_of_thin_walls(mesh: VolumeMesh, cavity: np.ndarray) -> float:
-    """Share of a cavity's area that one element lies behind: each corner has an edge to a node of the outer surface.
-
-    Args:
-        mesh: elements of four or ten nodes, whose corners count.
-        cavity: triangles of the cavity, shape (count, 3).
-    """
+    """Share of a cavity's area that one element lies behind: each corner has an edge to a node of the outer surface."""
     corners = mesh.elements[:, :4]
     inside, outside, near = np.zeros((3, len(mesh.nodes)), dtype=bool)
     inside[cavity] = True

@@ -1,10 +1,10 @@
 """Actuators as a user describes them: cavities and cables of soft bodies, and limits of what drives them."""
 
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from taichisoft.scene.table import Name, NotNegative, Number, Positive, Table, Vector, check_order
+from taichisoft.scene.table import Name, NotNegative, Number, Positive, Rule, Table, Vector, ordered
 
 # The line through which a cavity gets its air: source, valve and tube, as a user describes them.
 
@@ -39,30 +39,17 @@ class AirLine(Table):
     tube_diameter: Positive | None = None
     """Inner diameter of the tube [mm]."""
 
+    own_keys: ClassVar = {'valve == "on/off"': ("period",), 'valve == "proportional"': ("response_time",)}
+    needs: ClassVar = {
+        'valve == "on/off"': ("period", "supply"),
+        "tube_length": ("tube_diameter",),
+        "tube_diameter": ("tube_length",),
+    }
+
     @property
     def has_regulator(self) -> bool:
         """Whether the source has the pressure that is asked for."""
         return self.supply is None
-
-    @model_validator(mode="after")
-    def _check_valve(self) -> Self:
-        if (self.valve == "on/off") != (self.period is not None):
-            raise ValueError('period belongs to valve = "on/off": give both or none')
-        if self.valve == "on/off" and self.response_time:
-            raise ValueError('response_time has no effect with valve = "on/off", which is open or closed; remove it')
-        if self.valve == "on/off" and self.has_regulator:
-            raise ValueError('valve = "on/off" needs a supply of constant pressure')
-        if (self.tube_length is None) != (self.tube_diameter is None):
-            raise ValueError("a tube needs tube_length and tube_diameter: give both or none")
-        return self
-
-
-AIR_KEYS = {
-    "regulated": ("lowest_pressure", "highest_pressure", "lowest_volume_growth", "highest_volume_growth"),
-    "sealed": ("shut_pressure", "exponent", "dead_volume"),
-    "line": ("line",),
-}
-"""Keys of a cavity that one kind of air alone has."""
 
 
 class CavitySettings(Table):
@@ -93,21 +80,13 @@ class CavitySettings(Table):
     dead_volume: NotNegative = 0.0
     """Space for sealed air outside the cavity, in tube and fittings [mm^3]."""
     alternatives = (("group", "surface"),)
-
-    @model_validator(mode="after")
-    def _check_limits(self) -> Self:
-        check_order(self, "pressure", "volume_growth")
-        return self
-
-    @model_validator(mode="after")
-    def _check_air(self) -> Self:
-        for kind, keys in AIR_KEYS.items():
-            given = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
-            if given and self.air != kind:
-                raise ValueError(f'{", ".join(given)} would have no effect with air = "{self.air}"; remove it')
-        if self.air == "line" and self.line is None:
-            raise ValueError('air = "line" needs a table line, with conductance at least')
-        return self
+    own_keys: ClassVar = {
+        'air == "regulated"': ("lowest_pressure", "highest_pressure", "lowest_volume_growth", "highest_volume_growth"),
+        'air == "sealed"': ("shut_pressure", "exponent", "dead_volume"),
+        'air == "line"': ("line",),
+    }
+    needs: ClassVar = {'air == "line"': ("line",)}
+    rules = ordered("pressure", "volume_growth")
 
 
 class CablePoint(Table):
@@ -126,15 +105,15 @@ class CableArea(Table):
     """Name of the body that has the points; the cable's own body when it is not given."""
     area: Annotated[list[Vector], Field(min_length=1)]
     """The points, in this body's own coordinates [mm]."""
-    weights: list[NotNegative] | None = None
+    weights: Annotated[list[NotNegative], Field(min_length=1)] | None = None
     """Share of each point in the pull, of any sum; equal ones when they are not given."""
+
+    rules = (Rule("max(weights) > 0", "weights are all 0; at least one point must be pulled"),)
 
     @model_validator(mode="after")
     def _check_weights(self) -> Self:
         if self.weights is not None and len(self.weights) != len(self.area):
             raise ValueError(f"weights has {len(self.weights)} numbers for the {len(self.area)} points of area")
-        if self.weights is not None and not any(self.weights):
-            raise ValueError("weights are all 0; at least one point must be pulled")
         return self
 
 
@@ -185,6 +164,17 @@ class CableSettings(Table):
     highest_pull: Number | None = None
     """How far the cable can be pulled in [mm], a stop."""
 
+    rules = (
+        *ordered("tension", "pull"),
+        Rule(
+            "rod or lowest_tension >= 0", "lowest_tension ({lowest_tension:g}) must not be negative unless rod = true"
+        ),
+        Rule(
+            "rod or highest_tension >= 0",
+            "highest_tension ({highest_tension:g}) must not be negative unless rod = true",
+        ),
+    )
+
     @property
     def other_bodies(self) -> list[str]:
         """Names of the bodies that its points and areas name."""
@@ -192,12 +182,7 @@ class CableSettings(Table):
         return [place.body for place in places if place.body is not None]
 
     @model_validator(mode="after")
-    def _check_limits(self) -> Self:
-        check_order(self, "tension", "pull")
-        if not self.rod and (self.lowest_tension or 0.0) < 0.0:
-            raise ValueError(f"lowest_tension ({self.lowest_tension:g}) must not be negative unless rod = true")
-        if not self.rod and (self.highest_tension or 0.0) < 0.0:
-            raise ValueError(f"highest_tension ({self.highest_tension:g}) must not be negative unless rod = true")
+    def _check_count(self) -> Self:
         if not isinstance(self.points, str) and len(self.points) + (self.pull_point is not None) < 2:
             raise ValueError(f"points has {len(self.points)} points; a cable needs two, its pull point counted")
         return self
@@ -239,8 +224,4 @@ class ActuatorLimits(Table):
     """Fastest change of a cable's tension, up or down [mN/s]."""
     pull_speed: Positive | None = None
     """Fastest motion of a cable that is pulled in or paid out [mm/s]."""
-
-    @model_validator(mode="after")
-    def _check_pressures(self) -> Self:
-        check_order(self, "pressure")
-        return self
+    rules = ordered("pressure")

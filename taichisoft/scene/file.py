@@ -33,9 +33,6 @@ def change_scene(
             its period and time limit stay; None for the scene's own.
         goal: kind of goal to take instead of the scene's own, of the same object or else of the first rigid body;
             "none" for none at all, None for the scene's own.
-
-    Raises:
-        SceneError: an override cannot be applied.
     """
     table = document.setdefault("controller", {}) if controller is not None else None
     if isinstance(table, dict) and table.get("name") != controller:
@@ -143,11 +140,7 @@ class CircularPattern(Table):
 
 
 def with_patterns(bodies: Mapping[str, Any], key: str, source: str) -> dict[str, Any]:
-    """Tables of bodies, with the copies that their key `pattern` asks for; `key` is that of the tables in the scene.
-
-    Raises:
-        SceneError: a pattern is not valid, or two bodies have the same name; begins with `source`.
-    """
+    """Tables of bodies, with the copies that their key `pattern` asks for; `key` is that of the tables in the scene."""
     expanded: dict[str, Any] = {}
     for name, table in bodies.items():
         copies = {name: table}

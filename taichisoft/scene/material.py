@@ -30,11 +30,7 @@ def takes_young_modulus(law: Law) -> bool:
 
 
 def check_coefficients(law: Law, coefficients: Mapping[str, float] | None) -> None:
-    """Refuse coefficients that do not fit the law.
-
-    Raises:
-        ValueError: there are unknown ones, some are missing, or they make a material of no stiffness.
-    """
+    """Refuse coefficients that do not fit the law."""
     if takes_young_modulus(law):
         if coefficients is not None:
             raise ValueError(f'law = "{law}" takes young_modulus instead of coefficients')
@@ -150,11 +146,7 @@ def read_material(path: str | Path) -> Material:
 
 
 def with_material(table: Any, wanted: tuple[str, ...]) -> Any:
-    """A table of a scene in which the keys `wanted` come from its material where it does not give them itself.
-
-    Raises:
-        ValueError: the material cannot be read, or the table has a law or modulus of its own beside it.
-    """
+    """A table of a scene in which the keys `wanted` come from its material where it does not give them itself."""
     if not isinstance(table, dict) or table.get("material") is None:
         return table
     material = table["material"]

@@ -7,7 +7,18 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.scene.table import Colour, Groups, NotNegative, Number, Positive, Table, Vector, check_order
+from taichisoft.scene.table import (
+    Colour,
+    Direction,
+    Groups,
+    NotNegative,
+    Number,
+    Positive,
+    Rule,
+    Table,
+    Vector,
+    ordered,
+)
 
 # Shapes that a rigid body or an obstacle can have without a surface file.
 
@@ -58,7 +69,6 @@ class Shaped(Table):
 
 BASE = "base"
 """Name of the first frame, which every scene has."""
-SHORTEST_AXIS = 1e-9
 
 
 class FramePath(Table):
@@ -90,26 +100,25 @@ class FramePath(Table):
 class HingeSettings(Table):
     """An axis about which a frame turns by an angle, as a servo motor turns its horn."""
 
-    axis: Vector
+    axis: Direction
     """Direction of the axis through the pivot, of any length; a positive angle turns by the right-hand rule."""
     lowest_angle: Number | None = None
     """Smallest angle [degrees]."""
     highest_angle: Number | None = None
     """Largest angle [degrees]."""
+    rules = (
+        *ordered("angle"),
+        Rule("lowest_angle <= 0", "lowest_angle ({lowest_angle:g}) must not exceed 0, where the scene puts the bodies"),
+        Rule(
+            "highest_angle >= 0",
+            "highest_angle ({highest_angle:g}) must not be below 0, where the scene puts the bodies",
+        ),
+    )
 
     @property
     def unit_axis(self) -> np.ndarray:
         """Unit vector along the axis, shape (3,)."""
         return np.array(self.axis) / math.hypot(*self.axis)
-
-    @model_validator(mode="after")
-    def _check_axis(self) -> Self:
-        if math.hypot(*self.axis) < SHORTEST_AXIS:
-            raise ValueError(f"axis = {list(self.axis)}: has no direction; its length must not vanish")
-        check_order(self, "angle")
-        if (self.lowest_angle or 0.0) > 0.0 or (self.highest_angle or 0.0) < 0.0:
-            raise ValueError("lowest_angle and highest_angle must have 0 between them, where the scene puts the bodies")
-        return self
 
 
 class FrameSettings(Table):
@@ -128,17 +137,7 @@ class FrameSettings(Table):
     """A motion that the scene gives; no controller moves the frame then."""
     hinge: HingeSettings | None = None
     """What the frame turns about; nothing else can be asked of it but an angle then."""
-
-    @model_validator(mode="after")
-    def _check_drive(self) -> Self:
-        if self.path is not None and self.hinge is not None:
-            raise ValueError("path and hinge are both given; give one of them")
-        for key, why in (("path", "which has its own times"), ("hinge", "which only turns")):
-            limits = ("speed", "turning_speed") if key == "path" else ("speed",)
-            for limit in limits:
-                if getattr(self, key) is not None and getattr(self, limit) is not None:
-                    raise ValueError(f"{limit} would have no effect beside a {key}, {why}; remove it")
-        return self
+    no_effect_beside: ClassVar = {"path": ("hinge", "speed", "turning_speed"), "hinge": ("speed",)}
 
 
 # Rigid objects and obstacles as a user describes them.
@@ -195,24 +194,11 @@ class RigidBodySettings(Shaped):
     """Colour in pictures and on pages, "#rrggbb"; that of rigid bodies when it is not given."""
     axes: bool = False
     """Whether pictures and pages show its axes: the axes of its surface, from its centre of mass."""
-    alternatives = (("surface", *SHAPES),)
-
-    @model_validator(mode="after")
-    def _check_mass(self) -> Self:
-        given = [key for key in ("mass", "density") if getattr(self, key) is not None]
-        if self.follows is None and len(given) != 1:
-            raise ValueError(f"exactly one of mass, density is needed; given: {', '.join(given) or 'none'}")
-        moved = {"mass", "density", "inertia", "centre_of_mass", "velocity", "angular_velocity", "springs"}
-        useless = [key for key in type(self).model_fields if key in moved and self._is_given(key)]
-        if self.follows is not None and useless:
-            raise ValueError(f"{', '.join(useless)} would have no effect beside follows; remove it")
-        return self
-
-    def _is_given(self, key: str) -> bool:
-        return bool(getattr(self, key) != type(self).model_fields[key].default)
-
-
-SHORTEST_NORMAL = 1e-9
+    alternatives = (("surface", *SHAPES), ("mass", "density", "follows"))
+    no_effect_beside: ClassVar = {
+        **Shaped.no_effect_beside,
+        "follows": ("inertia", "centre_of_mass", "velocity", "angular_velocity", "springs"),
+    }
 
 
 class PlaneSettings(Table):
@@ -220,14 +206,8 @@ class PlaneSettings(Table):
 
     point: Vector
     """Any point of the plane [mm]."""
-    normal: Vector
+    normal: Direction
     """Direction from the solid side to the free one, of any length."""
-
-    @model_validator(mode="after")
-    def _check_normal(self) -> Self:
-        if math.hypot(*self.normal) < SHORTEST_NORMAL:
-            raise ValueError(f"normal = {list(self.normal)}: has no direction; its length must not vanish")
-        return self
 
 
 class ObstacleSettings(Shaped):

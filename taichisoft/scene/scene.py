@@ -1,16 +1,27 @@
 """What a user describes: bodies, obstacles, contact and time, as plain validated data without arrays."""
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from taichisoft.scene.actuators import ActuatorLimits
-from taichisoft.scene.rigid_body import BASE, SHORTEST_NORMAL, FrameSettings, ObstacleSettings, RigidBodySettings
-from taichisoft.scene.sensor_settings import CameraSettings, SensedQuantity, SensorSettings, TactileArray, check_sensors
+from taichisoft.scene.rigid_body import BASE, FrameSettings, ObstacleSettings, RigidBodySettings
+from taichisoft.scene.sensor_settings import CameraSettings, SensedQuantity, SensorSettings, TactileArray, sensed_names
 from taichisoft.scene.soft_body import SoftBodySettings
-from taichisoft.scene.table import Colour, Name, NotNegative, Number, Positive, Table, Vector
+from taichisoft.scene.table import (
+    Colour,
+    Direction,
+    Name,
+    NotNegative,
+    Positive,
+    Rule,
+    Share,
+    Table,
+    Vector,
+    entries,
+)
 
 # The table of time in a scene: the step, what moves without inertia, and where in the step forces are taken.
 
@@ -62,8 +73,6 @@ class Time(Table):
 
 # How contacts are found and solved, and what pairs of bodies have of their own.
 
-Restitution = Annotated[Number, Field(ge=0.0, le=1.0)]
-
 
 class ContactPair(Table):
     """What differs between one pair of bodies."""
@@ -72,7 +81,7 @@ class ContactPair(Table):
     """Names of the two bodies."""
     friction: NotNegative | None = None
     """Coulomb's friction coefficient [-]; the scene's when it is not given."""
-    restitution: Restitution | None = None
+    restitution: Share | None = None
     """Coefficient of restitution [-]; the scene's when it is not given."""
     rolling_friction: NotNegative | None = None
     """Length of rolling friction [mm]; the scene's when it is not given."""
@@ -95,7 +104,7 @@ class Contact(Table):
 
     friction: NotNegative = 0.6
     """Coulomb's friction coefficient [-]."""
-    restitution: Restitution = 0.0
+    restitution: Share = 0.0
     """Share of the speed of approach that an impact gives back [-] (Newton's law)."""
     rolling_friction: NotNegative = 0.0
     """Length b [mm] of rolling friction: two bodies that press each other by N resist rolling with a moment of at most
@@ -120,6 +129,13 @@ class Contact(Table):
     """Largest number of sweeps of the contact solver, with one for each Newton step. A step that needs more is counted
     as not converged."""
 
+    rules = (
+        Rule(
+            "alarm_distance > contact_distance",
+            "alarm_distance ({alarm_distance:g}) must exceed contact_distance ({contact_distance:g})",
+        ),
+    )
+
     @model_validator(mode="after")
     def _check_pairs(self) -> Self:
         seen: set[frozenset[str]] = set()
@@ -128,14 +144,6 @@ class Contact(Table):
             if frozenset(pair.bodies) in seen:
                 raise ValueError(f"pairs names '{first}' and '{second}' twice; keep one of the two")
             seen.add(frozenset(pair.bodies))
-        return self
-
-    @model_validator(mode="after")
-    def _check_distances(self) -> Self:
-        if self.alarm_distance <= self.contact_distance:
-            raise ValueError(
-                f"alarm_distance ({self.alarm_distance:g}) must exceed contact_distance ({self.contact_distance:g})"
-            )
         return self
 
 
@@ -198,15 +206,8 @@ class Goal(Table):
     """Largest motion of the object during `hold` [mm]."""
     max_pressure: Positive | None = None
     """Highest pressure of a soft body on the object that the object survives [kPa], such as an egg."""
-
-    @model_validator(mode="after")
-    def _check_kind(self) -> Self:
-        for kind, key in (("placed", "position"), ("lifted", "height")):
-            if self.kind == kind and getattr(self, key) is None:
-                raise ValueError(f'kind = "{kind}" needs {key}')
-            if self.kind != kind and getattr(self, key) is not None:
-                raise ValueError(f'{key} has no effect unless kind = "{kind}"; remove it')
-        return self
+    own_keys: ClassVar = {'kind == "placed"': ("position",), 'kind == "lifted"': ("height",)}
+    needs: ClassVar = own_keys
 
 
 class Appearance(Table):
@@ -216,7 +217,7 @@ class Appearance(Table):
     """Colour behind everything, "#rrggbb"; a light one when it is not given."""
     frame: bool = True
     """Whether the directions of x, y and z stand in a corner of pictures and videos, and beside the bodies of pages."""
-    light: Vector | None = None
+    light: Direction | None = None
     """Direction towards the light, of any length; from above, in front and the right when it is not given."""
     shadows: bool = True
     """Whether bodies cast shadows on the floor."""
@@ -224,20 +225,29 @@ class Appearance(Table):
     """Where the camera stands [mm]; aslant of everything when it is not given."""
     target: Vector | None = None
     """What a camera at `eye` looks at [mm]; the middle of the scene when it is not given."""
+    needs: ClassVar = {"target": ("eye",)}
+    rules = (Rule("eye != target", "eye and target are one point, {eye}: the camera would look nowhere"),)
 
-    @model_validator(mode="after")
-    def _check_light(self) -> Self:
-        if self.light is not None and math.hypot(*self.light) < SHORTEST_NORMAL:
-            raise ValueError(f"light = {list(self.light)}: has no direction; its length must not vanish")
-        return self
 
-    @model_validator(mode="after")
-    def _check_camera(self) -> Self:
-        if self.target is not None and self.eye is None:
-            raise ValueError("target needs an eye, the place of the camera")
-        if self.target is not None and self.eye == self.target:
-            raise ValueError(f"eye and target are one point, {list(self.target)}: the camera would look nowhere")
-        return self
+PRESSURES = {
+    "limits": ("lowest_pressure", "highest_pressure"),
+    "soft_bodies.*.cavities.*": ("lowest_pressure", "highest_pressure", "shut_pressure"),
+    "soft_bodies.*.cavities.*.line": ("supply", "exhaust"),
+}
+REFERENCES = {
+    "frame": (
+        *("frames.*.follows", "rigid_bodies.*.follows", "rigid_bodies.*.springs.follows", "soft_bodies.*.follows"),
+        "cameras.*.follows",
+    ),
+    "body": ("contact.pairs.*.bodies.*", "soft_bodies.*.cables.*.points.*.body"),
+    "rigid body": ("external_forces.*.body", "goal.object"),
+}
+"""Keys that name a frame or body."""
+IMPLICIT = "time.theta = {time.theta:g} must be 1, implicit Euler, with {path}; leave one of them out"
+DAMPED = (
+    f"time.theta = {{time.theta:g}} must be at least {LEAST_THETA_OF_THREADS:g} with {{path}}, which gain energy below"
+)
+AT_REST = "{path}: nothing moves at the start with time.dynamics = 'static'; remove it"
 
 
 class Scene(Table):
@@ -265,6 +275,45 @@ class Scene(Table):
     soft_bodies: dict[Name, SoftBodySettings] = {}
     rigid_bodies: dict[Name, RigidBodySettings] = {}
     obstacles: dict[Name, ObstacleSettings] = {}
+    rules = (
+        *(
+            Rule(
+                # A source may draw a whole vacuum; no pressure is one.
+                "value >= -atmosphere" if key == "lowest_pressure" else "value > -atmosphere",
+                "{path} = {value:g} kPa must be above the vacuum's {-atmosphere:g} kPa",
+                f"{table}.{key}",
+            )
+            for table, keys in PRESSURES.items()
+            for key in keys
+        ),
+        Rule(
+            'time.dynamics != "overdamped"',
+            "time.dynamics = 'overdamped' is for soft bodies alone; remove the rigid body '{value}', or take "
+            "'inertial' or 'static'",
+            "objects.*",
+        ),
+        Rule(
+            'time.dynamics != "static" or value',
+            "time.dynamics = 'static' needs anchors of every soft body; {path} is empty",
+            "soft_bodies.*.anchors",
+        ),
+        *(
+            Rule('time.dynamics != "static" or max(value) == 0 and min(value) == 0', AT_REST, of)
+            for of in ("soft_bodies.*.velocity", "rigid_bodies.*.velocity", "rigid_bodies.*.angular_velocity")
+        ),
+        Rule(
+            'time.theta == 1 or value == "inertial"', IMPLICIT.replace("{path}", "{path} = '{value}'"), "time.dynamics"
+        ),
+        Rule("time.theta == 1", IMPLICIT, "soft_bodies.*.reduced"),
+        Rule("time.theta == 1 or value == 0", IMPLICIT, "soft_bodies.*.cables.*.friction"),
+        Rule(f"time.theta >= {LEAST_THETA_OF_THREADS} or not value", DAMPED, "soft_bodies.*.membranes"),
+        Rule(f"time.theta >= {LEAST_THETA_OF_THREADS} or not value", DAMPED, "soft_bodies.*.fibres"),
+        Rule(
+            f"time.most_linearisations >= {LEAST_NEWTON_OF_WRINKLES} or not value",
+            f"time.newton = {{time.newton}} must be at least {LEAST_NEWTON_OF_WRINKLES} with {{path}}, better 10",
+            "soft_bodies.*.membranes.*.tension_only",
+        ),
+    )
 
     @property
     def steps_per_control(self) -> int:
@@ -322,145 +371,64 @@ class Scene(Table):
         return self.goal.object if self.goal is not None else next(iter(self.objects), None)
 
     @model_validator(mode="after")
-    def _check_control_period(self) -> Self:
-        period, step = self.controller.period if self.controller is not None else None, self.time.step
-        if period is not None:
-            count = period / step
-            if count < 0.5 or abs(count - round(count)) > 1e-6 * count:
-                below, above = math.floor(count) * step, math.ceil(count) * step
-                near = f"{below:g} or {above:g}" if below else f"{above:g}"
+    def _check_times(self) -> Self:
+        """Refuse times of controller and sensors that are no whole multiples of the step."""
+        step = self.time.step
+        for keys in ("controller.period", "sensors.*.period", "sensors.*.delay"):
+            for path, value in entries(self, keys):
+                count = value / step
+                if (value and count < 0.5) or abs(count - round(count)) > 1e-6 * max(count, 1.0):
+                    near = [multiple * step for multiple in (math.floor(count), math.ceil(count)) if multiple]
+                    raise ValueError(
+                        f"{path} = {value:g} s must be a whole multiple of time.step = {step:g} s, such as "
+                        f"{' or '.join(f'{time:g}' for time in near)} s"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _check_references(self) -> Self:
+        bodies = [*self.soft_bodies, *self.rigid_bodies, *self.obstacles]
+        if len(bodies) == len(self.obstacles):
+            raise ValueError("a scene needs at least one soft body or rigid body")
+        twice = sorted({name for name in bodies if bodies.count(name) > 1})
+        if twice:
+            raise ValueError(f"two bodies are called '{twice[0]}'; every body needs a name of its own")
+        if BASE in self.frames:
+            raise ValueError("frames.base: every scene has this frame; give base_pivot, limits.base_speed, and so on")
+        known = {"frame": [BASE, *self.frames], "body": bodies, "rigid body": list(self.rigid_bodies)}
+        for kind, places in REFERENCES.items():
+            for path, name in (entry for keys in places for entry in entries(self, keys)):
+                if name not in known[kind]:
+                    there_are = ", ".join(known[kind]) or "none"
+                    raise ValueError(f"{path} is '{name}', which is not a {kind}; there are: {there_are}")
+                if kind == "rigid body" and self.rigid_bodies[name].follows is not None:
+                    raise ValueError(
+                        f"{path} is '{name}', which follows a frame whatever acts on it; name another body"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _check_circles(self) -> Self:
+        for name in self.frames:
+            above: list[str | None] = [name]
+            while above[-1] in self.frames and above.count(above[-1]) == 1:
+                above.append(self.frames[str(above[-1])].follows)
+            if above[-1] == name and len(above) > 1:
                 raise ValueError(
-                    f"controller.period = {period:g} s must be a whole multiple of time.step = {step:g} s, such as "
-                    f"{near} s"
+                    f"frames.{name} carries itself: it follows {' which follows '.join(map(str, above[1:]))}"
                 )
         return self
 
     @model_validator(mode="after")
-    def _check_sensors(self) -> Self:
-        check_sensors(self)
-        return self
-
-    @model_validator(mode="after")
-    def _check_vacuum(self) -> Self:
-        vacuum, cavities = -self.atmosphere, self.actuators("cavities")
-        tables: dict[str, Any] = {"limits": self.limits}
-        for name, cavity in cavities.items():
-            place = f"soft_bodies.{name.replace('.', '.cavities.')}"
-            tables |= {place: cavity, f"{place}.line": cavity.line}
-        for place, table in tables.items():
-            for key in ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust"):
-                pressure = getattr(table, key, None)
-                if pressure is not None and (pressure < vacuum or (pressure == vacuum and key != "lowest_pressure")):
-                    raise ValueError(f"{place}.{key} = {pressure:g} kPa must be above the vacuum's {vacuum:g} kPa")
-        return self
-
-    @model_validator(mode="after")
-    def _check_dynamics(self) -> Self:
-        dynamics = self.time.dynamics
-        free = [name for name, one in self.rigid_bodies.items() if one.follows is None]
-        if dynamics == "overdamped" and free:
-            raise ValueError(
-                f"time.dynamics = 'overdamped' is for soft bodies alone; remove the rigid body '{free[0]}', or take "
-                "'inertial' or 'static'"
-            )
-        for name, body in self.soft_bodies.items():
-            if dynamics == "static" and not body.anchors:
-                raise ValueError(f"time.dynamics = 'static' needs anchors of every soft body; '{name}' has none")
-        kinds = ("soft_bodies", "rigid_bodies") if dynamics == "static" else ()
-        for place, body in ((f"{kind}.{name}", body) for kind in kinds for name, body in getattr(self, kind).items()):
-            for key in ("velocity", "angular_velocity"):
-                if any(getattr(body, key, ())):
-                    raise ValueError(
-                        f"{place}.{key}: nothing moves at the start with time.dynamics = 'static'; remove it"
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _check_theta(self) -> Self:
-        """Refuse what is solved with implicit Euler alone."""
-        others = [] if self.time.dynamics == "inertial" else [f"time.dynamics = '{self.time.dynamics}'"]
-        for name, body in self.soft_bodies.items():
-            others += [] if body.reduced is None else [f"soft_bodies.{name}.reduced"]
-            others += [f"soft_bodies.{name}.cables.{key}.friction" for key, one in body.cables.items() if one.friction]
-        if self.time.theta < 1.0 and others:
-            raise ValueError(
-                f"time.theta = {self.time.theta:g} must be 1, implicit Euler, with {others[0]}; leave one of them out"
-            )
-        stiff = next((name for name, body in self.soft_bodies.items() if body.membranes or body.fibres), None)
-        if stiff is not None and self.time.theta < LEAST_THETA_OF_THREADS:
-            raise ValueError(
-                f"time.theta = {self.time.theta:g} must be at least {LEAST_THETA_OF_THREADS:g} with the membranes and "
-                f"fibres of soft_bodies.{stiff}, which gain energy below"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_wrinkles(self) -> Self:
-        for name, body in self.soft_bodies.items():
-            for key, one in body.membranes.items():
-                if one.tension_only and self.time.most_linearisations < LEAST_NEWTON_OF_WRINKLES:
-                    raise ValueError(
-                        f"time.newton = {self.time.newton} must be at least {LEAST_NEWTON_OF_WRINKLES} with "
-                        f"soft_bodies.{name}.membranes.{key}.tension_only, better 10"
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _check_frames(self) -> Self:
-        if BASE in self.frames:
-            raise ValueError("frames.base: every scene has this frame; give base_pivot, limits.base_speed, and so on")
-        springs = {f"{name}.springs": one.springs for name, one in self.rigid_bodies.items() if one.springs is not None}
-        tables: dict[str, dict[str, Any]] = {
-            "frames": dict(self.frames),
-            "rigid_bodies": {**self.rigid_bodies, **springs},
-            "soft_bodies": dict(self.soft_bodies),
-        }
-        for kind, members in tables.items():
-            for name, table in members.items():
-                if table.follows not in (None, BASE, *self.frames):
-                    known = ", ".join([BASE, *self.frames])
-                    raise ValueError(
-                        f"{kind}.{name}.follows is '{table.follows}', which is not a frame; there are: {known}"
-                    )
-        for name in self.frames:
-            above: list[str | None] = [name]
-            while above[-1] in self.frames:
-                above.append(self.frames[str(above[-1])].follows)
-                if above[-1] == name:
-                    raise ValueError(
-                        f"frames.{name} carries itself: it follows {' which follows '.join(map(str, above[1:]))}"
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _check_names(self) -> Self:
-        names = [*self.soft_bodies, *self.rigid_bodies, *self.obstacles]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(f"two bodies are called '{twice[0]}'; every body needs a name of its own")
-        mentioned = {name: "contact.pairs" for pair in self.contact.pairs for name in pair.bodies}
-        for body, table in self.soft_bodies.items():
-            for cable, settings in table.cables.items():
-                mentioned |= dict.fromkeys(settings.other_bodies, f"soft_bodies.{body}.cables.{cable}.points")
-        for name, key in mentioned.items():
-            if name not in names:
-                raise ValueError(f"{key} names '{name}', which is not a body; there are: {', '.join(names)}")
-        for pair in self.contact.pairs:
-            name, other = pair.bodies
-            if name == other and not (name in self.soft_bodies and self.soft_bodies[name].may_touch_itself):
+    def _check_effects(self) -> Self:
+        """Refuse sensors and contact pairs that could never have an effect."""
+        for quantity in self.sensors:
+            if not sensed_names(self, quantity):
+                raise ValueError(f"sensors.{quantity} measures nothing: the scene has none of that quantity; remove it")
+        for name in (first for first, second in (pair.bodies for pair in self.contact.pairs) if first == second):
+            if name not in self.soft_bodies or not self.soft_bodies[name].may_touch_itself:
                 raise ValueError(
                     f"contact.pairs names '{name}' with itself; a body touches itself only where it is soft and has "
                     "self_contact or several collision surfaces, name two bodies"
                 )
-        rigid = {f"external_forces.{index}.body": push.body for index, push in enumerate(self.external_forces)}
-        if self.goal is not None:
-            rigid["goal.object"] = self.goal.object
-        for key, name in rigid.items():
-            if name not in self.rigid_bodies:
-                known = ", ".join(self.rigid_bodies) or "none"
-                raise ValueError(f"{key} is '{name}', which is not a rigid body; there are: {known}")
-            if self.rigid_bodies[name].follows is not None:
-                raise ValueError(f"{key} is '{name}', which follows a frame whatever acts on it; name another body")
-        if not self.soft_bodies and not self.rigid_bodies:
-            raise ValueError("a scene needs at least one soft body or rigid body")
         return self

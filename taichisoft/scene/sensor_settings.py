@@ -6,10 +6,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.scene.table import NotNegative, Table, Vector
-
-Probability = Annotated[float, Field(strict=True, ge=0.0, le=1.0)]
-Count = Annotated[int, Field(strict=True, ge=1, le=1000)]
+from taichisoft.scene.table import Count, NotNegative, Rule, Share, Table, Vector
 
 SensedQuantity = Literal[
     "pressure",
@@ -60,7 +57,7 @@ class SensorSettings(Table):
     """Time between two samples [s], a whole multiple of `time.step`; the last one is held. 0: every step."""
     delay: Annotated[float, Field(strict=True, ge=0.0, le=LONGEST_DELAY)] = 0.0
     """Age of what is seen [s], a whole multiple of `time.step`."""
-    dropout: Probability = 0.0
+    dropout: Share = 0.0
     """Probability with which a sample is lost; the one before is seen instead [-]."""
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
     """Seed of bias, noise and dropouts."""
@@ -74,6 +71,8 @@ class TactileArray(Table):
     patches: tuple[Count, Count, Count]
     """Number of patches along x, y and z."""
 
+    rules = (Rule("patch_count <= 10000", "{patch_count} patches; at most 10000 are possible"),)
+
     @property
     def patch_count(self) -> int:
         """Number of all patches."""
@@ -82,9 +81,9 @@ class TactileArray(Table):
     @model_validator(mode="after")
     def _check_box(self) -> Self:
         if any(low >= high for low, high in zip(*self.box, strict=True)):
-            raise ValueError(f"box = {[list(one) for one in self.box]}: the first corner must be below the second")
-        if self.patch_count > 10_000:
-            raise ValueError(f"patches = {list(self.patches)}: {self.patch_count} patches; at most 10000 are possible")
+            raise ValueError(
+                f"box = {[list(corner) for corner in self.box]}: the first corner must be below the second"
+            )
         return self
 
 
@@ -99,12 +98,7 @@ class CameraSettings(Table):
     """Width and height of the picture [pixels]."""
     follows: str | None = None
     """Frame that carries it, "base" or one of `frames`: eye, target and picture move with it; else it stands still."""
-
-    @model_validator(mode="after")
-    def _check_direction(self) -> Self:
-        if self.eye == self.target:
-            raise ValueError(f"eye and target are one point, {list(self.eye)}: the camera would look nowhere")
-        return self
+    rules = (Rule("eye != target", "eye and target are one point, {eye}: the camera would look nowhere"),)
 
 
 def sensed_names(scene: Any, quantity: SensedQuantity) -> list[tuple[str, ...] | str]:
@@ -146,21 +140,3 @@ def memory_size(scene: Any) -> int:
         return 0
     kept = (sum(sensed_sizes(scene, name)) * samples_kept(one, scene.time.step) for name, one in scene.sensors.items())
     return 2 + sum(kept)
-
-
-def check_sensors(scene: Any) -> None:
-    """Raise ValueError where a sensor's times are no multiples of the step, or it measures or follows nothing."""
-    for name, camera in scene.cameras.items():
-        if camera.follows is not None and camera.follows not in scene.all_frames:
-            there_are = ", ".join(scene.all_frames)
-            raise ValueError(f"cameras.{name}.follows = '{camera.follows}': must be a frame; there are: {there_are}")
-    for name, sensor in scene.sensors.items():
-        for key in ("period", "delay"):
-            count = getattr(sensor, key) / scene.time.step
-            if abs(count - round(count)) > 1e-6 * max(count, 1.0):
-                raise ValueError(
-                    f"sensors.{name}.{key} = {getattr(sensor, key):g} s must be a whole multiple of time.step = "
-                    f"{scene.time.step:g} s"
-                )
-        if not sensed_names(scene, name):
-            raise ValueError(f"sensors.{name} measures nothing: the scene has none of that quantity; remove it")

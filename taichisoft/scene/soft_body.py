@@ -18,6 +18,8 @@ from taichisoft.scene.material import (
 from taichisoft.scene.sensor_settings import TactileArray
 from taichisoft.scene.table import (
     Colour,
+    Count,
+    Direction,
     Groups,
     KeySets,
     Name,
@@ -26,13 +28,12 @@ from taichisoft.scene.table import (
     Number,
     PoissonRatio,
     Positive,
+    Rule,
     Table,
     Vector,
 )
 
 # Membranes and fibres of a soft body as a user describes them: thin things that resist stretch, but not bending.
-
-Count = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
 MOST_PIECES = 100_000
 """Straight pieces of a helix's fibres in all: far more than windings have, and some seconds to lay out."""
@@ -49,22 +50,19 @@ class MembraneSettings(Table):
     """Young's modulus [kPa]; paper has some 3e6."""
     poisson_ratio: Annotated[float, Field(strict=True, ge=0.0, lt=1.0, allow_inf_nan=False)] = 0.0
     """Poisson's ratio within the sheet [-]."""
-    directions: Annotated[list[Vector], Field(max_length=2)] = []
+    directions: Annotated[list[Direction], Field(max_length=2)] = []
     """Directions of its threads, one or two, in the mesh's own axes; it resists stretch along them alone, each with
     thickness and young_modulus. Without any it resists in all directions."""
 
     tension_only: Annotated[bool, Field(strict=True)] = False
     """Whether it wrinkles where it would be compressed, and carries nothing there, as paper and fabric that nothing
     keeps flat; otherwise it resists compression as it resists tension, as in silicone that keeps it from buckling."""
+    no_effect_beside: ClassVar = {"directions": ("poisson_ratio",)}
 
     @model_validator(mode="after")
     def _check_directions(self) -> Self:
-        if any(not any(one) for one in self.directions):
-            raise ValueError("directions has one without length")
         if len(self.directions) == 2 and not np.cross(*np.array(self.directions)).any():
             raise ValueError("directions has two along one line; threads of twice the thickness are one direction")
-        if self.directions and self.poisson_ratio:
-            raise ValueError("poisson_ratio is that of a sheet without directions; remove one of them")
         return self
 
 
@@ -86,23 +84,26 @@ class Helix(Table):
     """Fibres of each hand, evenly around the axis."""
     spacing: Positive | None = None
     """Length of the straight pieces [mm], at least six a turn; a third of the radius when it is not given."""
+    rules = (
+        Rule("start != end", "start and end are the same point; they give the axis"),
+        Rule(
+            "spacing <= radius / sin(radians(angle))",
+            "spacing = {spacing:g} must be at most {radius / sin(radians(angle)):.4g} mm, six pieces a turn: longer "
+            "ones leave the helix",
+        ),
+        Rule(
+            f"piece_count * fibre_count <= {MOST_PIECES}",
+            f"asks for {{piece_count * fibre_count:.0f}} straight pieces, at most {MOST_PIECES}; give a longer spacing",
+        ),
+    )
 
-    @model_validator(mode="after")
-    def _check_axis(self) -> Self:
-        if self.start == self.end:
-            raise ValueError("start and end are the same point; they give the axis")
-        longest = self.radius / np.sin(np.radians(self.angle))
-        if self.spacing is not None and self.spacing > longest:
-            raise ValueError(
-                f"spacing = {self.spacing:g} must be at most {longest:.4g} mm, six pieces a turn: longer ones leave "
-                "the helix"
-            )
-        pieces = self._pieces() * self.count * (2 if self.hand == "both" else 1)
-        if pieces > MOST_PIECES:
-            raise ValueError(f"asks for {pieces:.0f} straight pieces, at most {MOST_PIECES}; give a longer spacing")
-        return self
+    @property
+    def fibre_count(self) -> int:
+        """Number of fibres of all hands."""
+        return self.count * (2 if self.hand == "both" else 1)
 
-    def _pieces(self) -> float:
+    @property
+    def piece_count(self) -> float:
         """Straight pieces of each fibre, a whole number."""
         wound = np.linalg.norm(np.subtract(self.end, self.start)) / np.cos(np.radians(self.angle))
         return float(np.ceil(wound / (self.spacing or self.radius / 3.0)))
@@ -116,7 +117,7 @@ class Helix(Table):
         aside = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
         aside /= np.linalg.norm(aside)
         across = np.cross(along, aside)
-        share = np.linspace(0.0, 1.0, int(self._pieces()) + 1)[:, None]
+        share = np.linspace(0.0, 1.0, int(self.piece_count) + 1)[:, None]
         turn = share * length * np.tan(np.radians(self.angle)) / self.radius
         found = []
         for sense in {"right": [1.0], "left": [-1.0], "both": [1.0, -1.0]}[self.hand]:
@@ -243,12 +244,7 @@ class BodyMesh(Table):
             raise ValueError(f"{value!r} must be the name of a file, or a table with the key file")
         return {"file": value} if isinstance(value, str) else value
 
-    @model_validator(mode="after")
-    def _check_one_size(self) -> Self:
-        sizes = [key for key in ("size", "preset", "nodes") if getattr(self, key) is not None]
-        if len(sizes) > 1:
-            raise ValueError(f"one of size, preset, nodes can be given; given: {', '.join(sizes)}")
-        return self
+    no_effect_beside: ClassVar = {"size": ("preset", "nodes"), "preset": ("nodes",)}
 
     @model_serializer
     def _write_short(self) -> Any:
@@ -353,6 +349,17 @@ class SoftBodySettings(ActuatorTables):
     anchors: list[Anchor] = []
     forces: list[NodalForce] = []
     alternatives = (("mass", "density"), ("young_modulus", "coefficients"))
+    rules = (
+        Rule(
+            'element != "smoothed" or min(poisson_ratios) >= 0',
+            'poisson_ratio = {min(poisson_ratios):g}: must be 0 or more with element = "smoothed"; "linear" and '
+            '"quadratic" take any',
+        ),
+        Rule(
+            'corotation != "edges" or element == "linear"',
+            'corotation = "edges" is for element = "linear", not "{element}"',
+        ),
+    )
 
     @model_validator(mode="after")
     def _check_laws(self) -> Self:
@@ -362,18 +369,6 @@ class SoftBodySettings(ActuatorTables):
                 check_coefficients(region.law or self.law, region.coefficients)
             except ValueError as error:
                 raise ValueError(f"regions.{index}: {error}") from error
-        ratios = [self.poisson_ratio, *(one.poisson_ratio for one in self.regions if one.poisson_ratio is not None)]
-        if self.element == "smoothed" and min(ratios) < 0.0:
-            raise ValueError(
-                f'poisson_ratio = {min(ratios):g}: must be 0 or more with element = "smoothed"; '
-                '"linear" and "quadratic" take any'
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_corotation(self) -> Self:
-        if self.corotation == "edges" and self.element != "linear":
-            raise ValueError(f'corotation = "edges" is for element = "linear", not "{self.element}"')
         return self
 
     @model_validator(mode="before")

@@ -4,13 +4,17 @@ Units: millimetre, kilogram, second; so forces are in mN and pressures and modul
 """
 
 import ast
+import functools
 import inspect
+import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
+from operator import attrgetter
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -23,6 +27,7 @@ from pydantic import (
     model_validator,
 )
 
+from taichisoft.base.expressions import FUNCTIONS, evaluate, read_expression
 from taichisoft.errors import nearest
 
 # Errors of pydantic as one line for the user: key, value, and what would be valid.
@@ -95,7 +100,6 @@ def short_text(value: Any) -> str:
 
 
 def _valid_keys(table: type[BaseModel], path: Sequence[Any]) -> list[str]:
-    """The keys of the table that `path` leads to."""
     annotation: Any = table
     for part in path:
         annotation = _inside(annotation, part)
@@ -144,6 +148,8 @@ Colour = Annotated[str, BeforeValidator(_checked)]
 
 LARGEST, LONGEST, SMALLEST = 1e30, 1e9, 1e-18
 """What exceeds these is not a number of any robot in any unit, and would only be found out as a singular matrix."""
+SHORTEST = 1e-9
+"""Length below which a vector has no direction."""
 
 
 def _not_vanishing(value: float) -> float:
@@ -152,19 +158,54 @@ def _not_vanishing(value: float) -> float:
     return value
 
 
+def _has_direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*vector) < SHORTEST:
+        raise ValueError(f"{list(vector)} has no direction; its length must not vanish")
+    return vector
+
+
 # Strict: no text and no truth value is taken for a number.
 Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST), AfterValidator(_not_vanishing)]
 NotNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
+Share = Annotated[float, Field(strict=True, ge=0, le=1)]
 PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
 Component = Annotated[float, Field(strict=True, ge=-LONGEST, le=LONGEST)]
 Vector = tuple[Component, Component, Component]
+Direction = Annotated[Vector, AfterValidator(_has_direction)]
+Count = Annotated[int, Field(strict=True, ge=1, le=1000)]
 NodeNumber = Annotated[int, Field(strict=True, ge=0)]
 Groups = list[Annotated[int, Field(strict=True)]]
 KeySets = tuple[tuple[str, ...], ...]
 # Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path. Without
 # control characters, which terminals obey and at which texts in files end.
 Name = Annotated[str, Field(pattern=r"^[^.|/\x00-\x1f\x7f-\x9f]+$", max_length=200)]
+
+
+class Rule(NamedTuple):
+    """What must hold between the keys of a table.
+
+    Attributes:
+        condition: an expression (`base/expressions.py`) in keys and properties of the table, dotted for those of a
+            table in it; where `of` is given also in `value`. It is not looked at while one of them is not given.
+        message: what is wrong otherwise; expressions in braces are filled in, and `path` where `of` is given.
+        of: keys of which the condition speaks, one for each, "*" for all entries: "soft_bodies.*.velocity".
+    """
+
+    condition: str
+    message: str
+    of: str = ""
+
+
+def ordered(*quantities: str) -> tuple[Rule, ...]:
+    """The lowest value of a quantity does not exceed the highest."""
+    return tuple(
+        Rule(
+            f"lowest_{name} <= highest_{name}",
+            f"lowest_{name} ({{lowest_{name}:g}}) must not exceed highest_{name} ({{highest_{name}:g}})",
+        )
+        for name in quantities
+    )
 
 
 class Table(BaseModel):
@@ -176,6 +217,15 @@ class Table(BaseModel):
     """Sets of keys; exactly one key of each set must be given."""
     no_effect_beside: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys that another one makes useless; they are no mistake at their defaults: a scene written out has them all."""
+    own_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that have an effect under a condition alone, such as 'kind == "placed"'."""
+    needs: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that must be given under a condition, or beside another key."""
+    rules: ClassVar[Sequence[Rule]] = ()
+
+    def is_given(self, key: str) -> bool:
+        """Whether a key differs from its default."""
+        return bool(getattr(self, key) != type(self).model_fields[key].default)
 
     @model_validator(mode="after")
     def _check_keys(self) -> Self:
@@ -184,10 +234,59 @@ class Table(BaseModel):
             if len(given) != 1:
                 raise ValueError(f"exactly one of {', '.join(keys)} is needed; given: {', '.join(given) or 'none'}")
         for chosen, keys in self.no_effect_beside.items():
-            useless = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
-            if useless and getattr(self, chosen) is not None:
+            useless = [key for key in keys if self.is_given(key)]
+            if useless and self.is_given(chosen):
                 raise ValueError(f"{', '.join(useless)} would have no effect beside {chosen}; remove it")
+        for condition, keys in self.needs.items():
+            missing = [key for key in keys if not self.is_given(key)]
+            if missing and self._computed(condition):
+                raise ValueError(f"{condition.replace('==', '=')} needs the key {' and the key '.join(missing)}")
+        for condition, keys in self.own_keys.items():
+            useless = [key for key in keys if self.is_given(key)]
+            if useless and not self._computed(condition):
+                raise ValueError(
+                    f"{', '.join(useless)} would have no effect unless {condition.replace('==', '=')}; remove it"
+                )
+        for rule in self.rules:
+            for path, value in entries(self, rule.of) if rule.of else [("", True)]:
+                self._check_rule(rule, {"path": path, "value": value})
         return self
+
+    def _check_rule(self, rule: Rule, names: Mapping[str, Any]) -> None:
+        holds = self._computed(rule.condition, names)
+        if holds is not None and not holds:
+            raise ValueError(
+                IN_BRACES.sub(lambda part: format(self._computed(part[1], names), part[2] or ""), rule.message)
+            )
+
+    def _computed(self, text: str, names: Mapping[str, Any] = MappingProxyType({})) -> Any:
+        """The value of an expression in `names` and the table's own; None where one of these is not given."""
+        tree, keys = _read_condition(text)
+        values = {key: names[key] if key in names else attrgetter(key.replace("__", "."))(self) for key in keys}
+        return None if None in values.values() else evaluate(tree, values)
+
+
+IN_BRACES = re.compile(r"\{([^{}:]+)(?::([^{}]*))?\}")
+DOT = re.compile(r"(?<=[a-z])\.(?=[a-z])")
+
+
+@functools.cache
+def _read_condition(text: str) -> tuple[ast.expr, tuple[str, ...]]:
+    """An expression, and its names, with two underscores in the place of a dot."""
+    tree = read_expression(DOT.sub("__", text))
+    return tree, tuple(node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id not in FUNCTIONS)
+
+
+def entries(table: Any, keys: str, path: str = "") -> Iterator[tuple[str, Any]]:
+    """What is given at `keys`, "*" for all entries of a table or list, each with its path."""
+    key, _, rest = keys.partition(".")
+    members: Iterable[tuple[Any, Any]] = [(key, getattr(table, key, None))]
+    if key == "*":
+        members = table.items() if isinstance(table, Mapping) else enumerate(table)
+    for name, value in members:
+        place = f"{path}.{name}" if path else str(name)
+        if value is not None:
+            yield from entries(value, rest, place) if rest else [(place, value)]
 
 
 def key_descriptions(table: type[BaseModel]) -> dict[str, str]:
@@ -201,11 +300,3 @@ def key_descriptions(table: type[BaseModel]) -> dict[str, str]:
                     case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
                         described[name] = inspect.cleandoc(text)
     return {key: described[key] for key in table.model_fields}
-
-
-def check_order(table: Table, *quantities: str) -> None:
-    """Raise ValueError where the lowest value of a quantity exceeds the highest."""
-    for quantity in quantities:
-        low, high = getattr(table, f"lowest_{quantity}"), getattr(table, f"highest_{quantity}")
-        if low is not None and high is not None and low > high:
-            raise ValueError(f"lowest_{quantity} ({low:g}) must not exceed highest_{quantity} ({high:g})")

@@ -39,16 +39,7 @@ def assemble_compliance(
     soft: SoftMotion | None,
     rigid: RigidState,
 ) -> None:
-    """Fill in the rows' velocities without impulses, and W of soft bodies, rigid bodies and actuators.
-
-    Args:
-        problem: the rows, with the bodies on which they act.
-        coordinates: coordinates of the actuators.
-        gradient: gradients of the coordinates.
-        own_compliances: compliances of actuators themselves, see `ActuatorRequests.compliances`.
-        soft: the soft bodies of the step, or None.
-        rigid: the rigid bodies of the step.
-    """
+    """Fill in the rows' velocities without impulses, and W of soft bodies, rigid bodies and actuators."""
     rows, w = problem.rows, problem.compliance
     contact_count, actuator_count, moment_count = rows.size.tolist()
     row_count = problem.row_count
@@ -134,13 +125,7 @@ class ActiveSet:
         self.table, self.resting_speed, self._renewals = NO_CONTACTS, 0.0, 0
 
     def begin(self, table: ContactTable, state: State, node_velocity: np.ndarray) -> None:
-        """Choose the contacts that are expected to push.
-
-        Args:
-            table: all contacts of the step.
-            state: state at the start of the step; the rigid bodies have its velocities.
-            node_velocity: velocities of the soft nodes at the start [mm/s], shape (node_count, 3).
-        """
+        """Choose the contacts that are expected to push; the rigid bodies have the velocities of the start."""
         self.table, self._renewals = table, 0
         self._node_position[:] = state.position  # reused: a kernel launch with new arrays takes longer
         self._reduction.begin(table, state)
@@ -259,13 +244,7 @@ class ConstraintSolver:
     """
 
     def __init__(self, model: Model, soft: SoftMotion | None, rigid: RigidMotion):
-        """Allocate the work space, and load the kernels of the contact solver if bodies may touch.
-
-        Args:
-            model: the bodies.
-            soft: the soft bodies of a step, linearised before `solve` is called, or None.
-            rigid: the rigid bodies of a step, with their free motion known before `solve` is called.
-        """
+        """Allocate the work space, and load the kernels of the contact solver if bodies may touch."""
         self._model, self._soft, self._rigid = model, soft, rigid
         self._time_step, self._settings = model.scene.time.step, model.scene.contact
         self._active_set = ActiveSet(model, rigid.state)

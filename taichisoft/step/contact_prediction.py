@@ -74,7 +74,7 @@ class ContactPrediction:
             count=np.zeros(2, dtype=np.int32),
         )
         self._table = NO_CONTACTS
-        self._room, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
+        self._buffers, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
         self._at_the_end = np.ones(FIRST_CAPACITY)
         self._depth = settings.alarm_distance
         self._is_needed = bool(surfaces.may_touch.any())
@@ -83,7 +83,7 @@ class ContactPrediction:
         self._is_static = model.scene.time.dynamics == "static"
         # Of the last search: what was sought how far, after which part of the step; of the last look: what it found.
         self._sought, self._passed, self._approach = (np.zeros((body_count, body_count)) for _ in range(3))
-        self._ways = self._approach, self._approach
+        self._displacements = self._approach, self._approach
         self._is_at_the_end: bool = True
         self._is_bent: bool = False
         self._look: ContactDetection | None = None
@@ -101,10 +101,6 @@ class ContactPrediction:
 
         In statics steps are as short as the reach demands, see `EquilibriumSearch`.
 
-        Args:
-            node_velocity: velocities along which the step moves the nodes [mm/s], shape (node_count, 3).
-            rigid_velocity: the same of the rigid bodies, linear [mm/s] and angular [rad/s], shape (rigid_count, 6).
-
         Returns:
             Whether it is so of each two bodies, shape (body_count, body_count); None: of none.
         """
@@ -118,8 +114,8 @@ class ContactPrediction:
         if self._is_at_the_end and not (is_short | bends).any():
             return None
         # Where a part f of the step had passed, the rest of it, with the change, or all of it, less that part.
-        self._ways = change, self._approach_with(node_velocity, rigid_velocity)
-        is_short = may_touch & (self._sought < self._distance + self._way())
+        self._displacements = change, self._approach_with(node_velocity, rigid_velocity)
+        is_short = may_touch & (self._sought < self._distance + self._bounds())
         self._is_bent = not bool(is_short.any())
         if self._is_bent and bends.any():
             is_short = self._too_close_after(node_velocity, rigid_velocity, bends)
@@ -132,7 +128,7 @@ class ContactPrediction:
         self._set_change(node_velocity, rigid_velocity)
         self._moving.move(self._time_step, self._change, self._rigid_change)
         self._moving.follow_load(self._state)
-        change = self._ways[0]  # how deep they may be, at most
+        change = self._displacements[0]  # how deep they may be, at most
         self._ahead = self._look.find(np.where(pairs, change, -1.0), self._depth + float(change[pairs].max()))
         kernels.measure_nearest(self._ahead, self._distance, self._tolerance, self._pairs)
         too_close: np.ndarray = np.less(self._pairs.nearest, NEAREST * self._distance)
@@ -146,7 +142,7 @@ class ContactPrediction:
         pressed[tuple(self._state.contact_body_pair[self._state.contact_impulse.any(axis=1)].T)] = True
         again, count = pairs & (pressed | pressed.T) & (self._passed > 0.0), self._table.contact_count
         self._passed[again] = 0.0
-        self._sought = np.where(pairs, self._distance + AMPLE * self._way(), self._sought)
+        self._sought = np.where(pairs, self._distance + AMPLE * self._bounds(), self._sought)
         self._is_at_the_end = not (self._passed < 1.0).any()
         found = self._measure_all(self._passed.copy(), self._sought.copy())
         if found[0].count[0] == count and not again.any():
@@ -163,9 +159,9 @@ class ContactPrediction:
         count, near = self._table.contact_count, self._ahead.distance[: self._ahead.count[0]] < self._distance
         ahead = _part_of(self._ahead, near)
         for side in range(2):
-            ways, shifts = self._ways_of_points(ahead, side)
+            displacements, shifts = self._displacements_of_points(ahead, side)
             ahead.points[:, side] -= shifts
-            ahead.distance[:] -= (2 * side - 1) * np.einsum("ci,ci->c", ahead.normal, ways)
+            ahead.distance[:] -= (2 * side - 1) * np.einsum("ci,ci->c", ahead.normal, displacements)
         features, again = (one.vertices[: one.count[0]].reshape(-1, 1, 6) for one in (self._table.found, ahead))
         kept = ~(features == again.reshape(1, -1, 6)).all(axis=2).any(axis=1)
         parts = (
@@ -175,28 +171,28 @@ class ContactPrediction:
         self._table = self._table.holding(*self._joined(parts))
         return self._table
 
-    def _ways_of_points(self, contacts: Contacts, side: int) -> tuple[np.ndarray, np.ndarray]:
+    def _displacements_of_points(self, contacts: Contacts, side: int) -> tuple[np.ndarray, np.ndarray]:
         """Ways of the points on a side in the motion looked at, and those without turning [mm], shape (count, 3)."""
         carriers, motion, vertices = self._surfaces.carriers, self._rigid_change, contacts.vertices[:, side]
         soft_count, rigid_count = len(self._soft.body_start) - 1, len(motion.position)
-        ways = np.zeros_like(contacts.normal)
+        displacements = np.zeros_like(contacts.normal)
         on_soft = contacts.bodies[:, side] < soft_count
         weights = contacts.weights[on_soft, side, :, None] * carriers.weights[vertices[on_soft]]
         nodes = carriers.nodes[vertices[on_soft]]
-        ways[on_soft] = self._time_step * np.einsum("cvn,cvni->ci", weights, self._change.velocity[nodes])
+        displacements[on_soft] = self._time_step * np.einsum("cvn,cvni->ci", weights, self._change.velocity[nodes])
         body = contacts.bodies[:, side] - soft_count
         on_rigid = (body >= 0) & (body < rigid_count)
         body = body[on_rigid]
         shifts = self._time_step * motion.linear[body]
         arms = contacts.points[on_rigid, side] - motion.position[body] - shifts
-        ways[on_rigid] = shifts + self._time_step * np.cross(motion.angular[body], arms)
-        straight = ways.copy()
+        displacements[on_rigid] = shifts + self._time_step * np.cross(motion.angular[body], arms)
+        straight = displacements.copy()
         straight[on_rigid] = shifts
-        return ways, straight
+        return displacements, straight
 
-    def _way(self) -> np.ndarray:
+    def _bounds(self) -> np.ndarray:
         """Bounds of the ways of bodies against each other from where they were measured [mm]."""
-        change, whole = self._ways
+        change, whole = self._displacements
         return np.minimum(change + (1.0 - self._passed) * self._approach, whole + self._passed * self._approach)
 
     def _approach_with(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
@@ -222,7 +218,7 @@ class ContactPrediction:
         )
         self._is_at_the_end = not pairs.count[FAST]
         if pairs.count[FAST]:
-            return self._find_along_the_way()
+            return self._find_on_the_move()
         contacts = self._search(pairs.reach, 1.0)
         if pairs.count[TOO_CLOSE]:
             return self._joined(self._with_overlaps(contacts, pairs.reach, 1.0))
@@ -230,7 +226,7 @@ class ContactPrediction:
             self._at_the_end = np.ones(len(contacts.distance))
         return contacts, self._at_the_end
 
-    def _find_along_the_way(self) -> Part:
+    def _find_on_the_move(self) -> Part:
         """The contacts of a step in which bodies could pass through each other."""
         may_touch, approach = self._surfaces.may_touch, self._approach
         fraction = np.where(may_touch, 1.0, np.nan)
@@ -298,27 +294,26 @@ class ContactPrediction:
 
     def _farther(self, reach: np.ndarray, too_close: np.ndarray) -> np.ndarray:
         """A reach with the ways of the rigid bodies that others stop short of where they would be."""
-        way = self._time_step * (np.linalg.norm(self._pairs.centre, axis=1) + self._pairs.radius)
-        way[: len(self._soft.body_start) - 1] = 0.0
-        way *= too_close.any(axis=1)
-        return np.where(reach < 0.0, reach, reach + way[:, None] + way) if way.any() else reach
+        path = self._time_step * (np.linalg.norm(self._pairs.centre, axis=1) + self._pairs.radius)
+        path[: len(self._soft.body_start) - 1] = 0.0
+        path *= too_close.any(axis=1)
+        return np.where(reach < 0.0, reach, reach + path[:, None] + path) if path.any() else reach
 
     def _joined(self, parts: Iterable[Part]) -> Part:
-        """Concatenate the parts in reused arrays."""
-        room, fraction, count = self._room, self._fraction, 0
+        buffers, fraction, count = self._buffers, self._fraction, 0
         for contacts, when in parts:
             end = count + contacts.count[0]
-            if end > len(room.distance):
+            if end > len(buffers.distance):
                 larger, fractions = Contacts.with_room(2 * end), np.zeros(2 * end)
-                for new, old in zip((*larger[1:], fractions), (*room[1:], fraction), strict=True):
+                for new, old in zip((*larger[1:], fractions), (*buffers[1:], fraction), strict=True):
                     new[:count] = old[:count]
-                room, fraction = self._room, self._fraction = larger, fractions
-            for target, source in zip(room[1:], contacts[1:], strict=True):
+                buffers, fraction = self._buffers, self._fraction = larger, fractions
+            for target, source in zip(buffers[1:], contacts[1:], strict=True):
                 target[count:end] = source[: end - count]
             fraction[count:end] = when
             count = end
-        room.count[0] = count
-        return room, fraction
+        buffers.count[0] = count
+        return buffers, fraction
 
     def _too_close(self) -> np.ndarray:
         """Whether two bodies were too close in the last search, shape (body_count, body_count)."""
@@ -335,12 +330,10 @@ class ContactPrediction:
 
 
 def _chosen(contacts: Contacts, pairs: np.ndarray) -> Contacts:
-    """The contacts of these pairs of bodies."""
     count = contacts.count[0]
     return _part_of(contacts, pairs[tuple(contacts.bodies[:count].T)])
 
 
 def _part_of(contacts: Contacts, kept: np.ndarray) -> Contacts:
-    """The contacts marked as kept, shape (count,)."""
     count = len(kept)
     return Contacts(np.array([kept.sum()], dtype=np.int32), *(array[:count][kept] for array in contacts[1:]))

@@ -81,13 +81,9 @@ class Imbalance:
     def find(
         self, start: "State", end_position: np.ndarray, solution: StepSolution, gradient: np.ndarray
     ) -> dict[str, float]:
-        """By body, the largest way [mm] by which one of the nodes would give if all others were held.
+        """By body, the largest displacement [mm] that one of the nodes would give way by if all others were held.
 
-        Args:
-            start: state at the start of the step.
-            end_position: positions of the nodes at its end [mm], shape (node_count, 3).
-            solution: the solution of the step.
-            gradient: of the actuators' coordinates where the step took them, shape (entry_count, 3).
+        The gradients are those of the actuators' coordinates where the step took them.
         """
         stiffening = (start.young_modulus / self._model.young_modulus)[self._model.element_material]
         np.multiply(self._modulus, stiffening[self._element, None], out=self._data.modulus)
@@ -125,7 +121,6 @@ class Imbalance:
 
 
 def _numbered(body: "SoftBody", first_element: int) -> IntegrationDomains:
-    """All domains of a body, with nodes and elements numbered as in the whole model."""
     own = body.mesh_domains
     node, element = own.node + body.nodes.start, own.element + first_element
     return IntegrationDomains(own.start, node, own.gradient, own.volume, element)
@@ -190,12 +185,7 @@ class StrainWatch:
         return line
 
     def judge(self, state: State, report: StepReport | None) -> None:
-        """Check the last state of a run, and refuse the run if a body was stretched far beyond its law.
-
-        Raises:
-            BeyondLaw: 1 % of a body's elements were stretched by more than `FAR_BEYOND` times the range of its law, one
-                by more than `FARTHEST_BEYOND` times, or elements are inverted at the end.
-        """
+        """Check the last state of a run, and refuse the run if a body was stretched far beyond its law."""
         for number, body in enumerate(self._bodies):
             self._measure_stretches(number, state)
             (largest, most), (limit, law) = self._found[number], self._ranges[number]
@@ -268,7 +258,6 @@ class DivergenceCheck:
     """
 
     def __init__(self, model: Model):
-        """Allocate the work space."""
         soft, rigid = model.soft_bodies, model.rigid_bodies
         self._bodies = soft
         self._time_step = model.scene.time.step
@@ -300,12 +289,7 @@ class DivergenceCheck:
             )
 
     def check(self, before: State, after: State) -> None:
-        """Compare the states of a step.
-
-        Raises:
-            SimulationDiverged: a value is not finite, a body explodes, too many of its elements are inverted, or an
-                actuator fails, such as a cavity whose walls have gone through each other.
-        """
+        """Compare the states of a step."""
         step, points, count = before.step, self._points, len(after.position)
         self._refuse_not_finite(after.rigid_rotation, step, len(self._bodies))
         points.before[:count], points.before[count:] = before.position, before.rigid_position
@@ -336,7 +320,6 @@ class DivergenceCheck:
             raise SimulationDiverged(self._names[body], step, "has a position that is not finite", self._advice[body])
 
     def _check_leaps(self, step: int) -> None:
-        """Raise SimulationDiverged if a point is too far away."""
         points = self._points
         kernels.largest_leaps(self._time_step, points)
         leaps = points.largest > self._furthest

@@ -25,7 +25,7 @@ FEWEST, MOST_DIRECTIONS = 3, 40
 """Directions of a search: fewest, for the first ones hardly tell, and most."""
 SMALL_MOVE = 1e-4
 """Largest move of a node in a difference of forces [mm]."""
-FIRST_WAY = 1e-2
+FIRST_MOVE = 1e-2
 """Shortest way by which an unstable equilibrium is left [mm]."""
 
 
@@ -117,8 +117,7 @@ class StabilityCheck:
     def softest(self, before: np.ndarray | None = None) -> Softest:
         """The move with the least stiffness; of several that are alike the one that leads to where nodes came from.
 
-        Args:
-            before: from here to there [mm], shape (node_count, 3).
+        `before` leads from here to there [mm], shape (node_count, 3).
         """
         size = 3 * self._node_count + 6 * self._rigid_count
         # Bodies and loads are often symmetric, and what they do not push at must be seen as well.
@@ -153,26 +152,24 @@ class StabilityCheck:
         rates, impulse, nodes, bodies = (part / fastest for part in (rates, impulse, nodes, bodies))
         return Softest(stiffness, rates, nodes, bodies, impulse[: nodes.size].reshape(-1, 3))
 
-    def way_off(self, softest: Softest, before: np.ndarray, longest: float) -> float:
+    def distance_off(self, softest: Softest, before: np.ndarray, longest: float) -> float:
         """How far along an unstable move forces drive the bodies [mm], to a factor of 2; negative on its other side.
 
-        Args:
-            softest: the move.
-            before: from the equilibrium to where the nodes came from [mm], (node_count, 3); the way leads to that side.
-            longest: most of the way [mm].
+        It leads to the side where the nodes came from, `before` [mm], shape (node_count, 3), and no farther than
+        `longest`.
         """
         rates, time_step = softest.rates, self._model.scene.time.step
         towards = self._soft.rates(before).ravel()
         side = float(towards @ softest.impulse.ravel()) / float(rates[: towards.size] @ softest.impulse.ravel())
         if abs(side) < self._nonlinear.tolerance:  # nothing tells it
             side = softest.node_velocity.flat[np.abs(softest.node_velocity).argmax()]
-        way = float(np.copysign(min(FIRST_WAY, longest), side))
+        displacement = float(np.copysign(min(FIRST_MOVE, longest), side))
         while (
-            abs(2.0 * way) <= longest
-            and way * ((self._forces(rates, 2.0 * way / time_step) - self._rest) @ rates) > 0.0
+            abs(2.0 * displacement) <= longest
+            and displacement * ((self._forces(rates, 2.0 * displacement / time_step) - self._rest) @ rates) > 0.0
         ):
-            way *= 2.0
-        return way
+            displacement *= 2.0
+        return displacement
 
     def _solve(self, cause: np.ndarray) -> _Move:
         """The move by impulses on unknowns and rigid bodies, with the rows held."""
@@ -316,18 +313,11 @@ class EquilibriumSearch:
         self._may_touch = bool(model.surfaces.may_touch.any())
         self._model = model
 
-    def find(self, start: State, asked: State, stable: bool = True) -> FoundEquilibrium:
-        """The equilibrium under what is asked for, from a state on.
-
-        Args:
-            start: the state.
-            asked: the same bodies with what is asked for.
-            stable: whether to go on from an unstable equilibrium.
-
-        Raises:
-            EquilibriumNotFound: the loads cannot be carried, or nothing holds a rigid body.
+    def find(self, start: State, requested: State, stable: bool = True) -> FoundEquilibrium:
+        """The equilibrium of the bodies of a state with what another asks for; an unstable one is left if it must be
+        `stable`.
         """
-        loads = _Loads(self._model, start, asked)
+        loads = _Loads(self._model, start, requested)
         found, left = self._approach(loads, start), None
         for unmixed in (*UNMIXED, 0):
             check = self._check(found.state)
@@ -362,10 +352,10 @@ class EquilibriumSearch:
         before = start.position - state.position
         nearer = check.softest(before) if before.any() else softest
         softest = nearer if nearer.stiffness < -NEUTRAL else softest
-        way = check.way_off(softest, before, longest)
+        displacement = check.distance_off(softest, before, longest)
         return state.changed(
-            position=state.position + way * softest.node_velocity,
-            rigid_position=state.rigid_position + way * softest.rigid_velocity[:, :3],
+            position=state.position + displacement * softest.node_velocity,
+            rigid_position=state.rigid_position + displacement * softest.rigid_velocity[:, :3],
         )
 
     def _approach(self, loads: "_Loads", start: State) -> FoundEquilibrium:
@@ -412,29 +402,29 @@ class EquilibriumSearch:
         state, report, residual = found.state, found.report, found.residual
         finest = self._time.newton_tolerance
         still = STILL if self._has_free else finest
-        relaxation, way, restless = _Relaxation(0.5 * self._contact.alarm_distance), 0.0, ""
+        relaxation, displacement, restless = _Relaxation(0.5 * self._contact.alarm_distance), 0.0, ""
         for _ in range(MOST_MOVES if self._has_free else MOST_SEARCHES if len(state.contact_point) else fewest):
             before = state
             state, report = self._move(loads.at(before, 1.0), tolerance, 0)
             linearisations += report.linearisations
-            way, body = self._way(before, state)
-            residual = max(report.newton_residual or 0.0, way)
-            if way <= still and tolerance <= finest:
+            displacement, body = self._displacement(before, state)
+            residual = max(report.newton_residual or 0.0, displacement)
+            if displacement <= still and tolerance <= finest:
                 break
             if not self._has_free and self._may_touch:
-                state = relaxation.next(before, state, way)
-            tolerance = finest if way <= still else max(finest, min(tolerance, FINER * way))
+                state = relaxation.next(before, state, displacement)
+            tolerance = finest if displacement <= still else max(finest, min(tolerance, FINER * displacement))
         else:
             if self._has_free:
                 raise EquilibriumNotFound(
                     body,
                     loads.start.step,
                     f"does not come to rest at {loads.start.time:.6g} s: after {MOST_MOVES} moves it still goes "
-                    f"{way:.2g} mm "
+                    f"{displacement:.2g} mm "
                     "at a time; nothing holds it, or not enough",
                     "a support, a firmer grip, or less weight",
                 )
-            restless = f"moves '{body}' by {way:.2g} mm" if way > ROUGH else ""
+            restless = f"moves '{body}' by {displacement:.2g} mm" if displacement > ROUGH else ""
         report = replace(report, linearisations=linearisations, converged=report.converged and not restless)
         return replace(found, state=state, report=report, residual=residual, restless=restless)
 
@@ -454,43 +444,42 @@ class EquilibriumSearch:
             except SimulationDiverged as error:
                 problem = error.body, error.cause
                 break
-            way, _ = self._way(state, end)
+            displacement, _ = self._displacement(state, end)
             linearisations += report.linearisations
             problem = self._problem(state, end, report, finest)
             if not problem[1]:
                 return end, linearisations, None
             residual = report.newton_residual or 0.0
-            if not way > longest:
+            if not displacement > longest:
                 if not residual < 0.5 * last:
                     break
                 state, last = end, residual
                 continue
-            state = _part_of_way(state, end, longest / way)
+            state = _part_of_move(state, end, longest / displacement)
         return state, linearisations, problem
 
-    def _way(self, before: State, after: State) -> tuple[float, str]:
+    def _displacement(self, before: State, after: State) -> tuple[float, str]:
         """Longest way of a node, or of a point of a rigid body [mm], and the body's name."""
         nodes = np.linalg.norm(after.position - before.position, axis=1)
         turn = 2.0 * np.linalg.norm(after.rigid_rotation - before.rigid_rotation, axis=1)
         rigid = np.linalg.norm(after.rigid_position - before.rigid_position, axis=1) + turn * self._radius
-        ways = [(float(nodes[place].max()), name) for name, place in self._soft]
-        return max((*ways, *zip(rigid.tolist(), self._rigid, strict=True)), default=(0.0, ""))
+        displacements = [(float(nodes[place].max()), name) for name, place in self._soft]
+        return max((*displacements, *zip(rigid.tolist(), self._rigid, strict=True)), default=(0.0, ""))
 
     def _problem(self, before: State, after: State, report: StepReport, tolerance: float) -> tuple[str, str]:
         """A body, and why its end of a static step is not to be trusted, or nothing.
 
         Contacts are searched before a step, within the alarm distance: bodies that go farther may pass each other.
         """
-        way, body = self._way(before, after)
+        displacement, body = self._displacement(before, after)
         if not (report.residual < self._contact.tolerance and (report.newton_residual or 0.0) <= tolerance):
             return body, f"not solved after {report.linearisations} linearisations and {report.iterations} sweeps"
-        if self._may_touch and way > 0.5 * self._contact.alarm_distance:
-            return body, f"it would move by {way:.3g} mm at once, more than half of contact.alarm_distance"
+        if self._may_touch and displacement > 0.5 * self._contact.alarm_distance:
+            return body, f"it would move by {displacement:.3g} mm at once, more than half of contact.alarm_distance"
         return body, ""
 
 
-def _part_of_way(before: State, end: State, share: float) -> State:
-    """The end of a move, with the bodies only a share of the way there."""
+def _part_of_move(before: State, end: State, share: float) -> State:
     moved = {name: getattr(before, name) for name in ("position", "rigid_position", "rigid_rotation")}
     moved = {name: first + share * (getattr(end, name) - first) for name, first in moved.items()}
     moved["rigid_rotation"] /= np.linalg.norm(moved["rigid_rotation"], axis=1, keepdims=True)
@@ -506,36 +495,36 @@ class _Relaxation:
         """Go no farther at once than the longest way [mm], within which contacts are found again."""
         self._longest, self._share = longest, 1.0
         self._last: np.ndarray | None = None
-        self._last_way = np.inf
+        self._last_displacement = np.inf
 
-    def next(self, before: State, end: State, way: float) -> State:
+    def next(self, before: State, end: State, displacement: float) -> State:
         """Where to search next, after a move from a state to its end, with the longest way of a point [mm]."""
         move = (end.position - before.position).ravel()
-        if self._last is not None and (self._share < 1.0 or way > SWINGS * self._last_way):
+        if self._last is not None and (self._share < 1.0 or displacement > SWINGS * self._last_displacement):
             change = move - self._last
             share = -self._share * float(self._last @ change) / max(float(change @ change), 1e-300)
             self._share = min(max(share, SHORTEST), 1.0)
-        self._last, self._last_way = move, way
-        share = min(self._share, self._longest / max(way, 1e-300))
-        return end if share == 1.0 else _part_of_way(before, end, share)
+        self._last, self._last_displacement = move, displacement
+        share = min(self._share, self._longest / max(displacement, 1e-300))
+        return end if share == 1.0 else _part_of_move(before, end, share)
 
 
 class _Loads:
     """What acts on the bodies, from a state to that which a control asks for."""
 
-    def __init__(self, model: Model, start: State, asked: State):
+    def __init__(self, model: Model, start: State, requested: State):
         self.start = start
         still = ("velocity", "rigid_velocity", "rigid_angular_velocity")
-        self._asked = asked.changed(**{name: np.zeros_like(getattr(start, name)) for name in still})
-        acting = np.where(asked.actuator_imposed, model.actuators.own_coordinates(start), start.actuator_effort)
-        self._ends = {"actuator_target": (acting, asked.actuator_target)}
+        self._requested = requested.changed(**{name: np.zeros_like(getattr(start, name)) for name in still})
+        acting = np.where(requested.actuator_imposed, model.actuators.own_coordinates(start), start.actuator_effort)
+        self._ends = {"actuator_target": (acting, requested.actuator_target)}
         for name in ("frame_pose", "anchor_position", "gravity", "young_modulus", "pull_point"):
-            self._ends[name] = (getattr(start, name), getattr(asked, name))
+            self._ends[name] = (getattr(start, name), getattr(requested, name))
 
     def at(self, state: State, share: float) -> State:
         """The bodies of a state, at rest, with the loads after a share of the change."""
         bodies = {name: getattr(state, name) for name in CONFIGURATION}
         if share == 1.0:
-            return self._asked.changed(**bodies)
+            return self._requested.changed(**bodies)
         loads = {name: first + share * (last - first) for name, (first, last) in self._ends.items()}
-        return self._asked.changed(**bodies, **loads)
+        return self._requested.changed(**bodies, **loads)

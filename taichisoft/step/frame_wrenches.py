@@ -20,7 +20,6 @@ class FrameWrenches:
     """Sums up what anchored soft bodies, bodies that frames carry, and cables that they pull exert on frames."""
 
     def __init__(self, model: Model):
-        """Find what the frames carry."""
         self._model, actuators = model, model.actuators
         bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
         self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]
@@ -34,13 +33,7 @@ class FrameWrenches:
         self._pulled = [(line, actuators.first_coordinate[actuators.names.index(line.name)]) for line in pulled]
 
     def cable_forces(self, geometry: ActuatorGeometry, effort: np.ndarray, position: np.ndarray) -> np.ndarray:
-        """Force [mN] of cables on each soft body, and torque about the origin [mN mm], shape (body_count, 2, 3).
-
-        Args:
-            geometry: geometry of the actuators.
-            effort: efforts of their coordinates, shape (coordinate_count,).
-            position: positions of the nodes there [mm], shape (node_count, 3).
-        """
+        """Force [mN] of cables on each soft body, and torque about the origin [mN mm], shape (body_count, 2, 3)."""
         some = self._entries
         if some.start == some.stop:
             return np.zeros((len(self._bodies), 2, 3))
@@ -62,16 +55,9 @@ class FrameWrenches:
     ) -> np.ndarray:
         """Forces [mN], and torques about the pivots [mN mm], in world axes, in a step, shape (frame_count, 2, 3).
 
-        Torques are taken where all is at theta h: with 0.5 the change of the angular momentum is the sum of x times the
-        change of m v at the middle x of the way, exactly.
-
-        Args:
-            start: state at the start of the step, with the frames where they are at the end.
-            pose_before: `State.frame_pose` before the step, shape (frame_count, 2, 3).
-            position, node_velocity: of the nodes at the end of the step [mm] and [mm/s], shape (node_count, 3) each.
-            solution: impulses on the nodes and the rigid bodies.
-            cable_forces: what `cable_forces` gives.
-            carried: the rigid bodies that frames carry, where they are at the end of the step.
+        Torques are taken where all is at theta h: with 0.5 the change of the angular momentum is the sum of x times
+        the change of m v at the middle x of the displacement, exactly. In the state at the start the frames are where
+        they are at the end, as are the carried bodies; positions and velocities of the nodes are those at the end.
         """
         model = self._model
         frames, time_step, theta = model.frames, model.scene.time.step, model.scene.time.theta

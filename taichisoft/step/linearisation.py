@@ -165,7 +165,6 @@ class _NearEnds:
         return apply_control(stepper.model, stepper.state, asking(start, {one.name: value}, self._control))
 
     def _is_moved(self, side: State) -> bool:
-        """Whether limits let a request have an effect."""
         start = self._derivative.start
         return any((getattr(side, name) != getattr(start, name)).any() for name in LOADS)
 
@@ -175,7 +174,6 @@ class _NearEnds:
 
 
 def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
-    """All numbers that can be varied in a step."""
     start = derivative.start
     for kind in ACTUATOR_KINDS:
         actuators, place = model.actuators.sets[kind.name], model.actuators.place(kind)

@@ -36,14 +36,6 @@ class EndOfStep:
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, soft: SoftMotion, geometry: ActuatorGeometry):
-        """Allocate the work space.
-
-        Args:
-            model: the bodies.
-            elasticity: elasticity of the model.
-            soft: the soft bodies of a step, whose equations are linearised again.
-            geometry: geometry of the model's actuators, which `move` measures.
-        """
         self._model, self._soft, self._geometry = model, soft, geometry
         self._mass = elasticity.node_mass[:, None]
         self._anchored = elasticity.diagonal - elasticity.inertia[:, None]
@@ -93,12 +85,10 @@ class EndOfStep:
             self._damping_matrix = self._matrix(self._damping_blocks)
 
     def _elastic(self) -> np.ndarray:
-        """Elastic forces on the unknowns [mN], shape (node_count, 3)."""
         system = self._soft.system
         return system.force.copy() if system.reduced is None else system.force + system.reduced.elastic
 
     def _matrix(self, blocks: np.ndarray) -> sparse.bsr_array:
-        """The full symmetric matrix of the solver's blocks."""
         both = np.concatenate([blocks, blocks[self._below].transpose(0, 2, 1)])[self._order]
         size = 3 * self._model.node_count
         return sparse.bsr_array((both, self._column, self._row_start), (size, size))
@@ -132,12 +122,7 @@ class EndOfStep:
         self._geometry.update(PosesAhead(position, rigid_position, rigid_rotation), self._pull_point)
 
     def residual(self, effort: np.ndarray, with_anchors: bool = True) -> np.ndarray:
-        """Residual impulses [mN s] of the equations at the current positions, without contacts, shape (node_count, 3).
-
-        Args:
-            effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
-            with_anchors: whether the anchors' springs count.
-        """
+        """Residual impulses [mN s] of the equations where the bodies are, without contacts, shape (node_count, 3)."""
         anchors = self._anchors if with_anchors else self._no_anchors
         soft, velocity = self._soft, self._after
         kernels.sum_impulses(
@@ -165,16 +150,10 @@ class EndOfStep:
         return lacking
 
     def linearise(self, load: np.ndarray) -> np.ndarray:
-        """Linearise at the current positions: `SoftMotion`'s matrix, now with s^2 K(x), and begin to solve.
+        """Linearise where the bodies are: `SoftMotion`'s matrix, now with s^2 K(x), and begin to solve.
 
-        Args:
-            load: known efforts, 0 for coordinates with rows, shape (coordinate_count,).
-
-        Returns:
-            Residual impulses of the equations [mN s], shape (node_count, 3).
-
-        Raises:
-            SimulationDiverged: the matrix is not positive definite.
+        `load` has the known efforts, and 0 for coordinates with rows. Returns the residual impulses of the
+        equations.
         """
         soft = self._soft
         if self._is_damped:
@@ -215,7 +194,6 @@ class AndersonMixing:
     """
 
     def __init__(self) -> None:
-        """Remember nothing yet."""
         self.forget()
 
     def forget(self) -> None:
@@ -225,11 +203,9 @@ class AndersonMixing:
         self._farthest = FARTHEST
 
     def next(self, before: StepSolution, after: StepSolution) -> StepSolution | None:
-        """The combination to go on from; None before there are two solutions.
+        """The combination to continue with, after the equations were linearised at one solution and led to another.
 
-        Args:
-            before: where the equations were linearised.
-            after: the solution of the linearised problem.
+        None before there are two solutions.
         """
         if self._solutions and len(self._solutions[-1].contact_impulse) != len(after.contact_impulse):
             self.forget()
@@ -243,8 +219,8 @@ class AndersonMixing:
         mixed = after
         for share, (first, second) in zip(shares, zip(self._solutions, self._solutions[1:], strict=False), strict=True):
             mixed = mixed.plus(second, -share).plus(first, share)
-        way = float(np.linalg.norm(mixed.node_velocity - before.node_velocity))
-        share = min(1.0, self._farthest * float(np.linalg.norm(self._changes[-1])) / max(way, 1e-300))
+        distance = float(np.linalg.norm(mixed.node_velocity - before.node_velocity))
+        share = min(1.0, self._farthest * float(np.linalg.norm(self._changes[-1])) / max(distance, 1e-300))
         self._farthest *= 2.0
         return before.towards(mixed, share)
 
@@ -284,15 +260,7 @@ class NonlinearStep:
         rigid: RigidMotion,
         constraint_solver: ConstraintSolver,
     ):
-        """Allocate the work space.
-
-        Args:
-            model: the bodies.
-            elasticity: elasticity of the model.
-            soft: the soft bodies, linearised at the start of the step before `solve` is called.
-            rigid: the rigid bodies of the step.
-            constraint_solver: solves the linearised problems.
-        """
+        """Allocate the work space; soft bodies are linearised at the start of the step before `solve` is called."""
         self.geometry = ActuatorGeometry(model.actuators, model.node_count)
         self.equations = EndOfStep(model, elasticity, soft, self.geometry)
         self._soft, self._rigid, self._constraint_solver = soft, rigid, constraint_solver
@@ -303,11 +271,7 @@ class NonlinearStep:
         self._is_static = model.scene.time.dynamics == "static"
 
     def solve(self, problem: StepProblem) -> StepSolution:
-        """Solve the problem of a step, with the soft bodies linearised at its start.
-
-        Raises:
-            SimulationDiverged: a matrix is not positive definite.
-        """
+        """Solve the problem of a step, with the soft bodies linearised at its start."""
         equations, solver, first = self.equations, self._constraint_solver, problem.requests
         solution = solver.solve(problem)
         iterations, linearisations = solution.iterations, 1
@@ -370,23 +334,21 @@ class NonlinearStep:
     def _line_search(self, before: StepSolution, after: StepSolution, force: np.ndarray) -> StepSolution:
         """Search along the line between two solutions for a small slope; the bodies are moved there.
 
-        Args:
-            before, after: start and end of the line.
-            force: product of the matrix and the change of the unknowns' rates [mN s], shape (node_count, 3).
+        `force` is the product of the matrix and the change of the unknowns' rates [mN s], shape (node_count, 3).
         """
-        way = self._soft.rates(after.node_velocity) - self._soft.rates(before.node_velocity)
-        start = -float((force * way).sum())
-        solution, end = after, self._slope(after, after, way)
+        direction = self._soft.rates(after.node_velocity) - self._soft.rates(before.node_velocity)
+        start = -float((force * direction).sum())
+        solution, end = after, self._slope(after, after, direction)
         if not (start < 0.0 and end > -LARGE_SLOPE * start):
             return solution
         # Illinois variant of regula falsi: the value of a retained end is halved.
         low, high, low_slope, high_slope, last = 0.0, 1.0, start, end, 0.0
         for _ in range(MOST_TRIALS):
             share = low - low_slope * (high - low) / (high_slope - low_slope)
-            room = LEAST_MOVE * (high - low)
-            share = min(max(share, low + room), high - room)
+            margin = LEAST_MOVE * (high - low)
+            share = min(max(share, low + margin), high - margin)
             solution = before.towards(after, share)
-            slope = self._slope(solution, after, way)
+            slope = self._slope(solution, after, direction)
             if abs(slope) <= -SMALL_SLOPE * start:
                 break
             if slope > 0.0:
@@ -398,11 +360,11 @@ class NonlinearStep:
             last = slope
         return solution
 
-    def _slope(self, solution: StepSolution, forces: StepSolution, way: np.ndarray) -> float:
+    def _slope(self, solution: StepSolution, forces: StepSolution, direction: np.ndarray) -> float:
         """Move the bodies to a solution, and return the slope: the product of the residual there and the direction."""
         self._move(solution)
         lacking = self.equations.residual(forces.effort) + self._soft.on_unknowns(forces.contact_node_impulse)
-        return -float((lacking * way).sum())
+        return -float((lacking * direction).sum())
 
     def _move(self, solution: StepSolution) -> None:
         """Move the bodies to where a step with the velocities of a solution takes forces."""

@@ -28,7 +28,6 @@ class RigidMotion:
     """
 
     def __init__(self, model: Model):
-        """Allocate the work space."""
         count = len(model.rigid_bodies)
         self._time_step, self._theta = model.scene.time.step, model.scene.time.theta
         self._longest_fall = FALL * model.scene.contact.alarm_distance
@@ -67,7 +66,6 @@ class RigidMotion:
         self._external_forces = _external_forces(model)
 
     def _set_inertia(self, factor: float) -> None:
-        """Set masses and inertias to a multiple of those of the bodies."""
         self._bodies.mass[:], self._bodies.inertia[:] = factor * self._mass, factor * self._inertia
         self._bodies.inverse_inertia[:] = np.linalg.inv(self._bodies.inertia)
 
@@ -108,10 +106,7 @@ class RigidMotion:
     def weightless(self) -> tuple[np.ndarray, np.ndarray]:
         """A thousandth of the masses, and inverse masses with springs of bodies of so little mass, 0 of carried ones.
 
-        Masses slow the way to an equilibrium, and have no say in it.
-
-        Returns:
-            Two arrays of shape (rigid_count, 6, 6).
+        Masses slow the approach to an equilibrium, and have no say in it. Both have the shape (rigid_count, 6, 6).
         """
         turn, inverse = self.state.rotation, self.state.inverse_mass.copy()
         mass = np.zeros_like(inverse)
@@ -144,13 +139,9 @@ class RigidMotion:
         return end
 
     def end_poses(self, *velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses after moving with each of the velocities in turn, over the whole time step, from the start of the step.
+        """Positions and quaternions after moving with each of the velocities in turn, over the whole time step.
 
-        Args:
-            velocities: linear [mm/s] and angular [rad/s], each of shape (rigid_count, 6).
-
-        Returns:
-            Positions [mm], shape (rigid_count, 3), and quaternions, shape (rigid_count, 4).
+        Velocities are linear [mm/s] and angular [rad/s], each of shape (rigid_count, 6).
         """
         end = self._end
         end.position[:], end.quaternion[:] = self.state.position, self.state.quaternion
@@ -172,7 +163,6 @@ class CarriedBodies:
     """
 
     def __init__(self, model: Model):
-        """Find them."""
         self.index = np.flatnonzero(model.rigid_frame >= 0)
         self.frame = model.rigid_frame[self.index]
         bodies = [model.rigid_bodies[index] for index in self.index]
@@ -217,7 +207,6 @@ class BodySprings:
     """Springs between a rigid body and a frame, or a place in space."""
 
     def __init__(self, model: Model, body: int, springs: RigidSpringsSettings):
-        """Of the body with this number."""
         self._body, self._frames = body, model.frames
         (self._frame,) = model.frames.numbers([springs.follows])
         self._springs, self._start = springs, model.rigid_bodies[body].start_position

@@ -24,13 +24,6 @@ class SoftMotion:
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, geometry: ActuatorGeometry):
-        """Allocate the work space.
-
-        Args:
-            model: the bodies.
-            elasticity: elasticity of the model.
-            geometry: geometry of the model's actuators at the start of a step.
-        """
         self._model, self._time_step = model, model.scene.time.step
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
@@ -72,15 +65,8 @@ class SoftMotion:
     def begin(self, state: State, load: np.ndarray) -> None:
         """Linearise the step with the rotations of its start, and begin to solve it.
 
-        Without contact and with known efforts p of coordinates q the velocities after the step are
-        v + A^-1 h (f + M g + p dq/dx - a M v - (s + b) K v), without inertia A^-1 h (f + M g + p dq/dx).
-
-        Args:
-            state: at the start of the step.
-            load: known pressures [kPa] and tensions [mN], shape (coordinate_count,).
-
-        Raises:
-            SimulationDiverged: the system matrix is not positive definite.
+        Without contact and with known efforts p of coordinates q the velocities after the step are v + A^-1 h (f + M g
+        + p dq/dx - a M v - (s + b) K v), without inertia A^-1 h (f + M g + p dq/dx).
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
         has_inertia = self._model.scene.time.dynamics == "inertial"
@@ -104,14 +90,12 @@ class SoftMotion:
         self.factorise(state, impulse, known_velocity)
 
     def end_velocity(self, moving: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """The velocities with which the nodes go on [mm/s], shape (node_count, 3).
+        """The velocities with which the nodes continue [mm/s], shape (node_count, 3), of those of the step and after
+        it.
 
-        What a rigid spring holds goes on as it moved in the step. It has no inertia of its own to speak of, and to be
-        at its place at the end of every step a velocity after the step would swing about that of the place for ever.
-
-        Args:
-            moving: velocities along which the step moves the nodes, shape (node_count, 3).
-            after: velocities after the step by its equations, shape (node_count, 3).
+        What a rigid spring holds continues as it moved in the step. It has no inertia of its own to speak of, and to
+        be at its place at the end of every step a velocity after the step would swing about that of the place for
+        ever.
         """
         return after if moving is after else after + self._rigidity * (moving - after)
 
@@ -144,12 +128,7 @@ class SoftMotion:
         return np.where(reduced.is_reduced, moved, 0.0)
 
     def impulses(self, state: State, load: np.ndarray) -> np.ndarray:
-        """Impulses on the nodes at the place of the linearisation [mN s], shape (node_count, 3).
-
-        Args:
-            state: what gravity and base are in the step.
-            load: pressures [kPa] and tensions [mN], shape (coordinate_count,).
-        """
+        """Impulses on the nodes at the place of the linearisation [mN s], with gravity and frames of a state."""
         self.follow_frames(state)
         self._sum_impulses(state, load)
         return self.nodes.impulse.copy()
@@ -169,15 +148,10 @@ class SoftMotion:
         return self.expanded(change) + self.known_velocity
 
     def factorise(self, state: State, impulse: np.ndarray, known_velocity: np.ndarray) -> None:
-        """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses.
+        """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses on the
+        unknowns.
 
-        Args:
-            state: at the start of the step.
-            impulse: on the unknowns [mN s], shape (node_count, 3).
-            known_velocity: velocities to which the change is added [mm/s], shape (node_count, 3) or (3,).
-
-        Raises:
-            SimulationDiverged: the matrix is not positive definite.
+        It is added to `known_velocity`, shape (node_count, 3) or (3,).
         """
         self.known_velocity[:] = known_velocity
         try:

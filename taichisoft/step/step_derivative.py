@@ -275,12 +275,7 @@ class StepDerivative:
         solution: StepSolution,
         shift: Shift | None,
     ):
-        """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is.
-
-        Raises:
-            SceneError: a contact in the step has restitution, spinning or rolling friction, or a reduced body is
-                linearised more than once.
-        """
+        """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is."""
         self._model, self._soft, self._rigid = model, soft, rigid
         self._time_step, self._problem, self._solution = model.scene.time.step, problem, solution
         self._nonlinear = solver if isinstance(solver, NonlinearStep) else None
@@ -436,7 +431,6 @@ class StepDerivative:
         )
 
     def _contact_conditions(self) -> list[_Contact]:
-        """What each contact does, in their order."""
         found = []
         for (normal, *along), mu in zip(self._impulse[: len(self._speed)].reshape(-1, 3), self._friction, strict=True):
             friction, most = float(np.hypot(*along)), float(mu * normal)

@@ -122,7 +122,7 @@ class TimeStepper:
             self.state, self.report = self._move(start, control, started)
         return self.report
 
-    def find_equilibrium(self, start: State, asked: State, stable: bool = True) -> FoundEquilibrium:
+    def find_equilibrium(self, start: State, requested: State, stable: bool = True) -> FoundEquilibrium:
         """Where the bodies of a state come to rest under what another asks for; of a model of static dynamics.
 
         An unstable equilibrium is left if it must be `stable`.
@@ -141,7 +141,7 @@ class TimeStepper:
                 self._solver.tolerance, self._solver.unmixed = self.model.scene.time.newton_tolerance, 0
 
         # Not kept: it would refer back to this object, which could not go as soon as nobody needs it.
-        return EquilibriumSearch(self.model, move, self._stability).find(start, asked, stable)
+        return EquilibriumSearch(self.model, move, self._stability).find(start, requested, stable)
 
     def _stability(self, end: State) -> StabilityCheck | None:
         """Prepare to check the end of the last move."""
@@ -204,7 +204,7 @@ class TimeStepper:
         return end, report
 
     def _solve(self, start: State) -> tuple[StepProblem, StepSolution]:
-        requests = self._request(start)
+        requests = request(self.model, start, self._geometry)
         self._begin_motion(start, requests)
         contacts: ContactTable | None = self._prediction.find(start)
         searches = 1
@@ -235,12 +235,7 @@ class TimeStepper:
                     f"bend so much that {MOST_SEARCHES} searches found ever new contacts; take a shorter time.step"
                 )
 
-    def _request(self, start: State) -> ActuatorRequests:
-        """Measure volumes and lengths with their gradients, and make the actuators' requests."""
-        return request(self.model, start, self._geometry)
-
     def _begin_motion(self, start: State, requests: ActuatorRequests) -> None:
-        """Compute forces and matrices of all bodies, and their motion without contacts."""
         if self._soft is not None:
             self._soft.begin(start, requests.load)
         self._rigid.begin(start)

@@ -1,4 +1,4 @@
-"""Ten-node tetrahedra with curved sides: read, written, checked, and what bodies make of them."""
+"""Ten-node tetrahedra with curved sides: files, checks, bodies made of them, and walls of cavities."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,14 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from actuator_geometry import measured
 from blocks import make_block
 
-from taichisoft import Simulation, VolumeMesh, read_volume_mesh, write_volume_mesh
+from taichisoft import Simulation, VolumeMesh, make_model, read_volume_mesh, write_volume_mesh
 from taichisoft.errors import MeshError
 from taichisoft.mechanics.element_kinds import quadratic_tetrahedra
 from taichisoft.mesh import boundary_triangles, element_volumes, enclosed_volume, with_middle_nodes
+from taichisoft.mesh.surface import curved_walls, enclosed_volume_of_walls
 from taichisoft.scene import scene_from_dict
+from taichisoft_benchmarks.regular_meshes import hollow_sphere, rounded, tube
 from taichisoft_meshing.gmsh_session import gmsh_session
+
+# Ten-node tetrahedra with curved sides: read, written, checked, and what bodies make of them.
 
 RADIUS, LENGTH = 5.0, 12.0
 
@@ -139,7 +144,7 @@ def subdivided_volume(mesh: VolumeMesh, parts: int) -> float:
     return float(total)
 
 
-def test_constant_strains_and_stresses_are_exact_on_curved_elements() -> None:
+def test_curved_elements_give_constant_strains_exactly() -> None:
     """sum x_a g_a^T = 1 at every quadrature point, constants have no slope, and the volumes are those of the elements.
 
     And sum V_q g_a = 0 at nodes inside the body: a constant stress is at rest, which four points without the shift of
@@ -157,3 +162,60 @@ def test_constant_strains_and_stresses_are_exact_on_curved_elements() -> None:
     inside = np.setdiff1d(np.arange(len(mesh.nodes)), mesh.surface_groups["outer"])
     assert len(inside) == 27
     np.testing.assert_allclose(force[inside], 0.0, atol=1e-12 * np.abs(force).max())
+
+
+# The six-node walls of cavities: their volumes, their lids, and what they refuse to take for a side.
+
+INNER, OUTER, TUBE_LENGTH = 10.0, 20.0, 20.0
+
+
+def walls_volume(mesh: VolumeMesh) -> float:
+    walls = curved_walls(mesh.surface_groups["cavity"], mesh.elements)
+    return enclosed_volume_of_walls(walls.positions(mesh.nodes), walls.triangles)
+
+
+def test_straight_walls_have_the_volume_of_triangles() -> None:
+    """1e-12: round-off. Four triangles of a side become one of six nodes."""
+    mesh = with_middle_nodes(hollow_sphere(INNER, OUTER, 2, 1))
+    triangles = mesh.surface_groups["cavity"]
+    assert walls_volume(mesh) == pytest.approx(enclosed_volume(mesh.nodes, triangles), rel=1e-12)
+    assert len(curved_walls(triangles, mesh.elements).triangles) == len(triangles) / 4
+
+
+def test_the_volume_of_a_sphere_is_of_fourth_order() -> None:
+    """Parabolas follow a circle to the fourth power of an edge: half of it leaves a sixteenth of the error, 0.015 %;
+    a bound of 14 asks for more than the 4 of flat triangles, which lack 0.86 % with the same nodes."""
+    exact = 4 / 3 * np.pi * INNER**3
+    coarse, fine = (1 - walls_volume(rounded(hollow_sphere(INNER, OUTER, parts, 1), 3)) / exact for parts in (2, 4))
+    assert 0.0 < fine < 2e-4
+    assert coarse / fine > 14.0
+
+
+def test_lids_over_a_hole_follow_the_rims_of_bent_sides(tmp_path: Path) -> None:
+    """The lids of a tube are no sides of elements; with parabolas between twelve corners its volume
+    is 0.016 % short.
+
+    Closed with the wall, whatever the nodes do, the lids leave no force and no moment, to 1e-12 of the largest term.
+    The kernel's volume is numpy's.
+    """
+    mesh = rounded(tube(INNER, OUTER, TUBE_LENGTH, 12, 1, 2), 2)
+    assert walls_volume(mesh) == pytest.approx(np.pi * INNER**2 * TUBE_LENGTH, rel=2e-4)
+    write_volume_mesh(mesh, tmp_path / "tube.msh")
+    body = {
+        "mesh": str(tmp_path / "tube.msh"),
+        "density": 1e-6,
+        "young_modulus": 100.0,
+        "poisson_ratio": 0.3,
+        "element": "quadratic",
+        "cavities": {"cavity": {"group": "cavity"}},
+    }
+    model = make_model(scene_from_dict({"soft_bodies": {"tube": body}}))
+    position = model.rest_position + np.random.default_rng(7).uniform(-1, 1, (model.node_count, 3))
+    geometry = measured(model, position)
+    volume, gradient = geometry.value[0], geometry.gradient.soft
+    moments = np.cross(position[model.actuators.coordinates.entry_node], gradient)
+    assert np.abs(gradient.sum(axis=0)).max() < 1e-12 * np.abs(gradient).max()
+    assert np.abs(moments.sum(axis=0)).max() < 1e-12 * np.abs(moments).max()
+    moved = replace(mesh, nodes=position)
+    assert volume == pytest.approx(walls_volume(moved), rel=1e-12)
+    assert model.cavities.rest_value[0] == pytest.approx(walls_volume(mesh), rel=1e-12)

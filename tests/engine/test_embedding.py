@@ -37,7 +37,7 @@ def test_a_node_is_carried_by_itself() -> None:
     np.testing.assert_allclose(weights.max(axis=1), 1.0, rtol=1e-12)
 
 
-def test_a_point_outside_belongs_to_the_element_of_nearest_centroid() -> None:
+def test_outer_point_belongs_to_nearest_centroid() -> None:
     """As in SOFA's BarycentricMapping; its weights are extrapolated and still give the point back."""
     points = np.random.default_rng(4).uniform(1.05, 1.3, (50, 3)) * [15, 10, 10]
     nodes, weights = embed(points, MESH.nodes, MESH.elements)

@@ -203,8 +203,8 @@ def test_what_springs_of_anchors_pull_is_the_wrench(block: Callable[..., str], f
         ({"frames": {"a": {"path": {"times": [0, 1], "translations": [[1, 0, 0], [0, 0, 0]]}}}}, "it must be 0"),
         ({"frames": {"a": {"path": {"times": [1, 1], "rotations": [[0, 0, 0]] * 2}}}}, "times must rise"),
         ({"frames": {"a": {"hinge": {"axis": [0, 0, 0]}}}}, "has no direction"),
-        ({"frames": {"a": {"hinge": {"axis": [1, 0, 0], "lowest_angle": 5.0}}}}, "must have 0 between them"),
-        ({"frames": {"a": {"hinge": {"axis": [1, 0, 0]}, "speed": 5.0}}}, "speed would have no effect beside a hinge"),
+        ({"frames": {"a": {"hinge": {"axis": [1, 0, 0], "lowest_angle": 5.0}}}}, "must not exceed 0"),
+        ({"frames": {"a": {"hinge": {"axis": [1, 0, 0]}, "speed": 5.0}}}, "speed would have no effect beside hinge"),
     ],
 )
 def test_frames_that_make_no_sense_are_refused(tables: dict[str, Any], message: str) -> None:

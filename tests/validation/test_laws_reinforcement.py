@@ -336,7 +336,7 @@ def test_a_sheet_that_is_thrown_gains_no_energy(strip: str, tension_only: bool, 
     [
         ({"membranes": {"paper": {**PAPER, "group": "tpo"}}}, "no such surface group; there are: bottom, top"),
         ({"membranes": {"paper": {**PAPER, "directions": [[0.0, 0.0, 1.0]]}}}, "is across all of group 'top'"),
-        ({"membranes": {"paper": {**PAPER, "directions": [[0.0, 0.0, 0.0]]}}}, "directions has one without length"),
+        ({"membranes": {"paper": {**PAPER, "directions": [[0.0, 0.0, 0.0]]}}}, "directions.0: [0.0, 0.0, 0.0] has no"),
         (
             {"membranes": {"paper": {**PAPER, "directions": [[1, 2, 0], [-2, -4, 0]]}}},
             "directions has two along one line",

@@ -283,36 +283,6 @@ class Elements(NamedTuple):
     lag: Scalars
 
 
-class Deformation(NamedTuple):
-    """Positions and velocities of the nodes, and the elements' rotations.
-
-    Attributes:
-        position: of the nodes [mm], shape (node_count, 3).
-        velocity: of the nodes [mm/s], shape (node_count, 3).
-        rotation: of each element, shape (element_count, 3, 3).
-    """
-
-    position: Vectors
-    velocity: Vectors
-    rotation: Matrices
-
-
-class SystemMatrix(NamedTuple):
-    """Forces and matrix of a step.
-
-    Attributes:
-        force: f - (h + b) K v on each node [mN], shape (node_count, 3).
-        blocks: of A, shape (block_count, 3, 3).
-        diagonal: what is added on its diagonal: masses with their damping, and anchors [kg], shape (node_count, 3).
-        progress: counters of `waiting`, 0 at the start.
-    """
-
-    force: Vectors
-    blocks: Matrices
-    diagonal: Vectors
-    progress: Integers
-
-
 @func
 def edge_frame(along: vec3, across: vec3) -> mat3:
     """Orthonormal frame: first column along one edge, third normal to the plane of both."""
@@ -329,24 +299,24 @@ def stress(gradient: mat3, lame_lambda: ti.f64, lame_mu: ti.f64) -> mat3:
 
 
 @func
-def strain_element(e: ti.i32, elements: Elements, deformation: Deformation, entries: HookeEntries):
+def strain_element(e: ti.i32, elements: Elements, movement: Movement, rotation: Matrices, entries: HookeEntries):
     """An element's rotation, its forces on its corners, and its turned gradients."""
     n0 = elements.nodes[e, 0]
-    x0, v0, lag = deformation.position[n0], deformation.velocity[n0], elements.lag[e]
+    x0, v0, lag = movement.position[n0], movement.velocity[n0], elements.lag[e]
     present, lagged = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3)
     for a in ti.static(range(3)):
         n, g = elements.nodes[e, a + 1], elements.gradient[e, a]
-        edge = deformation.position[n] - x0
+        edge = movement.position[n] - x0
         present += edge.outer_product(g)
-        lagged += (edge + lag * (deformation.velocity[n] - v0)).outer_product(g)
+        lagged += (edge + lag * (movement.velocity[n] - v0)).outer_product(g)
     r = ti.Matrix.identity(ti.f64, 3)
     if elements.polar[e] != 0:
         r = polar_rotation(present)
     else:
         n1, n2 = elements.nodes[e, 1], elements.nodes[e, 2]
-        frame = edge_frame(deformation.position[n1] - x0, deformation.position[n2] - x0)
+        frame = edge_frame(movement.position[n1] - x0, movement.position[n2] - x0)
         r = frame @ elements.rest_frame[e].transpose()
-    deformation.rotation[e] = r
+    rotation[e] = r
     strain = r.transpose() @ lagged - ti.Matrix.identity(ti.f64, 3)
     pull = r @ stress(strain, elements.force_modulus[e, 0], elements.force_modulus[e, 1])
     turn = elements.root[e] * r
@@ -363,24 +333,26 @@ def strain_element(e: ti.i32, elements: Elements, deformation: Deformation, entr
 
 
 @func
-def fill_block(b: ti.i32, entries: HookeEntries, parts: BlockParts, system: SystemMatrix):
+def fill_block(b: ti.i32, entries: HookeEntries, parts: BlockParts, diagonal: Vectors, sums: DomainSums):
     """A block of the matrix from the elements that contain its two nodes, and on the diagonal the node's force."""
     total = gathered_stiffness(b, entries, parts)
     node = parts.node[b]
     if node >= 0:
-        system.force[node] = gathered_force(b, entries, parts)
+        sums.force[node] = gathered_force(b, entries, parts)
         for d in ti.static(range(3)):
-            total[d, d] += system.diagonal[node][d]
-    system.blocks[b] = total
+            total[d, d] += diagonal[node][d]
+    sums.blocks[b] = total
 
 
 @kernel
 def assemble(
     elements: Elements,
-    deformation: Deformation,
+    movement: Movement,
+    rotation: Matrices,
     entries: HookeEntries,
     parts: BlockParts,
-    system: SystemMatrix,
+    diagonal: Vectors,
+    sums: DomainSums,
     workers: ti.i32,
 ):
     """Nodal forces f - lag K v and the matrix A = diagonal + K, K already times its factor in A.
@@ -391,23 +363,23 @@ def assemble(
 
     Each thread takes the next task until none is left; blocks wait for all elements.
     """
-    element_count, block_count = elements.polar.shape[0], system.blocks.shape[0]
+    element_count, block_count = elements.polar.shape[0], sums.blocks.shape[0]
     element_tasks = (element_count + ELEMENTS_A_TASK - 1) // ELEMENTS_A_TASK
     block_tasks = (block_count + LINEAR_BLOCKS_A_TASK - 1) // LINEAR_BLOCKS_A_TASK
     for worker in range(workers * CHUNK):
         if worker % CHUNK == 0:
-            t = ti.atomic_add(system.progress[BEGUN], 1)
+            t = ti.atomic_add(sums.progress[BEGUN], 1)
             while t < element_tasks:
                 for e in range(t * ELEMENTS_A_TASK, ti.min((t + 1) * ELEMENTS_A_TASK, element_count)):
-                    strain_element(e, elements, deformation, entries)
-                ti.atomic_add(system.progress[FINISHED], 1)
-                t = ti.atomic_add(system.progress[BEGUN], 1)
-            if reaches(system.progress, FINISHED, element_tasks, PATIENCE):
-                t = ti.atomic_add(system.progress[BEGUN_LATER], 1)
+                    strain_element(e, elements, movement, rotation, entries)
+                ti.atomic_add(sums.progress[FINISHED], 1)
+                t = ti.atomic_add(sums.progress[BEGUN], 1)
+            if reaches(sums.progress, FINISHED, element_tasks, PATIENCE):
+                t = ti.atomic_add(sums.progress[BEGUN_LATER], 1)
                 while t < block_tasks:
                     for b in range(t * LINEAR_BLOCKS_A_TASK, ti.min((t + 1) * LINEAR_BLOCKS_A_TASK, block_count)):
-                        fill_block(b, entries, parts, system)
-                    t = ti.atomic_add(system.progress[BEGUN_LATER], 1)
+                        fill_block(b, entries, parts, diagonal, sums)
+                    t = ti.atomic_add(sums.progress[BEGUN_LATER], 1)
 
 
 # What a thread does in one go.

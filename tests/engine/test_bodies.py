@@ -1,18 +1,28 @@
-"""What does not fit its meshes, or cannot be started, is refused before anything is simulated."""
+"""Bodies of a model: what does not fit their meshes is refused; their surfaces and axes in a state."""
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from blocks import make_block
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from taichisoft import Model, VolumeMesh, make_model, write_volume_mesh
+from taichisoft import Control, Model, Scene, Simulation, VolumeMesh, make_model, write_volume_mesh
+from taichisoft.base import matrices_from_quaternions
+from taichisoft.contact import MovingSurfaces
 from taichisoft.errors import MeshError, SceneError
+from taichisoft.mechanics import axes_of_bodies, body_surfaces, planes_of
+from taichisoft.mechanics.body_geometry import RigidAxes, SoftAxes, best_rotation
 from taichisoft.mesh import enclosed_volume
-from taichisoft.scene import scene_from_dict
+from taichisoft.scene import lame_parameters, scene_from_dict
+
+# What does not fit its meshes, or cannot be started, is refused before anything is simulated.
 
 
 @pytest.fixture
@@ -106,7 +116,7 @@ def test_points_outside_a_body_follow_it_where_the_scene_says_so(hollow: dict[st
     assert moved[:, 2].min() > 20.0
 
 
-def test_a_surface_in_a_hollow_of_its_body_is_refused_with_a_vertex(hollow: dict[str, Any], tmp_path: Path) -> None:
+def test_surface_in_a_hollow_is_refused(hollow: dict[str, Any], tmp_path: Path) -> None:
     """It lies in the body's box, but in no element, nor near one; the hollow is 6.7 mm wide, its elements as large."""
     box = trimesh.creation.box(extents=[2, 2, 2])
     with pytest.raises(MeshError, match=r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside .*\.msh .* mm\); give the"):
@@ -165,7 +175,7 @@ def test_every_piece_of_a_mesh_has_a_surface_and_no_cavity_has(tmp_path: Path) -
     assert enclosed_volume(surface.positions(nodes), surface.triangles) == pytest.approx(2 * 20.0**3)
 
 
-def test_the_tutorials_surface_touches_without_the_walls_of_its_cavity(shared: Path) -> None:
+def test_tutorial_surface_leaves_out_cavity_walls(shared: Path) -> None:
     """The file holds both: 60050 mm^3 outside, 8887.5 mm^3 within."""
     meshes = shared / "tutorial-meshes"
     files = {"mesh": str(meshes / "pneunetCutCoarse.vtk"), "collision_surface": str(meshes / "pneunetCut.stl")}
@@ -185,7 +195,7 @@ def obstacle_file(folder: Path, surface: trimesh.Trimesh) -> np.ndarray:
     return triangles
 
 
-def test_a_closed_obstacle_inside_out_is_turned_round_with_a_warning(tmp_path: Path) -> None:
+def test_inverted_obstacle_is_turned_with_a_warning(tmp_path: Path) -> None:
     """Else it would pull in what touches it from outside. The warning points to the program, not into the engine."""
     box = trimesh.creation.box(extents=[2, 2, 2])
     box.invert()
@@ -201,3 +211,118 @@ def test_an_open_obstacle_stays_as_it_is(tmp_path: Path) -> None:
     box.invert()
     box.update_faces(np.arange(1, 12))
     np.testing.assert_array_equal(obstacle_file(tmp_path, box), box.faces)
+
+
+# Regions of a soft body that share elements.
+
+
+def test_later_region_wins_whole(block: Callable[..., str]) -> None:
+    """Where both are, the second one's modulus and, since it gives none, the body's Poisson's ratio."""
+    box = [[-100, -100, -100], [100, 100, 100]]
+    regions = [{"box": box, "young_modulus": 900, "poisson_ratio": 0.1}, {"box": box, "young_modulus": 700}]
+    body = {"mesh": block((2, 1, 1), (20.0, 10.0, 10.0)), "mass": 1, "young_modulus": 500, "poisson_ratio": 0.3}
+    model = make_model(scene_from_dict({"soft_bodies": {"block": {**body, "regions": regions}}}))
+    expected = lame_parameters(np.array([700.0]), np.array([0.3]))
+    np.testing.assert_array_equal(model.soft_bodies[0].lame, np.repeat(expected, 12, axis=0))
+
+
+# Where the surfaces of bodies are in a state, found without kernels.
+
+BODIES = {name: {"box": [1.0, 1.0, 1.0], "mass": 1.0} for name in ("ball", "cube")}
+
+
+def test_surfaces_are_where_contact_finds_them(taichisoft_scene: Scene) -> None:
+    """After steps in which the pads bend and the base turns; contact moves its own vertices with kernels."""
+    simulation = Simulation(taichisoft_scene)
+    model = simulation.model
+    for _ in range(5):
+        simulation.step(Control(pressure={"left.cavity": 5.0}, base_velocity=np.array([0.0, 10.0, 20.0])))
+    state = simulation.state
+    surfaces = body_surfaces(model.soft_bodies, model.rigid_bodies, model.obstacles)
+    assert [(surface.name, surface.kind) for surface in surfaces] == [
+        ("left", "soft"),
+        ("left.cavity", "cavity"),
+        ("right", "soft"),
+        ("right.cavity", "cavity"),
+        ("cube", "rigid"),
+    ]
+    moving = MovingSurfaces(model.surfaces)
+    moving.update(state.position, state.rigid_position, matrices_from_quaternions(state.rigid_rotation))
+    found = [surface.vertices(state) for surface in surfaces if surface.kind != "cavity"]
+    np.testing.assert_allclose(np.vstack(found), moving.moved.position, atol=1e-12)
+    (floor,) = planes_of(model.obstacles)
+    assert floor.name == "floor" and floor.normal.tolist() == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("gravity", "up"), [([-9810.0, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 3.0, -4.0], [0.0, -0.6, 0.8])]
+)
+def test_up_is_against_gravity(gravity: list[float], up: list[float]) -> None:
+    assert scene_from_dict({"gravity": gravity, "rigid_bodies": BODIES}).up.tolist() == pytest.approx(up)
+
+
+def test_up_is_z_without_gravity() -> None:
+    assert scene_from_dict({"gravity": [0.0, 0.0, 0.0], "rigid_bodies": BODIES}).up.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_the_main_object_is_that_of_the_goal_or_the_first() -> None:
+    assert scene_from_dict({"rigid_bodies": BODIES}).main_object == "ball"
+    assert scene_from_dict({"rigid_bodies": BODIES, "goal": {"object": "cube"}}).main_object == "cube"
+    soft = {"finger": {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}}
+    assert Scene.model_validate({"soft_bodies": soft}).main_object is None
+
+
+# The axes of bodies go with them: those of a soft body turn as the rotation that fits its nodes best.
+
+ANGLES = st.tuples(*3 * [st.floats(-3.0, 3.0)])
+POINTS = np.random.default_rng(1).normal(size=(20, 3)) * [30.0, 10.0, 5.0]
+
+
+@given(ANGLES)
+def test_best_rotation_finds_a_rigid_motion(angles: tuple[float, float, float]) -> None:
+    turn = Rotation.from_rotvec(angles).as_matrix()
+    np.testing.assert_allclose(best_rotation(POINTS, POINTS @ turn.T + [5.0, 6.0, 7.0]), turn, atol=1e-9)
+
+
+@given(ANGLES, st.integers(0, 1000))
+def test_it_is_a_rotation_that_no_other_near_it_betters(angles: tuple[float, float, float], seed: int) -> None:
+    """Also of mirrored and noisy points: what is left is a minimum over 20 small turns."""
+    noise = np.random.default_rng(seed).normal(size=(20, *POINTS.shape))
+    after = POINTS @ Rotation.from_rotvec(angles).as_matrix().T * [1.0, 1.0, -1.0] + noise[0]
+    found = best_rotation(POINTS, after)
+    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(found) > 0.0
+
+    def left(turn: np.ndarray) -> float:
+        return float((((POINTS - POINTS.mean(0)) @ turn.T - (after - after.mean(0))) ** 2).sum())
+
+    for small in 0.01 * noise[:, 0]:
+        assert left(Rotation.from_rotvec(small).as_matrix() @ found) >= left(found) * (1.0 - 1e-12)
+
+
+def test_moved_body_keeps_the_axes_of_its_mesh() -> None:
+    placement, turn = (Rotation.from_euler("xyz", angles, degrees=True) for angles in ([30, 40, 50], [0, 0, 90]))
+    rest = placement.apply(POINTS) + np.array([1.0, 2.0, 3.0])
+    position = np.vstack([np.zeros((4, 3)), turn.apply(rest) + np.array([0.0, 0.0, 9.0])])
+    axes = SoftAxes(slice(4, 24), rest, placement.as_matrix())
+    origin, *directions = axes.place(SimpleNamespace(position=position))  # type: ignore[arg-type]
+    np.testing.assert_allclose(origin, position[4:].mean(axis=0))
+    np.testing.assert_allclose(directions, (turn * placement).as_matrix().T, atol=1e-9)
+
+
+def test_axes_are_of_bodies_that_want_them() -> None:
+    soft = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
+    rigid = {"box": [1.0, 1.0, 1.0], "mass": 1.0}
+    scene = Scene.model_validate(
+        {
+            "soft_bodies": {"a": soft, "b": {**soft, "axes": True}},
+            "rigid_bodies": {"c": rigid, "d": {**rigid, "axes": True}},
+        }
+    )
+    bodies = [SimpleNamespace(name=name, nodes=slice(0, 4), rest_position=POINTS[:4]) for name in "ab"]
+    axes = axes_of_bodies(scene, bodies)
+    assert list(axes) == ["b", "d"] and axes["d"] == RigidAxes(1)
+    quaternion = Rotation.from_euler("z", 90, degrees=True).as_quat()[[3, 0, 1, 2]]
+    poses = SimpleNamespace(rigid_position=np.array([[0, 0, 0], [1, 2, 3]]), rigid_rotation=np.array([quaternion] * 2))
+    expected = [[1, 2, 3], [0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+    np.testing.assert_allclose(axes["d"].place(poses), expected, atol=1e-12)  # type: ignore[arg-type]
