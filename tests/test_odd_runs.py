@@ -16,8 +16,8 @@ from mistaken_input import base_scene
 from scipy.spatial.transform import Rotation
 
 from taichisoft.base import PYTHON
+from taichisoft_benchmarks.one_body import simulation_of
 from taichisoft_benchmarks.regular_meshes import bar, hollow_sphere
-from taichisoft_benchmarks.studies.one_body import simulation_of
 
 BOUND = 1e-6
 """Farthest that an unloaded anchored node may be from where the base has it [mm]."""

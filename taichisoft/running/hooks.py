@@ -65,11 +65,7 @@ NEEDED: Mapping[str, tuple[Any, str]] = {
 
 
 def find(kind: str, name: str) -> Callable[..., Any]:
-    """Find what a plug-in provides under `name`; `kind` is one of `KINDS`.
-
-    Raises:
-        PluginError: nothing or more than one thing has that name.
-    """
+    """Find what a plug-in provides under `name`; `kind` is one of `KINDS`."""
     found = provided(kind)
     for line in plugin_registry().unknown_blocked():
         warn_caller(line)
@@ -136,12 +132,7 @@ def notify(hook: str, **arguments: Any) -> None:
 
 
 def answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
-    """Name and answer of each plug-in that implements a hook: called one by one, so that an error has a name.
-
-    Raises:
-        PluginError: an implementation failed; later ones are not called.
-        GoalMissed: an implementation says that the run has missed its goal.
-    """
+    """Name and answer of each plug-in that implements a hook: called one by one, so that an error has a name."""
     for implementation in implementations(hook):
         yield implementation.plugin_name, ask(hook, implementation, **arguments)
 
@@ -153,12 +144,7 @@ def implementations(hook: str) -> list[HookImpl]:
 
 
 def ask(hook: str, implementation: HookImpl, **arguments: Any) -> Any:
-    """The answer of one plug-in.
-
-    Raises:
-        PluginError: it failed.
-        GoalMissed: it says that the run has missed its goal.
-    """
+    """The answer of one plug-in."""
     registry, name = plugin_registry(), implementation.plugin_name
     outcome = "failed"
     try:

@@ -33,9 +33,6 @@ def write_project(name: str, folder: Path | None = None) -> Path:
 
     Returns:
         The folder.
-
-    Raises:
-        PluginError: the name is not valid or taken, or the folder has something in it or cannot be written.
     """
     module = check_name(name)
     folder = folder or Path(name)
@@ -52,11 +49,7 @@ def write_project(name: str, folder: Path | None = None) -> Path:
 
 
 def check_name(name: str) -> str:
-    """The module for a plug-in called `name`.
-
-    Raises:
-        PluginError: the name is not valid, or taken by a plug-in, a controller or a module.
-    """
+    """The module for a plug-in called `name`."""
     if not re.fullmatch(r"[A-Za-z](?:[A-Za-z0-9._-]*[A-Za-z0-9])?", name):
         raise PluginError(
             f"'{name}' cannot be the name of a plug-in: it must begin with a letter, end with a letter or a digit, and "

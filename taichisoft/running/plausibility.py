@@ -63,11 +63,7 @@ MASS_FACTOR = {"g": 1e-3, "mg": 1e-6}
 
 
 def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Warn of implausible numbers, with the unit that was probably meant, and of meshes of several pieces.
-
-    Raises:
-        SceneError: a number is absurd.
-    """
+    """Warn of implausible numbers, with the unit that was probably meant, and of meshes of several pieces."""
     _check("time.step", scene.time.step, TIME_STEP)
     if math.isfinite(scene.time.duration):
         _check("time.duration", scene.time.duration, DURATION)
@@ -149,11 +145,7 @@ def _cavity_groups(body: SoftBodySettings) -> list[str]:
 
 
 def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Log the volume of the elements in each box of a region: on a coarse mesh it may differ much from the box's.
-
-    Raises:
-        SceneError: a box contains no element.
-    """
+    """Log the volume of the elements in each box of a region: on a coarse mesh it may differ much from the box's."""
     said = set()
     for name, body in scene.soft_bodies.items():
         mesh = meshes[name]
@@ -176,11 +168,7 @@ def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
 
 
 def check_rigid_plausibility(model: Model) -> None:
-    """Check rigid bodies and obstacles likewise, whose masses and surfaces are computed.
-
-    Raises:
-        SceneError: a number is absurd.
-    """
+    """Check rigid bodies and obstacles likewise, whose masses and surfaces are computed."""
     for obstacle in model.obstacles:
         if obstacle.vertices is not None:
             side = float(np.ptp(obstacle.vertices, axis=0).max())

@@ -71,11 +71,7 @@ def takes_reader_options(function: CommandFunction) -> CommandFunction:
 
 
 def add_run_options(command: Any) -> None:
-    """Let the parser of a command take them, if the command makes a run.
-
-    Raises:
-        PluginError: an option is not valid, or has the name of one of the command's own.
-    """
+    """Let the parser of a command take them, if the command makes a run."""
     if command.callback is None or inspect.unwrap(command.callback) not in _taking:
         return
     reads = inspect.unwrap(command.callback) in _reading
@@ -215,9 +211,6 @@ def with_plugin_commands(application: typer.Typer) -> Any:
     """A parser with the commands of an application and of all plug-ins; each takes the option that loads plug-ins.
 
     Groups of one name become one group, so that a plug-in can add `taichisoft mesh sweep` to another's `mesh`.
-
-    Raises:
-        PluginError: a plug-in could not add its commands, or two claim one name.
     """
     whole: Any = typer.main.get_group(application)
     owners = {typed: "taichisoft itself" for typed, _ in _below(whole)}
@@ -233,11 +226,7 @@ def with_plugin_commands(application: typer.Typer) -> Any:
 
 
 def commands_by_plugin() -> Iterator[tuple[str, Any]]:
-    """Name of each plug-in that adds commands, and a group that has them.
-
-    Raises:
-        PluginError: a plug-in could not.
-    """
+    """Name of each plug-in that adds commands, and a group that has them."""
     hook = "taichisoft_commands"
     for implementation in implementations(hook):
         added = typer.Typer()
@@ -268,11 +257,7 @@ def _runs(command: Any) -> bool:
 
 
 def _merge(group: Any, added: Any, owner: str, owners: Mapping[str, str], prefix: str = "") -> None:
-    """Put the commands that a plug-in adds, the owner, into a group whose commands have the owners given.
-
-    Raises:
-        PluginError: a command, or a default of a group, is there already.
-    """
+    """Put the commands that a plug-in adds, the owner, into a group whose commands have the owners given."""
     for name, command in added.commands.items():
         typed, present = f"{prefix}{name}", group.commands.setdefault(name, command)
         if present is command:
@@ -309,11 +294,7 @@ LIFE_CYCLE = [name for name in hook_names() if name not in (*KINDS.values(), "ta
 
 
 def provided_names() -> dict[str, list[str]]:
-    """What each loaded plug-in provides, in the order of loading: things with their names, commands, hooks of a run.
-
-    Raises:
-        PluginError: a plug-in failed, or something that it provides is not valid.
-    """
+    """What each loaded plug-in provides, in the order of loading: things with their names, commands, hooks of a run."""
     names: dict[str, list[str]] = {name: [] for name in plugin_registry().origins}
     for kind in KINDS:
         provided(kind)  # no name may be claimed twice

@@ -370,10 +370,6 @@ def run_scene(
     """Run a scene by path or by the name of a shipped scene; `load_scene` describes all arguments but `request`.
 
     If the user steers and names no controller, the scene's own is kept if it responds to keys.
-
-    Raises:
-        TaichisoftError: an error that the user can correct.
-        typer.Exit: the run was interrupted.
     """
     with warnings_printed_to(rich.get_console()), logged_to(rich.get_console()):
         scene = load_scene(name, overrides, controller, reader_settings, goal)

@@ -142,11 +142,7 @@ class KeyLog:
     """Writes each key at once, so that a killed session leaves a complete log."""
 
     def __init__(self, path: Path):
-        """Create the file.
-
-        Raises:
-            KeyLogError: the file cannot be written.
-        """
+        """Create the file."""
         self._path = path
         with named_os_errors(path, KeyLogError):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -177,11 +173,7 @@ class KeyReplay:
     """
 
     def __init__(self, path: Path):
-        """Read the whole file.
-
-        Raises:
-            KeyLogError: the file is missing, or a line is not in the format of `KeyLog`.
-        """
+        """Read the whole file."""
         self._events: list[tuple[int, KeyEvent]] = []
         self.step_count = 0
         try:
@@ -351,11 +343,7 @@ class Session:
 
 
 def require_base(part: Part, base: type) -> Part:
-    """Return a controller or output if it is derived from its base class.
-
-    Raises:
-        PluginError: the part is not derived from the base class.
-    """
+    """Return a controller or output if it is derived from its base class."""
     if isinstance(part, base):
         return part
     if isinstance(part, type):
@@ -366,11 +354,7 @@ def require_base(part: Part, base: type) -> Part:
 
 
 def count_steps(duration: float, time_step: float) -> float:
-    """Number of whole steps in a duration [s], at least one; infinite for an infinite duration.
-
-    Raises:
-        TaichisoftError: the duration is not a positive number.
-    """
+    """Number of whole steps in a duration [s], at least one; infinite for an infinite duration."""
     if not duration > 0.0:
         raise TaichisoftError(f"duration = {duration:g}: must be a positive number of seconds")
     return max(1, round(duration / time_step)) if math.isfinite(duration) else math.inf

@@ -201,11 +201,7 @@ class Simulation(TimeStepper):
 
 
 def check_simulation(given: Any) -> None:
-    """Check that a user gave a simulation.
-
-    Raises:
-        TaichisoftError: it is something else, such as a scene.
-    """
+    """Check that a user gave a simulation."""
     if not isinstance(given, Simulation):
         what = type(given).__name__
         raise TaichisoftError(f"a {what} is not a simulation; taichisoft.Simulation(scene) makes one of a scene")
@@ -255,13 +251,7 @@ def _warn_of_locking(scene: Scene) -> None:
 
 
 def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
-    """Read or make the mesh of each soft body, by body name; bodies with the same source share a mesh.
-
-    Raises:
-        MeshError: a mesh file cannot be read, or cannot be simulated.
-        SceneError: a mesh cannot be made as the scene describes it; the message begins with the key.
-        PluginError: the plug-in that makes a mesh failed.
-    """
+    """Read or make the mesh of each soft body, by body name; bodies with the same source share a mesh."""
     loaded: dict[str, VolumeMesh] = {}
     meshes = {}
     for name, body in scene.soft_bodies.items():
@@ -273,11 +263,7 @@ def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
 
 
 def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
-    """Read or make one mesh; `key` is the key of the mesh in the scene.
-
-    Raises:
-        MeshError, SceneError, PluginError: see `load_meshes`.
-    """
+    """Read or make one mesh; `key` is the key of the mesh in the scene."""
     file = Path(source.file)
     suffix = file.suffix.lower()
     makers = provided("mesh maker") if suffix not in VOLUME_SUFFIXES else {}

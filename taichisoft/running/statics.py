@@ -119,11 +119,7 @@ def equilibrium(simulation: Simulation, control: Control | None = None, stable: 
 
 
 def statics_of(simulation: Simulation) -> "Statics":
-    """The static variant of a simulation's model, which it keeps.
-
-    Raises:
-        SceneError: a soft body has no anchors.
-    """
+    """The static variant of a simulation's model, which it keeps."""
     check_simulation(simulation)
     statics: Statics = simulation.keep("statics", lambda: Statics(simulation.model))
     if statics.source is not simulation.model:  # changed since
@@ -333,11 +329,7 @@ class _Search:
         return values
 
     def start(self) -> np.ndarray:
-        """Where to begin: what is asked for now, or where every target depends on something.
-
-        Raises:
-            EquilibriumNotFound: there is no equilibrium at any of these places.
-        """
+        """Where to begin: what is asked for now, or where every target depends on something."""
         low, high = self.bounds.T
         room = INSIDE * (high - low)
         now = np.array([asked_for(self._statics.model, self._state, name) for name in self.names])
@@ -458,11 +450,7 @@ class _Search:
         return self._last[1]
 
     def _moved(self, values: np.ndarray) -> State:
-        """Where a motion from the start comes to rest.
-
-        Raises:
-            EquilibriumNotFound: it moves on and on.
-        """
+        """Where a motion from the start comes to rest."""
         stepper, control = TimeStepper(self._model), self._control(values)
         stepper.restore(self._state)
         for _ in range(round(LONGEST / self._model.scene.time.step)):
