@@ -14,11 +14,9 @@ from taichisoft.errors import GoalMissed, PluginError
 from taichisoft.running.hookspecs import RunOption
 from taichisoft.running.plugins import plugin_failure, plugin_registry
 
-# Things by name that are imported when somebody asks for one: to list the names takes no time.
-
 
 class Imported(Mapping[str, Any]):
-    """What a plug-in provides by name, imported on use.
+    """What a plug-in provides by name, imported when it is looked up: listing the names takes no time.
 
     Args:
         package: the package in which the modules are.
@@ -66,14 +64,14 @@ NEEDED: Mapping[str, tuple[Any, str]] = {
 
 def find(kind: str, name: str) -> Callable[..., Any]:
     """Find what a plug-in provides under `name`; `kind` is one of `KINDS`."""
-    found = provided(kind)
+    things = provided(kind)
     for line in plugin_registry().unknown_blocked():
         warn_caller(line)
-    if name not in found:
-        valid = ", ".join(sorted(found)) or "none"
+    if name not in things:
+        valid = ", ".join(sorted(things)) or "none"
         raise PluginError(f"no {kind} is called '{name}'; there are: {valid}; --plugin FILE.py brings others")
-    made: Callable[..., Any] = found[name]
-    return made
+    thing: Callable[..., Any] = things[name]
+    return thing
 
 
 def provided(kind: str) -> Mapping[str, Any]:
@@ -139,8 +137,8 @@ def answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
 
 def implementations(hook: str) -> list[HookImpl]:
     """The implementations of a hook in the order of loading, except where marked with tryfirst or trylast."""
-    found = getattr(plugin_registry().hook, hook).get_hookimpls()
-    return sorted(found, key=lambda one: (not one.tryfirst, one.trylast))
+    loaded = getattr(plugin_registry().hook, hook).get_hookimpls()
+    return sorted(loaded, key=lambda implementation: (not implementation.tryfirst, implementation.trylast))
 
 
 def ask(hook: str, implementation: HookImpl, **arguments: Any) -> Any:

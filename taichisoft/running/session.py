@@ -330,12 +330,12 @@ class Session:
         """All sliders of the session with their present values: the controller's own, and its tunable settings."""
         controller, scene = self.controller, self.simulation.model.scene
         name = scene.controller.name if scene.controller is not None else "controller"
-        found = {key: replace(one, group=one.group or name) for key, one in controller.sliders.items()}
+        sliders = {key: replace(slider, group=slider.group or name) for key, slider in controller.sliders.items()}
         given = scene.controller.settings if scene.controller is not None else {}
-        for key, one in controller.tunable.items() if self.make_controller is not None else ():
-            value = self.tuned.get(key, given.get(key, one.value))
-            found[key] = replace(one, value=float(value), group=one.group or f"settings of {name}")
-        return found
+        for key, slider in controller.tunable.items() if self.make_controller is not None else ():
+            value = self.tuned.get(key, given.get(key, slider.value))
+            sliders[key] = replace(slider, value=float(value), group=slider.group or f"settings of {name}")
+        return sliders
 
     def stop(self) -> None:
         """End the run before the next step, with complete outputs; may be called from any thread."""

@@ -57,7 +57,7 @@ class Simulation(TimeStepper):
         """
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
         self._kept: dict[Hashable, Closable] = {}
-        self._has_said_unit = self._has_said_rollouts = False
+        self._has_warned_of_unit = self._has_warned_of_rollouts = False
         weakref.finalize(self, _close_all, self._kept)
         if self.model.scene.cameras:
             mine = weakref.ref(self)
@@ -82,25 +82,25 @@ class Simulation(TimeStepper):
 
     def warn_of_units(self, control: Control) -> None:
         """Warn once of a pressure or modulus that was probably asked for in another unit."""
-        if self._has_said_unit:
+        if self._has_warned_of_unit:
             return
         pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
         moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
-        line = next((found for one in (*pressures, *moduli) if (found := implausible(*one))), "")
+        line = next(filter(None, (implausible(*quantity) for quantity in (*pressures, *moduli))), "")
         if line:
-            self._has_said_unit = True
+            self._has_warned_of_unit = True
             warn_caller(line)
 
     def warn_beyond_law(self, state: State) -> None:
-        """Warn where a body is stretched beyond the range of its law in a state, unless that has been said."""
+        """Warn where a body is stretched beyond the range of its law in a state, unless it has done so before."""
         line = self.strain_watch.complaint(state)
         if line is not None:
             warn_caller(line)
 
     def warn_of_rollouts(self, line: str) -> None:
-        """Warn of rollouts that left the range of a law, unless that has been said."""
-        if not self._has_said_rollouts:
-            self._has_said_rollouts = True
+        """Warn of rollouts that left the range of a law, unless it has done so before."""
+        if not self._has_warned_of_rollouts:
+            self._has_warned_of_rollouts = True
             warn_caller(line)
 
     def render(
@@ -284,7 +284,6 @@ def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
 
 
 def _refuse_keys(source: BodyMesh, valid: Container[str], key: str) -> None:
-    """Refuse keys without effect."""
     ignored = [name for name in source.request if name not in valid]
     if ignored:
         raise SceneError(
