@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mistaken_input import base_scene
 from scipy.spatial.transform import Rotation
+from test_odd_input import base_scene
 
 import taichisoft as ts
 from taichisoft.base import PYTHON
