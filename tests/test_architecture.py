@@ -16,16 +16,19 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = ROOT / "taichisoft"
 LAYERS = {
-    "taichisoft": (
-        "__main__ command_line pytest_fixtures __init__ running step control contact mechanics scene mesh runtime base "
-        "errors"
-    ).split(),
-    "taichisoft_outputs": (
-        "__init__ doctor_command doctor_checks materials_command tension_test material_files recording_commands report "
-        "rendering web paraview plots csv_output metrics drawing stress run_figures recording motion_figures "
-        "html_template system_libraries"
-    ).split(),
-    "taichisoft_sofa": "__init__ sofa_commands checking scene_reader controller translation components tree".split(),
+    name: rooms.split()
+    for name, rooms in {
+        "taichisoft": (
+            "__main__ command_line pytest_fixtures __init__ running step control contact mechanics scene mesh runtime "
+            "base errors"
+        ),
+        "taichisoft_outputs": (
+            "__init__ doctor_command doctor_checks materials_command tension_test material_files recording_commands "
+            "report rendering web paraview plots csv_output metrics drawing stress run_figures recording motion_figures "
+            "html_template system_libraries"
+        ),
+        "taichisoft_sofa": "__init__ sofa_commands checking scene_reader controller translation components tree",
+    }.items()
 }
 """From top to bottom: rooms and modules; each may import those of its own layer and of lower ones. Of packages that are
 flat, the modules alone must not lead back to themselves."""
