@@ -31,8 +31,8 @@ bench: system-libraries .venv/test-tools
 
 scoreboard: system-libraries .venv/test-tools
 	$(pip_install) '.[peers]'
-	.venv/bin/python -m taichisoft_benchmarks.studies.wall_creep
-	.venv/bin/python -m taichisoft_benchmarks.studies.friction_problems $(DATA)
+	.venv/bin/python -m taichisoft_benchmarks.wall_creep
+	.venv/bin/python -m taichisoft_benchmarks.friction_problems $(DATA)
 
 site: .venv/test-tools
 	.venv/bin/sphinx-build --quiet --fail-on-warning --keep-going -c docs/site . out/site

@@ -113,11 +113,7 @@ TABLES: dict[str, type[BaseModel]] = {
 
 
 def pages() -> dict[str, str]:
-    """Content of each page by the name of its file.
-
-    Raises:
-        ValueError: an argument or an attribute is not in its docstring, or something else is.
-    """
+    """Content of each page by the name of its file."""
     return {
         "python.md": _python_page(),
         "hooks.md": _hooks_page(),

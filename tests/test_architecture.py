@@ -7,6 +7,7 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -14,99 +15,47 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = ROOT / "taichisoft"
-FORBIDDEN = {
-    "taichisoft_arm",
-    "taichisoft_controllers",
-    "taichisoft_gym",
-    "taichisoft_meshing",
-    "taichisoft_outputs",
-    "taichisoft_reduction",
-    "taichisoft_sofa",
-    "taichisoft_studies",
-} | {
-    "open3d",
-    "gmsh",
-    "viser",
-    "matplotlib",
-    "h5py",
-}
 LAYERS = {
-    "taichisoft": [
-        "__main__",
-        "command_line",
-        "pytest_fixtures",
-        "__init__",
-        "running",
-        "step",
-        "control",
-        "contact",
-        "mechanics",
-        "scene",
-        "mesh",
-        "runtime",
-        "base",
-        "errors",
-    ],
-    "taichisoft_outputs": [
-        "__init__",
-        "doctor_command",
-        "doctor_checks",
-        "materials_command",
-        "tension_test",
-        "material_files",
-        "recording_commands",
-        "report",
-        "rendering",
-        "web",
-        "paraview",
-        "plots",
-        "csv_output",
-        "metrics",
-        "drawing",
-        "stress",
-        "run_figures",
-        "recording",
-        "motion_figures",
-        "html_template",
-        "system_libraries",
-    ],
-    "taichisoft_sofa": [
-        "__init__",
-        "sofa_commands",
-        "checking",
-        "scene_reader",
-        "controller",
-        "translation",
-        "components",
-        "tree",
-    ],
+    name: rooms.split()
+    for name, rooms in {
+        "taichisoft": (
+            "__main__ command_line pytest_fixtures __init__ running step control contact mechanics scene mesh runtime "
+            "base errors"
+        ),
+        "taichisoft_outputs": (
+            "__init__ doctor_command doctor_checks materials_command tension_test material_files recording_commands "
+            "report rendering web paraview plots csv_output metrics drawing stress run_figures recording motion_figures "
+            "html_template system_libraries"
+        ),
+        "taichisoft_sofa": "__init__ sofa_commands checking scene_reader controller translation components tree",
+    }.items()
 }
 """From top to bottom: rooms and modules; each may import those of its own layer and of lower ones. Of packages that are
 flat, the modules alone must not lead back to themselves."""
 PACKAGES = [
     ENGINE,
     *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing")),
-    ROOT / "plugins/taichisoft_outputs",
-    ROOT / "plugins/taichisoft_reduction",
-    ROOT / "controllers/taichisoft_arm",
-    ROOT / "controllers/taichisoft_gym",
-    ROOT / "plugins/taichisoft_sofa",
-    ROOT / "plugins/taichisoft_studies",
+    *(ROOT / "controllers" / f"taichisoft_{name}" for name in ("arm", "gym")),
+    *(ROOT / "plugins" / f"taichisoft_{name}" for name in ("outputs", "reduction", "sofa", "studies")),
 ]
+BESIDE = [ROOT / folder for folder in ("benchmarks", "controllers", "meshing", "plugins", "examples")]
+"""Packages that import the engine's public modules: `taichisoft.mesh`, not `taichisoft.mesh.mesh_files`."""
+FORBIDDEN = {path.name for path in PACKAGES[2:]} | {"open3d", "gmsh", "viser", "matplotlib", "h5py"}
+"""What the engine must not import."""
 
 
-def modules(package: Path) -> dict[str, Path]:
-    """The modules of a package by their dotted names."""
-    found = {}
-    for path in sorted(package.rglob("*.py")):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        found[".".join(parts)] = path
-    return found
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+def files(*folders: Path) -> list[Path]:
+    return [path for folder in folders for path in sorted(folder.rglob("*.py"))]
 
 
 def imported_names(path: Path) -> Iterator[str]:
     """Everything that a file imports, wherever in it, as dotted names."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -114,31 +63,26 @@ def imported_names(path: Path) -> Iterator[str]:
 
 
 def arrows(package: Path) -> dict[str, set[str]]:
-    """The modules of the package that each of its modules imports."""
-    known = modules(package)
-    found: dict[str, set[str]] = {}
-    for name, path in known.items():
-        found[name] = set()
+    """The modules of the package that each of its modules imports, all by their dotted names."""
+    modules = {".".join(path.relative_to(package.parent).with_suffix("").parts): path for path in files(package)}
+    targets: dict[str, set[str]] = {name: set() for name in modules}
+    for name, path in modules.items():
         for imported in imported_names(path):
             for candidate in (imported, imported.rpartition(".")[0], f"{imported}.__init__"):
-                if candidate in known and candidate != name:
-                    found[name].add(candidate)
+                if candidate in modules and candidate != name:
+                    targets[name].add(candidate)
                     break
-    return found
-
-
-def layer(module: str, layers: list[str]) -> int:
-    """How far down a module stands, from 0."""
-    return layers.index(module.split(".")[1])
+    return targets
 
 
 def upward(package: Path, layers: list[str]) -> list[str]:
     """The imports of a package that point up its layers."""
+    depth = {name: layers.index(name.split(".")[1]) for name in arrows(package)}
     return [
         f"{module} imports {imported}"
         for module, targets in arrows(package).items()
         for imported in sorted(targets)
-        if layer(module, layers) > layer(imported, layers)
+        if depth[module] > depth[imported]
     ]
 
 
@@ -151,13 +95,13 @@ def test_every_import_points_down_the_layers(name):
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_no_module_leads_back_to_itself(package):
     """Modules that import nothing more are taken away until none is left; what cannot be taken stands in a circle."""
-    waiting = {name: set(targets) for name, targets in arrows(package).items()}
+    waiting = arrows(package)
     while free := {name for name, targets in waiting.items() if not targets}:
         waiting = {name: targets - free for name, targets in waiting.items() if name not in free}
     assert not waiting
 
 
-def test_an_arrow_that_points_up_is_seen(tmp_path):
+def test_arrow_that_points_up_is_seen(tmp_path):
     package = tmp_path / "taichisoft"
     for module, text in {
         "step/contacts": "def f():\n    from taichisoft.running.loop import run",
@@ -169,15 +113,11 @@ def test_an_arrow_that_points_up_is_seen(tmp_path):
     assert arrows(package)["taichisoft.running.loop"] == {"taichisoft.step.contacts"}
 
 
-@pytest.mark.parametrize("path", sorted(ENGINE.rglob("*.py")), ids=lambda path: str(path.relative_to(ENGINE)))
-def test_the_engine_imports_no_plugin_and_no_screen(path):
-    assert not {name.split(".")[0] for name in imported_names(path)} & FORBIDDEN
-
-
-@pytest.mark.parametrize("path", sorted(ENGINE.rglob("*.py")), ids=lambda path: str(path.relative_to(ENGINE)))
-def test_taichi_stays_in_the_runtime_and_the_kernels(path):
-    if path.parent.name not in ("runtime", "kernels"):
-        assert "taichi" not in {name.split(".")[0] for name in imported_names(path)}
+def test_engine_imports_neither_plugins_nor_screens():
+    imported = {path: {name.split(".")[0] for name in imported_names(path)} for path in files(ENGINE)}
+    assert {path: names & FORBIDDEN for path, names in imported.items() if names & FORBIDDEN} == {}
+    users_of_taichi = [path for path, names in imported.items() if "taichi" in names]
+    assert {path.parent.name for path in users_of_taichi} <= {"runtime", "kernels"}
 
 
 # Names of Taichi's that are not in its documentation, and modules of it.
@@ -190,75 +130,85 @@ PRIVATE_NAMES = {
 def private_parts(path: Path) -> set[str]:
     """What a file uses of Taichi's private interface."""
     imported = {name for name in imported_names(path) if name.startswith(("taichi.lang", "taichi._"))}
-    nodes = [one for one in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(one, ast.Attribute)]
-    of_taichi = {node.attr for node in nodes if isinstance(node.value, ast.Name) and node.value.id in ("ti", "taichi")}
+    attributes = [node for node in nodes(path) if isinstance(node, ast.Attribute)]
+    of_taichi = {
+        node.attr for node in attributes if isinstance(node.value, ast.Name) and node.value.id in ("ti", "taichi")
+    }
     hidden = {name for name in of_taichi if name == "lang" or name.startswith("_")}
-    return imported | hidden | ({node.attr for node in nodes} & PRIVATE_NAMES)
+    return imported | hidden | ({node.attr for node in attributes} & PRIVATE_NAMES)
 
 
-def test_taichis_private_interface_is_used_in_one_file():
-    folders = [*PACKAGES, ROOT / "tests", ROOT / "docs", ROOT / "examples"]
-    users = {path for folder in folders for path in folder.rglob("*.py") if private_parts(path)}
-    assert users == {ENGINE / "runtime/compiler.py"}
-
-
-def test_a_class_has_a_name_of_its_own():
-    """`Cable` is either what a user writes or what is simulated, whichever package it stands in."""
-    files = [path for package in PACKAGES for path in package.rglob("*.py")]
-    names = Counter(
-        node.name
-        for path in files
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef)
-    )
-    assert len(names) > 300
-    assert [name for name, count in names.items() if count > 1] == []
+def test_private_interface_of_taichi_is_used_in_one_file():
+    users = {path for path in files(*PACKAGES, *(ROOT / name for name in ("tests", "docs", "examples")))}
+    assert {path for path in users if private_parts(path)} == {ENGINE / "runtime/compiler.py"}
 
 
 # Files that hold the same thing in every package.
 COMMON_FILES = ("__init__.py", "__main__.py", "errors.py")
 
 
-def test_a_file_has_a_name_of_its_own():
-    names = Counter(path.name for package in PACKAGES for path in package.rglob("*.py"))
-    assert len(names) > 300
-    assert [name for name, count in names.items() if count > 1 and name not in COMMON_FILES] == []
+def test_classes_and_files_have_names_of_their_own():
+    """`Cable` is either what a user writes or what is simulated, whichever package it stands in."""
+    paths = files(*PACKAGES)
+    classes = Counter(node.name for path in paths for node in nodes(path) if isinstance(node, ast.ClassDef))
+    names = Counter(path.name for path in paths if path.name not in COMMON_FILES)
+    assert min(len(classes), len(names)) > 300
+    assert [name for name, count in (classes + names).items() if count > 1] == []
 
 
-BESIDE = [ROOT / folder for folder in ("benchmarks", "controllers", "meshing", "plugins", "examples")]
-"""Packages that import the engine's public modules: `taichisoft.mesh`, not `taichisoft.mesh.mesh_files`."""
+SMALL_TOPICS = {
+    "taichisoft.mechanics.strain": "stretches of elements, in the room that has elements",
+    "taichisoft_controllers.terminal_mode": "a program that restores the terminal of a killed process",
+    "taichisoft_meshing.mould_assembly": "parts of a mould against each other, beside how each is made",
+    "taichisoft_sofa.checking": "`sofa check`, without a run",
+    "taichisoft_sofa.controller.sofa_controller": "the controller that a run is given",
+    "taichisoft_studies.mesh_variants": "`mesh sweep`, beside the command that reads its options",
+    "taichisoft_studies.run_comparison": "`study compare`, beside the command that reads its options",
+    "taichisoft_studies.tls_connections": "encrypted connections of Dask",
+}
+"""Modules below 150 lines with one importer, and why they do not live in it."""
 
 
-def inner_imports(path: Path) -> list[str]:
-    """Imports of modules inside a package of the engine."""
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        names = [node.module or ""] if isinstance(node, ast.ImportFrom) and node.level == 0 else []
-        names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        found += [name for name in names if name.startswith("taichisoft.") and name.count(".") > 1]
-    return found
+def test_small_modules_live_in_their_only_importer():
+    """But for kernels, modules that give public names, and light modules of commands, which `__init__` imports."""
+    importers: dict[str, set[str]] = {}
+    lengths = {}
+    paths = files(*PACKAGES)
+    for path in paths:
+        package = next(folder for folder in PACKAGES if path.is_relative_to(folder))
+        name = ".".join(path.relative_to(package.parent).with_suffix("").parts)
+        lengths[name] = path.read_text(encoding="utf-8").count("\n")
+        for imported in imported_names(path):
+            for candidate in {imported, imported.rpartition(".")[0]}:
+                importers.setdefault(candidate, set()).add(path.stem)
+    public = "".join(stub.read_text(encoding="utf-8") for stub in ENGINE.glob("*/__init__.pyi"))
+    small = [
+        name
+        for name, length in lengths.items()
+        if length < 150 and len(importers.get(name, ())) == 1 and importers[name] != {"__init__"}
+        if ".kernels." not in name and f"from .{name.rpartition('.')[2]} import" not in public
+    ]
+    assert sorted(set(small) - set(SMALL_TOPICS)) == []
 
 
-def test_packages_beside_the_engine_import_its_public_modules_alone() -> None:
-    files = [path for folder in BESIDE for path in sorted(folder.rglob("*.py"))]
-    assert len(files) > 200
-    assert {str(path.relative_to(ROOT)): inner for path in files if (inner := inner_imports(path))} == {}
+def test_packages_beside_the_engine_import_its_public_modules():
+    inner = {}
+    for path in files(*BESIDE):
+        modules = [node.module or "" for node in nodes(path) if isinstance(node, ast.ImportFrom) and node.level == 0]
+        modules += [alias.name for node in nodes(path) if isinstance(node, ast.Import) for alias in node.names]
+        inner[path] = [name for name in modules if name.startswith("taichisoft.") and name.count(".") > 1]
+    assert len(inner) > 200
+    assert {path: names for path, names in inner.items() if names} == {}
 
 
 @pytest.mark.parametrize("stub", sorted(ENGINE.glob("*/__init__.pyi")), ids=lambda stub: stub.parent.name)
 def test_public_names_are_there_and_used(stub: Path) -> None:
     """A name with the name of a module would be the module as soon as that is imported."""
     package = import_module(f"taichisoft.{stub.parent.name}")
-    names = {
-        alias.name
-        for node in ast.walk(ast.parse(stub.read_text()))
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
+    names = {alias.name for node in nodes(stub) if isinstance(node, ast.ImportFrom) for alias in node.names}
     assert names == set(package.__all__)
     assert all(getattr(package, name) is not None for name in names)
     assert not names & {path.stem for path in stub.parent.iterdir()}
-    everything = "".join(
-        path.read_text(encoding="utf-8") for folder in [*BESIDE, ROOT / "docs"] for path in folder.rglob("*.*y")
-    )
+    texts = [path.read_text(encoding="utf-8") for folder in [*BESIDE, ROOT / "docs"] for path in folder.rglob("*.*y")]
+    everything = "".join(texts)
     assert [name for name in sorted(names) if not re.search(rf"\b{name}\b", everything)] == []

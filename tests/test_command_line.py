@@ -1,5 +1,7 @@
 """The command `taichisoft` as a user meets it: exit codes, one line for every error, what a run leaves behind."""
 
+import csv
+import io
 import json
 import os
 import signal
@@ -11,13 +13,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import rich
 import trimesh
 from conftest import PATIENCE
+from rich.console import Console
+from typer.testing import CliRunner
 
 import taichisoft
 from taichisoft import load_scene
+from taichisoft.base import plain
 from taichisoft.command_line import main
 from taichisoft.scene import data_folder
+from taichisoft_benchmarks.__main__ import bench
+from taichisoft_outputs import material_files
+from taichisoft_outputs.materials_command import materials
+from taichisoft_studies.mesh_variants import summary_table
+from taichisoft_studies.study_commands import compare
 
 SCENE = """
 [time]
@@ -82,9 +93,7 @@ def outcome_and_steps(recording: Path) -> tuple[str, int]:
         return file["outcome"][()].decode(), len(file["steps/time"]) - 1
 
 
-def test_a_geometry_is_meshed_on_first_use_and_the_run_says_so(
-    command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_geometry_is_meshed_on_first_use(command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
     finger = data_folder() / "fingers" / "tutorial.toml"
     arguments = ("run", "scene.toml", "--set", 'soft_bodies.finger.mesh={file = "tutorial.toml", size = 14.0}')
@@ -102,9 +111,7 @@ def test_a_geometry_is_meshed_on_first_use_and_the_run_says_so(
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_shipped_scene_runs_from_anywhere_and_leaves_what_it_resolved_to(
-    command: Command, name: str, tmp_path: Path
-) -> None:
+def test_shipped_scene_runs_and_leaves_what_it_resolved_to(command: Command, name: str, tmp_path: Path) -> None:
     """Three steps are too few to lift anything: a scene with a goal says so, with exit code 1."""
     scene = load_scene(name)
     code, output, errors = command("run", name, "--duration", "0.03")
@@ -157,7 +164,7 @@ def test_overrides_are_in_the_resolved_scene(command: Command, tmp_path: Path) -
         ),
     ],
 )
-def test_a_wrong_value_is_one_line(command: Command, tmp_path: Path, override: str, message: str) -> None:
+def test_wrong_value_is_one_line(command: Command, tmp_path: Path, override: str, message: str) -> None:
     ball = trimesh.creation.icosphere(1, 2.0)
     ball.apply_translation([-60.0, 26.0, 0.0])  # in the back of the finger
     ball.export(tmp_path / "ball.stl")
@@ -183,16 +190,16 @@ def test_a_wrong_value_is_one_line(command: Command, tmp_path: Path, override: s
         (["scene.toml", "--output", "scene.toml/x"], "--output scene.toml/x: cannot be written: Not a directory"),
     ],
 )
-def test_a_wrong_argument_is_one_line(command: Command, arguments: list[str], message: str) -> None:
+def test_wrong_argument_is_one_line(command: Command, arguments: list[str], message: str) -> None:
     assert refusal(command, *arguments).startswith(message)
 
 
-def test_a_scene_without_a_controller_says_how_to_name_one(command: Command, tmp_path: Path) -> None:
+def test_scene_without_controller_says_how_to_name_one(command: Command, tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(SCENE.replace('[controller]\nname = "scripted"\nsettings', "#"))
     assert refusal(command, "scene.toml") == "scene.toml: there is no [controller]; name one with --controller"
 
 
-def test_a_run_that_diverges_keeps_what_was_computed(command: Command, tmp_path: Path) -> None:
+def test_diverged_run_keeps_its_results(command: Command, tmp_path: Path) -> None:
     (tmp_path / "burst.toml").write_text("keyframes = [{ time = 0, pressure = 0 }, { time = 0.3, pressure = 1e5 }]")
     code, output, errors = command("run", "scene.toml", "--set", "controller.settings.script=burst.toml")
     (line,) = errors.splitlines()
@@ -205,7 +212,7 @@ def test_a_run_that_diverges_keeps_what_was_computed(command: Command, tmp_path:
     assert "results in" in output
 
 
-def test_an_inside_out_cavity_is_turned_and_said(command: Command, tmp_path: Path) -> None:
+def test_inside_out_cavity_is_turned_with_a_warning(command: Command, tmp_path: Path) -> None:
     ball = trimesh.creation.box([20.0, 5.0, 3.0])
     ball.apply_translation([-60.0, 26.0, 0.0])  # in the back of the finger
     ball.invert()
@@ -216,7 +223,7 @@ def test_an_inside_out_cavity_is_turned_and_said(command: Command, tmp_path: Pat
     assert f"warning: {tmp_path / 'ball.stl'}: is inside out; its triangles are turned round\n" in output
 
 
-def test_brackets_in_a_title_or_folder_are_no_markup(command: Command) -> None:
+def test_brackets_in_titles_and_folders_are_text(command: Command) -> None:
     code, output, errors = command(
         "run", "scene.toml", "--set", "title='grip [/b] [red]'", "--output", "[/b]", "--outputs", "metrics,metrics"
     )
@@ -229,7 +236,7 @@ def test_brackets_in_a_title_or_folder_are_no_markup(command: Command) -> None:
     ("number", "scene"),
     [(signal.SIGINT, SCENE), (signal.SIGTERM, CUBE), (getattr(signal, "SIGHUP", signal.SIGTERM), CUBE)],
 )
-def test_a_stopped_run_ends_cleanly_with_a_whole_recording(tmp_path: Path, number: signal.Signals, scene: str) -> None:
+def test_stopped_run_leaves_a_whole_recording(tmp_path: Path, number: signal.Signals, scene: str) -> None:
     """A process of its own: the signal comes while it computes."""
     (tmp_path / "scene.toml").write_text(scene)
     process = subprocess.Popen(
@@ -317,7 +324,7 @@ def test_warning_made_an_error_is_one_line(command: Command) -> None:
     assert line.startswith("taichisoft: UserWarning: soft_bodies.finger.mesh: walls of one element")
 
 
-def test_the_version_is_shown(command: Command) -> None:
+def test_version_is_shown(command: Command) -> None:
     assert command("--version") == (0, f"taichisoft {taichisoft.__version__}\n", "")
 
 
@@ -343,7 +350,7 @@ def test_plugins_are_listed_with_what_they_provide(command: Command) -> None:
         (["run", "x", "--set"], "Option '--set' requires an argument"),
     ],
 )
-def test_what_the_parser_refuses_is_one_line(
+def test_parser_refuses_in_one_line(
     command: Command, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
 ) -> None:
     monkeypatch.setenv("COLUMNS", "20")
@@ -353,38 +360,81 @@ def test_what_the_parser_refuses_is_one_line(
     assert line.startswith(f"taichisoft: {message}")
 
 
-def test_the_command_alone_shows_its_help(command: Command) -> None:
+def test_command_alone_shows_its_help(command: Command) -> None:
     code, output, errors = command()
     assert (code, errors) == (2, "")
     assert "--version" in output
 
 
-def test_the_commands_are_on_one_screen_and_the_daily_ones_are_first(command: Command) -> None:
+def test_help_fits_a_screen_with_daily_commands_first(command: Command) -> None:
     shown = command("--help")[1].splitlines()
     lines = shown[next(number for number, line in enumerate(shown) if "Commands" in line) :]
     names = [name for line in lines if (name := line.strip("│ ").split(" ")[0]).isalpha() and line[2] != " "]
-    assert names == [*("run", "render", "view", "resume"), *names[4:]]
-    assert names[4:] == [
-        "new",
-        "mesh",
-        "mould",
-        "characterise",
-        "converge",
-        "study",
-        "reduce",
-        "recording",
-        "materials",
-        "plugins",
-        "sofa",
-        "doctor",
-    ]
+    daily, others = "run render view resume", "new mesh mould characterise converge study reduce recording materials"
+    assert names == f"{daily} {others} plugins sofa doctor".split()
     assert len(lines) <= 24
 
 
-def test_profile_shows_where_the_time_goes(command: Command) -> None:
+def test_profile_shows_phases(command: Command) -> None:
     code, out, _ = command("run", "scene.toml", "--profile")
     assert code == 0
     for phase in ("rotations and assembly", "factorisation", "contact detection", "Gauss-Seidel", "rest", "step"):
         assert phase in out
     _, out, _ = command("run", "scene.toml")
     assert "factorisation" not in out
+
+
+NAME = "[red]\x1b[2Jfinger[/red]"
+SHOWN = r"[red]\x1b[2Jfinger[/red]"
+
+
+def on_terminal(table: object) -> str:
+    console = Console(file=io.StringIO(), width=300, color_system=None, force_terminal=False)
+    console.print(table)
+    return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_plain_text_has_no_markup_or_control_characters() -> None:
+    assert plain(NAME).plain == SHOWN
+    assert on_terminal(plain(NAME)) == SHOWN + "\n"
+
+
+def test_mesh_sweep_shows_names_as_they_are() -> None:
+    rows = [{NAME: NAME, "nodes": "12", "folder": "", "problem": "broken"}]
+    text = on_terminal(summary_table(rows, NAME))
+    assert text.count(SHOWN) == 3 and "failed" in text
+    assert "\x1b" not in text
+
+
+def test_comparison_shows_keys_and_values_as_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for run, title in (("one", "[red]thin[/red]"), ("two", "[green]thick")):
+        (tmp_path / run).mkdir()
+        (tmp_path / run / "scene.toml").write_text(f'title = "{title}"\n"[blue]key" = "{run}\\u001b"\n')
+    monkeypatch.setenv("COLUMNS", "200")
+    compare([tmp_path / "one", tmp_path / "two"], tmp_path / "both")
+    text = capsys.readouterr().out
+    assert "[red]thin[/red]" in text and "[green]thick" in text
+    assert "scene.[blue]key" in text and r"one\x1b" in text and "\x1b" not in text
+    with (tmp_path / "both" / "comparison.csv").open(newline="") as file:
+        assert ["scene.title", "[red]thin[/red]", "[green]thick"] in list(csv.reader(file))
+
+
+def test_materials_are_listed_by_names_and_units(monkeypatch: pytest.MonkeyPatch) -> None:
+    material = next(iter(material_files.shipped_materials().values()))
+    monkeypatch.setattr(material_files, "materials_of_plugins", lambda: {NAME: material})
+    monkeypatch.setattr(rich, "get_console", lambda: Console(width=200))
+    text = CliRunner().invoke(materials).stdout
+    assert SHOWN in text and "\x1b" not in text
+    assert "Young's modulus at rest [kPa]" in text
+
+
+def test_benchmark_cases_are_lines_of_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    window = "step_ms = [2, 20]"
+    (tmp_path / "cases.toml").write_text(
+        f'[finger]\nkind = "steps"\ntitle = "[red]thin\\u001b"\nscene = "finger-inflated"\nfinger = "finger"\n'
+        f'mesh = "tutorial-coarse"\nsteps = 30\nwindows = {{ {window} }}\n'
+    )
+    bench(cases=tmp_path / "cases.toml", list_=True)
+    assert capsys.readouterr().out.rstrip().endswith(r" [red]thin\x1b")

@@ -159,7 +159,7 @@ def run(command: Command, folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: 
 
 def is_run(command: Command) -> bool:
     """Whether it is our own command, or a program of ours that draws from a run."""
-    return command.line.startswith(("taichisoft ", "python docs/draw_closed_loop.py "))
+    return command.line.startswith(("taichisoft ", "python docs/pictures.py closed-loop "))
 
 
 def shorter(text: str, replacements: Sequence[tuple[str, str]]) -> str:

@@ -64,7 +64,7 @@ def run(tmp_path: Path) -> Run:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="homes are looked for otherwise on other systems")
 @pytest.mark.parametrize("home", [None, "unwritable", "missing"])
-def test_without_a_home_kernels_are_kept_among_temporary_files(run: Run, tmp_path: Path, home: str | None) -> None:
+def test_kernels_are_kept_without_a_home(run: Run, tmp_path: Path, home: str | None) -> None:
     """As in jobs of cron and in containers: Taichi used to end the process, or to crash at its end."""
     if home == "unwritable":
         (tmp_path / home).mkdir(mode=0o555)
@@ -84,9 +84,7 @@ def test_without_a_home_kernels_are_kept_among_temporary_files(run: Run, tmp_pat
         assert "compiles its kernels" in first.stderr and "compiles its kernels" not in run(**named).stderr
 
 
-def test_a_folder_that_somebody_else_could_have_made_is_not_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folder_that_others_could_have_made_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels in it are executed."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     usual = tmp_path / f"taichisoft-cache-{os.getuid()}"

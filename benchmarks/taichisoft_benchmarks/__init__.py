@@ -1,1 +1,1 @@
-"""The laboratory, run from a checkout: benchmarks (`python -m taichisoft_benchmarks`), studies and tries of faults."""
+"""Benchmarks (`python -m taichisoft_benchmarks`) and comparisons with measurements, run from a checkout."""

@@ -10,14 +10,12 @@ from rich.console import Console
 
 from taichisoft.base import plain, printable, say
 from taichisoft_benchmarks import machine
-from taichisoft_benchmarks.case_results import CaseResult, Results, read_results, require_writable, write_results
 from taichisoft_benchmarks.case_scenes import Meshes
 from taichisoft_benchmarks.cases import SHIPPED, NamedCase, choose, read_cases
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.figure_targets import NOTHING, OURS, targets_of
-from taichisoft_benchmarks.growth_plots import draw_plots
-from taichisoft_benchmarks.program import run_program
-from taichisoft_benchmarks.regressions import compare
+from taichisoft_benchmarks.pages import run_program
+from taichisoft_benchmarks.performance_page import NOTHING, OURS, draw_plots, targets_of
+from taichisoft_benchmarks.results import CaseResult, Results, compare, read_results, require_writable, write_results
 from taichisoft_benchmarks.runner import run_cases
 
 EXIT_FAILED = 1

@@ -49,12 +49,7 @@ class Meshes:
 
 
 def scene_of(case: Case, meshes: Meshes) -> Scene:
-    """The scene that a case is about.
-
-    Raises:
-        SceneError, MeshError: the scene or one of its files is not valid.
-        BenchmarkError: the folder of tutorial meshes lacks a file, or cases of this kind have no scene.
-    """
+    """The scene that a case is about."""
     if isinstance(case, FingersCase):
         return _circle_of_fingers(case, meshes)
     if isinstance(case, ContactsCase):
@@ -69,11 +64,7 @@ def scene_of(case: Case, meshes: Meshes) -> Scene:
 
 
 def finger_files(case: Fingers, meshes: Meshes) -> dict[str, Any]:
-    """The keys of a finger that name files: its mesh, and the surfaces that belong to it.
-
-    Raises:
-        BenchmarkError: the folder of tutorial meshes lacks a file.
-    """
+    """The keys of a finger that name files: its mesh, and the surfaces that belong to it."""
     if case.element_size is not None:
         mesh_for_scene(find_file(FINGER, "fingers", ()), size=case.element_size)  # now, before any clock runs
         return {"mesh": {"file": FINGER, "size": case.element_size}}
@@ -96,11 +87,7 @@ def tutorial_surfaces(folder: Path) -> dict[str, Any]:
 
 
 def _reduced_models(scene: Scene, meshes: Meshes) -> Path:
-    """The folder of a scene's reduced models, made by `taichisoft reduce` where they are not there yet.
-
-    Raises:
-        BenchmarkError: they could not be made.
-    """
+    """The folder of a scene's reduced models, made by `taichisoft reduce` where they are not there yet."""
     text = scene_to_toml(scene)
     folder = meshes.made / f"reduced-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
     if not (folder / "validation.json").exists():  # which is written last

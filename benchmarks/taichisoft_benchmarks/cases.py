@@ -204,11 +204,7 @@ class NamedCase:
 
 
 def read_cases(path: Path = SHIPPED) -> list[NamedCase]:
-    """All cases of a file, in its order.
-
-    Raises:
-        BenchmarkError: the file cannot be read as TOML, or a key or value is not valid.
-    """
+    """All cases of a file, in its order."""
     try:
         document = read_toml(path)
     except (ValueError, OSError) as error:
@@ -217,11 +213,7 @@ def read_cases(path: Path = SHIPPED) -> list[NamedCase]:
 
 
 def cases_from_dict(document: dict[str, Any], source: str = "cases") -> list[NamedCase]:
-    """Cases from plain tables, as TOML gives them; `source` begins every error.
-
-    Raises:
-        BenchmarkError: a key or value is not valid, or two cases have the same name.
-    """
+    """Cases from plain tables, as TOML gives them; `source` begins every error."""
     cases = [case for group, table in document.items() for case in _expand(group, table, source)]
     names = [case.name for case in cases]
     for name in names:
@@ -231,11 +223,7 @@ def cases_from_dict(document: dict[str, Any], source: str = "cases") -> list[Nam
 
 
 def choose(cases: Sequence[NamedCase], patterns: Sequence[str]) -> list[NamedCase]:
-    """The cases whose name or group fits one of the patterns (finger_*); all without patterns.
-
-    Raises:
-        BenchmarkError: a pattern fits none.
-    """
+    """The cases whose name or group fits one of the patterns (finger_*); all without patterns."""
     for pattern in patterns:
         if not any(_fits(case, pattern) for case in cases):
             valid = sorted({case.name for case in cases} | {case.group for case in cases})

@@ -5,17 +5,22 @@ programs that it is compared with alike.
 """
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from taichisoft_benchmarks import machine
-from taichisoft_benchmarks.case_process import measure_in_process
-from taichisoft_benchmarks.case_results import CaseResult, Figure, Results, derive
-from taichisoft_benchmarks.case_scenes import Meshes
-from taichisoft_benchmarks.cases import NamedCase
-from taichisoft_benchmarks.measures.measured import Measured
+from taichisoft.base import WorkerLost, call_apart
+from taichisoft.errors import TaichisoftError
+from taichisoft_benchmarks import cases, machine
+from taichisoft_benchmarks.case_scenes import Meshes, scene_of
+from taichisoft_benchmarks.cases import Case, MeshingCase, NamedCase, StartCase
+from taichisoft_benchmarks.errors import PeerMissing
+from taichisoft_benchmarks.measures import Measured
+from taichisoft_benchmarks.results import CaseResult, Figure, Results, derive
 
 
 @dataclass
@@ -58,19 +63,19 @@ def run_cases(
         on_result: called with the name and the result of each case after its last repetition.
     """
     load = machine.load()
-    found = {named.name: Repetitions() for named in cases}
+    all_repetitions = {named.name: Repetitions() for named in cases}
     started = time.strftime("%Y-%m-%dT%H:%M:%S%z")
     results: dict[str, CaseResult] = {}
 
     def conclude(named: NamedCase) -> None:
-        results[named.name] = _result(named, found[named.name])
+        results[named.name] = _result(named, all_repetitions[named.name])
         on_result(named.name, results[named.name])
 
     interrupted = False
     try:
         for round_number in range(1, repeat + 1):
             for number, named in enumerate(cases, start=1):
-                repetitions = found[named.name]
+                repetitions = all_repetitions[named.name]
                 if repetitions.ended:
                     continue
                 on_progress(f"round {round_number} of {repeat}, case {number} of {len(cases)}: {named.name}")
@@ -80,7 +85,7 @@ def run_cases(
     except KeyboardInterrupt:
         interrupted = True
         for named in cases:
-            if named.name not in results and found[named.name].measured:
+            if named.name not in results and all_repetitions[named.name].measured:
                 conclude(named)
     ordered = {named.name: results[named.name] for named in cases if named.name in results}
     return Results(
@@ -97,7 +102,6 @@ def run_cases(
 
 
 def _repeat(named: NamedCase, meshes: Meshes, quick: bool, repetitions: Repetitions) -> None:
-    """Measure a case once more."""
     calibration = machine.calibrate()
     answer = measure_in_process(named.case.shortened() if quick else named.case, meshes)
     if answer.measured is None:
@@ -121,9 +125,83 @@ def _result(named: NamedCase, repetitions: Repetitions) -> CaseResult:
     measured, last = repetitions.measured, repetitions.measured[-1]
     return CaseResult(
         **about,
-        figures={metric: Figure.of([one.figures[metric] for one in measured]) for metric in measured[0].figures},
+        figures={metric: Figure.of([each.figures[metric] for each in measured]) for metric in measured[0].figures},
         facts=last.facts,
-        phases={phase: median(one.phases[phase] for one in measured) for phase in last.phases},
+        phases={phase: median(each.phases[phase] for each in measured) for phase in last.phases},
         calibration_ms=[round(value, 4) for value in repetitions.calibration],
         does_not=last.does_not,
     )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The outcome of a repetition: exactly one of the three.
+
+    Attributes:
+        measured: the figures.
+        skipped: why the case cannot be measured.
+        problem: how the case failed, one line.
+    """
+
+    measured: Measured | None = None
+    skipped: str = ""
+    problem: str = ""
+
+
+def measure_in_process(case: Case, meshes: Meshes) -> Answer:
+    """Measure one repetition."""
+    with TemporaryDirectory(prefix="taichisoft-bench-") as name:
+        folder = Path(name)
+        try:
+            answer: Answer = call_apart(
+                "taichisoft_benchmarks.runner:measure_here",
+                case,
+                meshes,
+                time_limit=case.time_limit,
+                environment=environment_of(case, folder),
+                folder=folder,  # some programs leave logs where they run
+            )
+        except (WorkerLost, TaichisoftError) as error:
+            return Answer(problem=" ".join(str(error).split()))
+    return answer
+
+
+def measure_here(case: Case, meshes: Meshes) -> Answer:
+    """Measure one repetition in this process."""
+    warnings.simplefilter("ignore")  # the cases are meant as they are, and stderr is for what goes wrong
+    try:
+        return Answer(_measure(case, meshes))
+    except PeerMissing as missing:
+        return Answer(skipped=str(missing))
+
+
+def environment_of(case: Case, folder: Path) -> dict[str, str]:
+    """Variables that the process gets beside ours; `folder` is new and the process's own."""
+    changes = {}
+    if case.threads:
+        changes = dict.fromkeys(("TAICHISOFT_THREADS", *machine.ONE_THREAD), str(case.threads))
+    if isinstance(case, StartCase) and case.cold:
+        changes["XDG_CACHE_HOME"] = str(folder / "cache")
+    return changes
+
+
+def _measure(case: Case, meshes: Meshes) -> Measured:
+    from taichisoft_benchmarks import measures, output_costs
+
+    if isinstance(case, MeshingCase):
+        return measures.measure_meshing(case)
+    if isinstance(case, StartCase):
+        return measures.measure_start(case, meshes)
+    kinds: dict[type[Case], Callable[..., Measured]] = {
+        cases.StepsCase: measures.measure_steps,
+        cases.ContactsCase: measures.measure_steps,
+        cases.FingersCase: measures.measure_steps,
+        cases.PluginsCase: measures.measure_plugins,
+        cases.PeerCase: measures.measure_peer,
+        cases.FactorisationCase: measures.measure_factorisation,
+        cases.RecordingCase: output_costs.measure_recording,
+        cases.RenderingCase: output_costs.measure_rendering,
+        cases.WebCase: output_costs.measure_web,
+        cases.ThroughputCase: measures.measure_throughput,
+    }
+    return kinds[type(case)](case, scene_of(case, meshes))

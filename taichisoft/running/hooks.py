@@ -14,11 +14,9 @@ from taichisoft.errors import GoalMissed, PluginError
 from taichisoft.running.hookspecs import RunOption
 from taichisoft.running.plugins import plugin_failure, plugin_registry
 
-# Things by name that are imported when somebody asks for one: to list the names takes no time.
-
 
 class Imported(Mapping[str, Any]):
-    """What a plug-in provides by name, imported on use.
+    """What a plug-in provides by name, imported when it is looked up: listing the names takes no time.
 
     Args:
         package: the package in which the modules are.
@@ -65,19 +63,15 @@ NEEDED: Mapping[str, tuple[Any, str]] = {
 
 
 def find(kind: str, name: str) -> Callable[..., Any]:
-    """Find what a plug-in provides under `name`; `kind` is one of `KINDS`.
-
-    Raises:
-        PluginError: nothing or more than one thing has that name.
-    """
-    found = provided(kind)
+    """Find what a plug-in provides under `name`; `kind` is one of `KINDS`."""
+    things = provided(kind)
     for line in plugin_registry().unknown_blocked():
         warn_caller(line)
-    if name not in found:
-        valid = ", ".join(sorted(found)) or "none"
+    if name not in things:
+        valid = ", ".join(sorted(things)) or "none"
         raise PluginError(f"no {kind} is called '{name}'; there are: {valid}; --plugin FILE.py brings others")
-    made: Callable[..., Any] = found[name]
-    return made
+    thing: Callable[..., Any] = things[name]
+    return thing
 
 
 def provided(kind: str) -> Mapping[str, Any]:
@@ -136,29 +130,19 @@ def notify(hook: str, **arguments: Any) -> None:
 
 
 def answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
-    """Name and answer of each plug-in that implements a hook: called one by one, so that an error has a name.
-
-    Raises:
-        PluginError: an implementation failed; later ones are not called.
-        GoalMissed: an implementation says that the run has missed its goal.
-    """
+    """Name and answer of each plug-in that implements a hook: called one by one, so that an error has a name."""
     for implementation in implementations(hook):
         yield implementation.plugin_name, ask(hook, implementation, **arguments)
 
 
 def implementations(hook: str) -> list[HookImpl]:
     """The implementations of a hook in the order of loading, except where marked with tryfirst or trylast."""
-    found = getattr(plugin_registry().hook, hook).get_hookimpls()
-    return sorted(found, key=lambda one: (not one.tryfirst, one.trylast))
+    loaded = getattr(plugin_registry().hook, hook).get_hookimpls()
+    return sorted(loaded, key=lambda implementation: (not implementation.tryfirst, implementation.trylast))
 
 
 def ask(hook: str, implementation: HookImpl, **arguments: Any) -> Any:
-    """The answer of one plug-in.
-
-    Raises:
-        PluginError: it failed.
-        GoalMissed: it says that the run has missed its goal.
-    """
+    """The answer of one plug-in."""
     registry, name = plugin_registry(), implementation.plugin_name
     outcome = "failed"
     try:

@@ -17,6 +17,7 @@ from taichisoft.running.plugins import failures_of
 from taichisoft.running.session import BINDINGS, FILE_NAME, KeyLog, Output, Session
 from taichisoft.running.simulation import Simulation
 from taichisoft.running.training_watch import TrainingWatch
+from taichisoft.scene.scene import Scene
 from taichisoft.step.solution import StepReport
 
 # Handling of the keys of a run: keys of the run itself, and keys for the controller.
@@ -29,11 +30,7 @@ class KeyHandling:
     """Handles the keys of a session between two steps, and writes its key log."""
 
     def __init__(self, session: Session, pass_to_controller: Callable[[KeyEvent], None], restart: Callable[[], None]):
-        """Prepare; the key log of an interactive run is made at once, other logs with the first key.
-
-        Raises:
-            KeyLogError: the log cannot be written.
-        """
+        """Prepare; the key log of an interactive run is made at once, other logs with the first key."""
         self._session = session
         self._pass_to_controller = pass_to_controller
         self._actions: dict[str, Callable[[], None]] = {
@@ -106,11 +103,7 @@ PLAIN = (str, int, float, type(None))  # True and False are integers
 
 
 def saved_as_json(controller: Controller) -> str:
-    """What a controller remembers now, as JSON that gives the same bits back; empty where it does not save.
-
-    Raises:
-        PluginError: its `save` failed, or returned what JSON cannot hold.
-    """
+    """What a controller remembers now, as JSON that gives the same bits back; empty where it does not save."""
     name = f"controller {type(controller).__module__}.{type(controller).__qualname__}"
     with failures_of(f"{name} failed in save()"):
         saved = controller.save()
@@ -235,9 +228,6 @@ def call_within(limit: float | None, function: Callable[..., Answer], *arguments
 
     In the main thread of a system with interval timers, a call that never returns is interrupted; otherwise the time is
     checked after the call.
-
-    Raises:
-        TimeLimitExceeded: the call took longer.
     """
     if limit is None:
         return function(*arguments)
@@ -357,7 +347,7 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> 
     for complaint in training_watch.complaints_at_start():
         warn_caller(complaint)
     key_handling = KeyHandling(session, partial(_take_key, session), partial(_restart, session))
-    warned: set[Callable[..., None]] = set()
+    warnings, scene = list(WARNINGS), session.simulation.model.scene
     session.pace.restart()
     try:
         while True:
@@ -371,9 +361,12 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> 
                 session.pace.restart()
                 continue
             report = _step(session)
-            _warn_once(session, report, warned)
-            state = session.simulation.state
-            for complaint in training_watch.complaints(state, report):
+            for warning in list(warnings):
+                is_due, text = warning
+                if is_due(scene, report):
+                    warnings.remove(warning)
+                    warn_caller(f"step {report.step}: {text(scene, report)}")
+            for complaint in training_watch.complaints(session.simulation.state, report):
                 warn_caller(complaint)
             if on_step is not None:
                 on_step(report)
@@ -407,18 +400,18 @@ def _next_control(session: Session) -> Control:
         return Control()
     limit = scene.controller.time_limit if scene.controller is not None else None
     try:
-        asked: Control = call_within(limit, _call, controller, controller.control, simulation.observe())
+        request: Control = call_within(limit, _call, controller, controller.control, simulation.observe())
     except TimeLimitExceeded as error:
         raise PluginError(
             f"controller {_name(controller)} took {error.seconds:.3g} s in control() at step "
             f"{simulation.state.step}; controller.time_limit is {limit:g} s"
         ) from error
-    if asked is None:
+    if request is None:
         raise ControlError(
             f"controller {_name(controller)} at step {simulation.state.step}: control() returned None; must return a "
             "taichisoft.Control; Control() requests nothing new: is a return missing?"
         )
-    return asked
+    return request
 
 
 def _take_key(session: Session, event: KeyEvent) -> None:
@@ -444,63 +437,59 @@ def _wait_for_pace(session: Session) -> None:
         stop_if_asked()
 
 
-def _warn_once(session: Session, report: StepReport, warned: set[Callable[..., None]]) -> None:
-    """Warn of each problem of a step, unless it has occurred in an earlier step."""
-    time = session.simulation.model.scene.time
-    newton_failed = report.newton_residual is not None and not report.newton_residual <= time.newton_tolerance
-    wrong = {
-        _warn_not_converged: not report.converged and not newton_failed,
-        _warn_newton_not_converged: newton_failed,
-        _warn_of_inverted_elements: report.inverted_elements > 0,
-        _warn_of_overlap: report.max_penetration > session.simulation.model.scene.contact.contact_distance,
-    }
-    for warn, is_due in wrong.items():
-        if is_due and warn not in warned:
-            warned.add(warn)
-            warn(session, report)
+def _newton_failed(scene: Scene, report: StepReport) -> bool:
+    return report.newton_residual is not None and not report.newton_residual <= scene.time.newton_tolerance
 
 
-def _warn_not_converged(session: Session, report: StepReport) -> None:
-    warn_caller(
-        f"step {report.step}: the contact solver stopped after {report.iterations} sweeps with a residual of "
-        f"{report.residual:.2g} mm/s, above contact.tolerance = {session.simulation.model.scene.contact.tolerance:g}; "
-        "later steps are counted, not reported"
-    )
+def _quoted_pair(report: StepReport) -> str:
+    return " and ".join(f"'{name}'" for name in report.deepest or ())
 
 
-def _warn_newton_not_converged(session: Session, report: StepReport) -> None:
-    warn_caller(
-        f"step {report.step}: after {report.linearisations} linearisations another would move a node by "
-        f"{report.newton_residual:.2g} mm, more than time.newton_tolerance = "
-        f"{session.simulation.model.scene.time.newton_tolerance:g}; later steps are counted, not reported"
-    )
-
-
-def _warn_of_inverted_elements(session: Session, report: StepReport) -> None:
-    warn_caller(
-        f"step {report.step}: {report.inverted_elements} elements are inverted; a smaller time.step, or "
-        "time.newton = 20, or a finer mesh may prevent it; metrics.json has the largest number and the last"
-    )
-
-
-def _warn_of_overlap(session: Session, report: StepReport) -> None:
-    scene = session.simulation.model.scene
-    assert report.deepest is not None
-    first, second = report.deepest
+def _cause_of_overlap(scene: Scene, report: StepReport) -> str:
     if report.step == 0:
-        cause = "they overlap at the start; move one of them away"
-    elif not report.converged:
-        cause = "the contact solver has not converged; take a smaller time.step"
-    else:
-        cause = (
-            f"a body moved too far in a step of {scene.time.step:g} s; take a smaller "
-            "time.step, or a larger contact.contact_distance"
-        )
-    depth = report.max_penetration - scene.contact.contact_distance
-    warn_caller(
-        f"step {report.step}: '{first}' and '{second}' overlap by {depth:.2g} mm: {cause}; later overlaps are counted, "
-        "not reported"
+        return "they overlap at the start; move one of them away"
+    if not report.converged:
+        return "the contact solver has not converged; take a smaller time.step"
+    return (
+        f"a body moved too far in a step of {scene.time.step:g} s; take a smaller time.step, or a larger "
+        "contact.contact_distance"
     )
+
+
+# What is warned of once in a run, by the scene and the report of a step: when, and with which text.
+Warned = tuple[Callable[[Scene, StepReport], bool], Callable[[Scene, StepReport], str]]
+WARNINGS: tuple[Warned, ...] = (
+    (
+        lambda scene, report: not report.converged and not _newton_failed(scene, report),
+        lambda scene, report: (
+            f"the contact solver stopped after {report.iterations} sweeps with a residual of {report.residual:.2g} "
+            f"mm/s, above contact.tolerance = {scene.contact.tolerance:g}; later steps are counted, not reported"
+        ),
+    ),
+    (
+        _newton_failed,
+        lambda scene, report: (
+            f"after {report.linearisations} linearisations another would move a node by {report.newton_residual:.2g} "
+            f"mm, more than time.newton_tolerance = {scene.time.newton_tolerance:g}; later steps are counted, not "
+            "reported"
+        ),
+    ),
+    (
+        lambda scene, report: report.inverted_elements > 0,
+        lambda scene, report: (
+            f"{report.inverted_elements} elements are inverted; a smaller time.step, or time.newton = 20, or a finer "
+            "mesh may prevent it; metrics.json has the largest number and the last"
+        ),
+    ),
+    (
+        lambda scene, report: report.max_penetration > scene.contact.contact_distance,
+        lambda scene, report: (
+            f"{_quoted_pair(report)} overlap by "
+            f"{report.max_penetration - scene.contact.contact_distance:.2g} mm: {_cause_of_overlap(scene, report)}; "
+            "later overlaps are counted, not reported"
+        ),
+    ),
+)
 
 
 def _call(part: Controller | Output, method: Callable[..., Answer], *arguments: Any) -> Answer:

@@ -2,9 +2,8 @@
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -57,39 +56,21 @@ MOST_HELD = 5.0 / 6.0
 ABSURD = 1e9
 """Factor beyond the plausible range at which a number is refused: no mistaken unit leads that far."""
 
+PRESSURE_KEYS = ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust")
+"""Keys of cavities and of their lines that are pressures."""
 
 MASS_FACTOR = {"g": 1e-3, "mg": 1e-6}
 """Kilograms per unit in which masses are mistakenly given."""
 
 
 def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Warn of implausible numbers, with the unit that was probably meant, and of meshes of several pieces.
-
-    Raises:
-        SceneError: a number is absurd.
-    """
-    _check("time.step", scene.time.step, TIME_STEP)
-    if math.isfinite(scene.time.duration):
-        _check("time.duration", scene.time.duration, DURATION)
-    strength = math.hypot(*scene.gravity)
-    if strength > 0.0:
-        _check("gravity", strength, GRAVITY)
-    for name in ("highest_pressure", "lowest_pressure"):
-        _check(f"limits.{name}", abs(getattr(scene.limits, name) or 0.0), PRESSURE)
+    """Warn of implausible numbers, with the unit that was probably meant, and of meshes of several pieces."""
+    for key, value, plausible in _quantities(scene, meshes):
+        _check(key, value, plausible)
     for name, body in scene.soft_bodies.items():
-        for material, modulus in scene.young_moduli.items():
-            if material == name or material.startswith(f"{name}."):
-                _check(f"soft_bodies.{material}.young_modulus", modulus, MODULUS)
-        for kind in ("membranes", "fibres"):
-            for one, table in getattr(body, kind).items():
-                _check(f"soft_bodies.{name}.{kind}.{one}.young_modulus", table.young_modulus, FIBRE_MODULUS)
-        _check_pressures(f"soft_bodies.{name}.cavities", body.cavities)
         _check_shut_pressures(name, body)
         mesh = meshes[name]
-        _check(f"soft_bodies.{name}.mesh: its longest side", float(np.ptp(mesh.nodes, axis=0).max()), SIZE)
-        if body.density is not None:
-            _check(f"soft_bodies.{name}.density", body.density, SOFT_DENSITY)
-        elif body.mass is not None:
+        if body.density is None and body.mass is not None:
             volume = float(element_volumes(mesh.nodes, mesh.elements).sum())
             _check_mass(f"soft_bodies.{name}.mass", body.mass, volume, SOFT_DENSITY)
         count = _piece_count(mesh.elements)
@@ -97,14 +78,31 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
             warn_caller(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
 
 
-def _check_pressures(key: str, cavities: Mapping[str, Any]) -> None:
-    """Warn of pressures of cavities and their lines; of the highest, in place of several in one unit."""
-    names = ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust")
-    for cavity, table in cavities.items():
-        for part, of in ((table, ""), (table.line, ".line")):
-            given = {name: abs(getattr(part, name, None) or 0.0) for name in names}
-            highest = max(given, key=given.__getitem__)
-            _check(f"{key}.{cavity}{of}.{highest}", given[highest], PRESSURE)
+def _quantities(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> Iterator[tuple[str, float, Plausible]]:
+    """Key, value and plausible range of the numbers that are checked; zeros and infinite durations are left out."""
+    yield "time.step", scene.time.step, TIME_STEP
+    if math.isfinite(scene.time.duration):
+        yield "time.duration", scene.time.duration, DURATION
+    if any(scene.gravity):
+        yield "gravity", math.hypot(*scene.gravity), GRAVITY
+    for name in ("highest_pressure", "lowest_pressure"):
+        yield f"limits.{name}", abs(getattr(scene.limits, name) or 0.0), PRESSURE
+    for material, modulus in scene.young_moduli.items():
+        yield f"soft_bodies.{material}.young_modulus", modulus, MODULUS
+    for name, body in scene.soft_bodies.items():
+        key = f"soft_bodies.{name}"
+        for cavity, cavity_table in body.cavities.items():
+            for part, table in ((cavity, cavity_table), (f"{cavity}.line", cavity_table.line)):
+                # Of several pressures in one unit the highest alone.
+                pressures = {field: abs(getattr(table, field, None) or 0.0) for field in PRESSURE_KEYS}
+                highest = max(pressures, key=pressures.__getitem__)
+                yield f"{key}.cavities.{part}.{highest}", pressures[highest], PRESSURE
+        for kind in ("membranes", "fibres"):
+            for name_of_part, layer in getattr(body, kind).items():
+                yield f"{key}.{kind}.{name_of_part}.young_modulus", layer.young_modulus, FIBRE_MODULUS
+        yield f"{key}.mesh: its longest side", float(np.ptp(meshes[name].nodes, axis=0).max()), SIZE
+        if body.density is not None:
+            yield f"{key}.density", body.density, SOFT_DENSITY
 
 
 def _check_shut_pressures(name: str, body: SoftBodySettings) -> None:
@@ -127,11 +125,11 @@ def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
 
     Of shipped meshes always, of others where the smoothed elements of a body that is hardly compressible lock.
     """
-    said, shipped = set(), data_folder() / "meshes"
+    warned, shipped = set(), data_folder() / "meshes"
     for name, body in scene.soft_bodies.items():
         mesh, file, ratio = meshes[name], Path(body.mesh.file), max(body.poisson_ratios)
         locks = body.element == "smoothed" and ratio > LOCKING_RATIO and file.suffix.lower() in VOLUME_SUFFIXES
-        if mesh.source in said or body.element == "quadratic" or not (locks or file.parent == shipped):
+        if mesh.source in warned or body.element == "quadratic" or not (locks or file.parent == shipped):
             continue
         groups = [group for group in _cavity_groups(body) if group in mesh.surface_groups]
         shares = {group: share_of_thin_walls(mesh, mesh.surface_groups[group]) for group in groups}
@@ -139,9 +137,9 @@ def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
         if not thin and locks and (share := share_without_nodes_inside(mesh)) > MOST_WITHOUT_INSIDE:
             thin = [f"{share:.0%} of the volume has no node inside"]
         if thin:
-            said.add(mesh.source)
-            found = too_stiff(ratio) if body.element == "smoothed" else TOO_STIFF
-            warn_caller(f"soft_bodies.{name}.mesh: {found}: {', '.join(thin)}; {ADVICE}")
+            warned.add(mesh.source)
+            effect = too_stiff(ratio) if body.element == "smoothed" else TOO_STIFF
+            warn_caller(f"soft_bodies.{name}.mesh: {effect}: {', '.join(thin)}; {ADVICE}")
 
 
 def _cavity_groups(body: SoftBodySettings) -> list[str]:
@@ -149,20 +147,16 @@ def _cavity_groups(body: SoftBodySettings) -> list[str]:
 
 
 def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Log the volume of the elements in each box of a region: on a coarse mesh it may differ much from the box's.
-
-    Raises:
-        SceneError: a box contains no element.
-    """
-    said = set()
+    """Log the volume of the elements in each box of a region: on a coarse mesh it may differ much from the box's."""
+    logged = set()
     for name, body in scene.soft_bodies.items():
         mesh = meshes[name]
         volumes = element_volumes(mesh.nodes, mesh.elements)
         for index, region in enumerate(body.regions):
             key = f"soft_bodies.{name}.regions.{index}"
-            if region.box is None or (mesh.source, region.box) in said:
+            if region.box is None or (mesh.source, region.box) in logged:
                 continue
-            said.add((mesh.source, region.box))
+            logged.add((mesh.source, region.box))
             caught = select_elements(mesh, region, key)
             LOGGER.info(
                 "%s.box: %d of %d elements, %.0f of %.0f mm^3; the box has %.0f mm^3",
@@ -176,11 +170,7 @@ def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
 
 
 def check_rigid_plausibility(model: Model) -> None:
-    """Check rigid bodies and obstacles likewise, whose masses and surfaces are computed.
-
-    Raises:
-        SceneError: a number is absurd.
-    """
+    """Check rigid bodies and obstacles likewise, whose masses and surfaces are computed."""
     for obstacle in model.obstacles:
         if obstacle.vertices is not None:
             side = float(np.ptp(obstacle.vertices, axis=0).max())

@@ -1,7 +1,12 @@
 """Commands of plug-ins, groups of commands, and the option that loads plug-ins, which every command takes."""
 
+import importlib.util
 import inspect
+import keyword
+import re
 import shlex
+import string
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +15,8 @@ from typing import Annotated, Any, TypeVar
 import typer
 from typer.core import TyperGroup
 
+from taichisoft import __version__
+from taichisoft.base.files import named_os_errors
 from taichisoft.base.text import plain, say
 from taichisoft.errors import PluginError
 from taichisoft.running import plugins
@@ -71,11 +78,7 @@ def takes_reader_options(function: CommandFunction) -> CommandFunction:
 
 
 def add_run_options(command: Any) -> None:
-    """Let the parser of a command take them, if the command makes a run.
-
-    Raises:
-        PluginError: an option is not valid, or has the name of one of the command's own.
-    """
+    """Let the parser of a command take them, if the command makes a run."""
     if command.callback is None or inspect.unwrap(command.callback) not in _taking:
         return
     reads = inspect.unwrap(command.callback) in _reading
@@ -215,9 +218,6 @@ def with_plugin_commands(application: typer.Typer) -> Any:
     """A parser with the commands of an application and of all plug-ins; each takes the option that loads plug-ins.
 
     Groups of one name become one group, so that a plug-in can add `taichisoft mesh sweep` to another's `mesh`.
-
-    Raises:
-        PluginError: a plug-in could not add its commands, or two claim one name.
     """
     whole: Any = typer.main.get_group(application)
     owners = {typed: "taichisoft itself" for typed, _ in _below(whole)}
@@ -233,11 +233,7 @@ def with_plugin_commands(application: typer.Typer) -> Any:
 
 
 def commands_by_plugin() -> Iterator[tuple[str, Any]]:
-    """Name of each plug-in that adds commands, and a group that has them.
-
-    Raises:
-        PluginError: a plug-in could not.
-    """
+    """Name of each plug-in that adds commands, and a group that has them."""
     hook = "taichisoft_commands"
     for implementation in implementations(hook):
         added = typer.Typer()
@@ -268,11 +264,7 @@ def _runs(command: Any) -> bool:
 
 
 def _merge(group: Any, added: Any, owner: str, owners: Mapping[str, str], prefix: str = "") -> None:
-    """Put the commands that a plug-in adds, the owner, into a group whose commands have the owners given.
-
-    Raises:
-        PluginError: a command, or a default of a group, is there already.
-    """
+    """Put the commands that a plug-in adds, the owner, into a group whose commands have the owners given."""
     for name, command in added.commands.items():
         typed, present = f"{prefix}{name}", group.commands.setdefault(name, command)
         if present is command:
@@ -309,11 +301,7 @@ LIFE_CYCLE = [name for name in hook_names() if name not in (*KINDS.values(), "ta
 
 
 def provided_names() -> dict[str, list[str]]:
-    """What each loaded plug-in provides, in the order of loading: things with their names, commands, hooks of a run.
-
-    Raises:
-        PluginError: a plug-in failed, or something that it provides is not valid.
-    """
+    """What each loaded plug-in provides, in the order of loading: things with their names, commands, hooks of a run."""
     names: dict[str, list[str]] = {name: [] for name in plugin_registry().origins}
     for kind in KINDS:
         provided(kind)  # no name may be claimed twice
@@ -346,6 +334,51 @@ def list_command(context: typer.Context) -> None:
     Console().print(table)
 
 
+TEMPLATES = Path(__file__).parent / "plugin_template"
+
+# The file that each template makes; the names of files are templates, too.
+FILES = {
+    "pyproject.toml.template": "pyproject.toml",
+    "README.md.template": "README.md",
+    "plugin.py.template": "$module.py",
+    "test_plugin.py.template": "tests/test_$module.py",
+}
+
+
+def check_name(name: str) -> str:
+    """The name of the module of a plug-in called `name`."""
+    if not re.fullmatch(r"[A-Za-z](?:[A-Za-z0-9._-]*[A-Za-z0-9])?", name):
+        raise PluginError(
+            f"'{name}' cannot be the name of a plug-in: it must begin with a letter, end with a letter or a digit, and "
+            "have only letters, digits, '-', '_' and '.' in it, such as soft-touch"
+        )
+    registry = plugin_registry()
+    if name in registry.origins:
+        raise PluginError(f"a plug-in is called '{name}' already: {registry.origins[name]}; choose another name")
+    if name in provided("controller"):
+        raise PluginError(f"a controller is called '{name}' already; choose another name")
+    module = re.sub(r"[-_.]+", "_", name).lower()
+    if keyword.iskeyword(module) or module in sys.stdlib_module_names or importlib.util.find_spec(module) is not None:
+        raise PluginError(f"'{name}' cannot be the name of a plug-in: Python has a '{module}' already")
+    return module
+
+
+def write_project(name: str, folder: Path | None = None) -> Path:
+    """Write a project for a plug-in called `name` to a new or empty folder, by default `name` here; returns it."""
+    module = check_name(name)
+    folder = folder or Path(name)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise PluginError(f"{folder}: exists already; choose another name")
+    values = {"name": name, "module": module, "taichisoft_version": __version__}
+    for template, path in FILES.items():
+        text = (TEMPLATES / template).read_text(encoding="utf-8")
+        written = folder / string.Template(path).substitute(values)
+        with named_os_errors(written, PluginError):
+            written.parent.mkdir(parents=True, exist_ok=True)
+            written.write_text(string.Template(text).substitute(values), encoding="utf-8")
+    return folder
+
+
 @application.command("new")
 def new_command(
     name: Annotated[
@@ -353,12 +386,10 @@ def new_command(
     ],
 ) -> None:
     """Write a project with a controller, a test and all that publishing it needs to the folder NAME."""
-    from taichisoft.running.new_plugin import check_name, write_project
-
-    module, written = check_name(name), write_project(name)
-    say(f"{written} holds the plug-in '{name}'; its README.md says what to do with it. To begin with:\n")
+    module, folder = check_name(name), write_project(name)
+    say(f"{folder} holds the plug-in '{name}'; its README.md says what to do with it. To begin with:\n")
     for command in (
-        f"cd {shlex.quote(str(written))}",
+        f"cd {shlex.quote(str(folder))}",
         "python -m pytest",
         f"taichisoft run gripper --plugin {module}.py --controller {name} --duration 1 --outputs recording",
     ):

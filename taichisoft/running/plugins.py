@@ -68,11 +68,7 @@ class Registry(pluggy.PluginManager):
         self.traced = environment.get(TRACE, "0") not in ("", "0")
 
     def add(self, name: str, origin: Origin, load: Callable[[], Any]) -> None:
-        """Load a plug-in and register it, unless its name is blocked.
-
-        Raises:
-            PluginError: it cannot be loaded, its name is taken, or its hooks are not valid.
-        """
+        """Load a plug-in and register it, unless its name is blocked."""
         if name in self.blocked:
             self.left_out.add(name)
             return
@@ -93,11 +89,7 @@ class Registry(pluggy.PluginManager):
         self.origins[name] = replace(origin, version=version)
 
     def remove(self, name: str) -> None:
-        """Forget a plug-in; blocked ones are ignored.
-
-        Raises:
-            PluginError: no plug-in has that name.
-        """
+        """Forget a plug-in; blocked ones are ignored."""
         if name in self.left_out:
             return
         if name not in self.origins:
@@ -246,11 +238,7 @@ def plugin_registry() -> Registry:
 
 @contextmanager
 def separate_registry() -> Iterator[Registry]:
-    """A registry with the installed plug-ins alone, for as long as it lasts; for tests.
-
-    Raises:
-        PluginError: as `plugin_registry`.
-    """
+    """A registry with the installed plug-ins alone, for as long as it lasts; for tests."""
     global _loaded
     before, _loaded = _loaded, None
     try:

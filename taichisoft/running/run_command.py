@@ -1,6 +1,5 @@
 """The command `taichisoft run`: scene, controller, outputs, session, and their display."""
 
-import contextlib
 import logging
 import math
 import os
@@ -92,7 +91,7 @@ SECONDS_BETWEEN_LINES = 5.0
 """Wall-clock time between two lines [s], on consoles that cannot redraw lines."""
 
 
-@contextlib.contextmanager
+@contextmanager
 def live_status(console: Console, session: Session) -> Iterator[Callable[[StepReport], None]]:
     """Show a run on the console, redrawn in place or else as occasional lines; yields the function to call after steps.
 
@@ -105,12 +104,12 @@ def live_status(console: Console, session: Session) -> Iterator[Callable[[StepRe
         status.print_line()
         return
     live = Live(get_renderable=status.picture, console=console, refresh_per_second=REFRESHES)
-    with contextlib.suppress(OSError):
+    with suppress(OSError):
         live.start(refresh=True)
     try:
         yield status.update
     finally:
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             live.stop()
 
 
@@ -141,7 +140,7 @@ class LiveStatus:
         parts = [self._clock(), self._pressures()]
         if self._object is not None:
             parts.append(f"{self._object} {self._object_state()}")
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             print_line(self._console, "; ".join(parts))
 
     def picture(self) -> RenderableType:
@@ -156,13 +155,8 @@ class LiveStatus:
         keys = " ".join(str(event) for event in tuple(self._session.recent_keys))
         rows.add_row("keys", plain(keys or "none yet"))
         hint = "? shows what the keys do, Esc ends the run"
-        rows.add_row(
-            "",
-            Text(
-                printable("; ".join(filter(None, [self._session.controller.status, self._session.notice, hint]))),
-                style="dim",
-            ),
-        )
+        notes = filter(None, [self._session.controller.status, self._session.notice, hint])
+        rows.add_row("", Text(printable("; ".join(notes)), style="dim"))
         return Group(rows, self._help()) if self._session.shows_help else rows
 
     def _clock(self) -> str:
@@ -185,11 +179,11 @@ class LiveStatus:
     def _object_state(self) -> str:
         """Lift against gravity since the first state, and the sum of the normal forces of soft bodies."""
         session, index = self._session, list(self._scene.rigid_bodies).index(self._object or "")
-        way = session.simulation.state.rigid_position[index] - session.first_state.rigid_position[index]
+        displacement = session.simulation.state.rigid_position[index] - session.first_state.rigid_position[index]
         forces = session.simulation.observe().truth.normal_forces
         soft = self._scene.soft_bodies.keys()
         force = sum(forces[pair] for pair in forces if self._object in pair and not soft.isdisjoint(pair))
-        return f"lifted by {self._scene.up @ way:z.1f} mm, pressed with {force:.0f} mN"
+        return f"lifted by {self._scene.up @ displacement:z.1f} mm, pressed with {force:.0f} mN"
 
     def _help(self) -> RenderableType:
         table = Table("key", "what it does", title="keys, with Ctrl or without", title_justify="left")
@@ -288,7 +282,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
         TaichisoftError: the folder cannot be made.
     """
     path = folder / FILE_NAME
-    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    new_folders = [part for part in (folder, *folder.parents) if not part.exists()]
     with named_os_errors(f"--output {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         file = _locked(path, folder)
@@ -298,8 +292,8 @@ def locked_folder(folder: Path) -> Iterator[None]:
         path.unlink(missing_ok=True)
         os.close(file)
         with suppress(OSError):  # a folder with files stays
-            for one in made:
-                one.rmdir()
+            for part in new_folders:
+                part.rmdir()
 
 
 def _locked(path: Path, folder: Path) -> int:
@@ -370,10 +364,6 @@ def run_scene(
     """Run a scene by path or by the name of a shipped scene; `load_scene` describes all arguments but `request`.
 
     If the user steers and names no controller, the scene's own is kept if it responds to keys.
-
-    Raises:
-        TaichisoftError: an error that the user can correct.
-        typer.Exit: the run was interrupted.
     """
     with warnings_printed_to(rich.get_console()), logged_to(rich.get_console()):
         scene = load_scene(name, overrides, controller, reader_settings, goal)
@@ -429,7 +419,10 @@ def run_simulation(
         with console.status(status), logged_to(console), _errors_in(name):
             simulation = make_simulation()
         if speed is not None:
-            with console.status(status) as shown, compilations_shown(lambda one: shown.update(f"preparing {one}")):
+            with (
+                console.status(status) as shown,
+                compilations_shown(lambda name: shown.update(f"preparing {name}")),
+            ):
                 _load_kernels(simulation)
         session = Session(
             simulation,
@@ -442,7 +435,8 @@ def run_simulation(
             request.saved,
             partial(_controller_with, scene),
         )
-        _write_scene(scene, folder)
+        with named_os_errors(f"--output {folder}"):
+            (folder / "scene.toml").write_text(scene_to_toml(scene), encoding="utf-8")
         outcome = _run(session, console, folder, scene.title or name, request.profile)
     if outcome == INTERRUPTED:
         raise typer.Exit(EXIT_INTERRUPTED)
@@ -460,11 +454,13 @@ def _responds_to_keys(scene: Scene) -> bool:
 
 
 def _run(session: Session, console: Console, folder: Path, title: str, profile: bool) -> str:
-    """Run with a display; the summaries of the outputs are shown however the run ends."""
+    """Run with the status of an interactive run, or a progress bar; summaries are shown however the run ends."""
+    is_steered = session.controller.interactive and not session.replaying
+    display = live_status(console, session) if is_steered else progress_bar(console, session, title)
     times: Profile | None = None
     measured: AbstractContextManager[Profile | None] = profiled(session.simulation) if profile else nullcontext()
     try:
-        with _display(session, console, title) as show, measured as times:
+        with display as show, measured as times:
             outcome = run_session(session, show)
     finally:
         complete = print_summary(console, [session.controller, *session.outputs], folder)
@@ -474,13 +470,6 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
     if not complete:
         raise typer.Exit(EXIT_FAILED)
     return outcome
-
-
-def _display(session: Session, console: Console, title: str) -> AbstractContextManager[Callable[[StepReport], None]]:
-    """Display of a run, called after every step: state and keys of an interactive run, else a progress bar."""
-    if session.controller.interactive and not session.replaying:
-        return live_status(console, session)
-    return progress_bar(console, session, title)
 
 
 def _load_kernels(simulation: Simulation) -> None:
@@ -498,8 +487,3 @@ def _errors_in(scene: str) -> Iterator[None]:
         yield
     except SceneError as error:
         raise SceneError(f"{scene}: {error}") from error
-
-
-def _write_scene(scene: Scene, folder: Path) -> None:
-    with named_os_errors(f"--output {folder}"):
-        (folder / "scene.toml").write_text(scene_to_toml(scene), encoding="utf-8")

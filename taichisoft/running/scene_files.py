@@ -30,11 +30,7 @@ from taichisoft.scene.table import first_problem, short_text
 
 
 def fill_in_materials(document: dict[str, Any]) -> None:
-    """Replace names of plug-ins' materials in soft bodies and regions by the materials; other names stay.
-
-    Raises:
-        PluginError: two plug-ins provide the same name, or a material is not valid.
-    """
+    """Replace names of plug-ins' materials in soft bodies and regions by the materials; other names stay."""
     named = [table for table in _tables(document) if isinstance(table.get("material"), str)]
     if not named:
         return  # without names, no plug-in is loaded
@@ -116,10 +112,6 @@ def add_what_controllers_bring(document: dict[str, Any], source: str, folder: Pa
         document: tables of the scene, which are changed.
         source: name of the document, with which every error begins.
         folder: folder in which the plug-in looks for files first.
-
-    Raises:
-        SceneError: the controller's settings are not valid.
-        PluginError: the plug-in failed.
     """
     controller = document.get("controller")
     name = controller.get("name") if isinstance(controller, dict) else None
@@ -155,9 +147,6 @@ def checked_arguments(factory: Callable[..., Any], settings: Mapping[str, Any]) 
     The settings are the factory's arguments by name, or the fields of its only argument if that is annotated with a
     dataclass or a pydantic model. Each must be of the annotated type, as TOML and JSON write it: a list for a tuple,
     text for a path, but not text for a number. Without an annotation, a numeric default requires a number.
-
-    Raises:
-        SceneError: a key is unknown or missing, or a value is of another type.
     """
     arguments = inspect.signature(factory).parameters
     named = {name: argument for name, argument in arguments.items() if argument.kind in NAMED}
@@ -223,11 +212,7 @@ def _kind(argument: inspect.Parameter, factory: Callable[..., Any]) -> Any:
 
 
 def _checked(adapter: "pydantic.TypeAdapter[Any]", key: str, value: Any) -> Any:
-    """Convert a value to the adapter's type.
-
-    Raises:
-        SceneError: the value is of another type.
-    """
+    """Convert a value to the adapter's type."""
     try:
         return adapter.validate_python(value, strict=True)
     except pydantic.ValidationError as error:

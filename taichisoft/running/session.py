@@ -142,11 +142,7 @@ class KeyLog:
     """Writes each key at once, so that a killed session leaves a complete log."""
 
     def __init__(self, path: Path):
-        """Create the file.
-
-        Raises:
-            KeyLogError: the file cannot be written.
-        """
+        """Create the file."""
         self._path = path
         with named_os_errors(path, KeyLogError):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -177,11 +173,7 @@ class KeyReplay:
     """
 
     def __init__(self, path: Path):
-        """Read the whole file.
-
-        Raises:
-            KeyLogError: the file is missing, or a line is not in the format of `KeyLog`.
-        """
+        """Read the whole file."""
         self._events: list[tuple[int, KeyEvent]] = []
         self.step_count = 0
         try:
@@ -338,12 +330,12 @@ class Session:
         """All sliders of the session with their present values: the controller's own, and its tunable settings."""
         controller, scene = self.controller, self.simulation.model.scene
         name = scene.controller.name if scene.controller is not None else "controller"
-        found = {key: replace(one, group=one.group or name) for key, one in controller.sliders.items()}
+        sliders = {key: replace(slider, group=slider.group or name) for key, slider in controller.sliders.items()}
         given = scene.controller.settings if scene.controller is not None else {}
-        for key, one in controller.tunable.items() if self.make_controller is not None else ():
-            value = self.tuned.get(key, given.get(key, one.value))
-            found[key] = replace(one, value=float(value), group=one.group or f"settings of {name}")
-        return found
+        for key, slider in controller.tunable.items() if self.make_controller is not None else ():
+            value = self.tuned.get(key, given.get(key, slider.value))
+            sliders[key] = replace(slider, value=float(value), group=slider.group or f"settings of {name}")
+        return sliders
 
     def stop(self) -> None:
         """End the run before the next step, with complete outputs; may be called from any thread."""
@@ -351,11 +343,7 @@ class Session:
 
 
 def require_base(part: Part, base: type) -> Part:
-    """Return a controller or output if it is derived from its base class.
-
-    Raises:
-        PluginError: the part is not derived from the base class.
-    """
+    """Return a controller or output if it is derived from its base class."""
     if isinstance(part, base):
         return part
     if isinstance(part, type):
@@ -366,11 +354,7 @@ def require_base(part: Part, base: type) -> Part:
 
 
 def count_steps(duration: float, time_step: float) -> float:
-    """Number of whole steps in a duration [s], at least one; infinite for an infinite duration.
-
-    Raises:
-        TaichisoftError: the duration is not a positive number.
-    """
+    """Number of whole steps in a duration [s], at least one; infinite for an infinite duration."""
     if not duration > 0.0:
         raise TaichisoftError(f"duration = {duration:g}: must be a positive number of seconds")
     return max(1, round(duration / time_step)) if math.isfinite(duration) else math.inf

@@ -57,7 +57,7 @@ class Simulation(TimeStepper):
         """
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
         self._kept: dict[Hashable, Closable] = {}
-        self._has_said_unit = self._has_said_rollouts = False
+        self._has_warned_of_unit = self._has_warned_of_rollouts = False
         weakref.finalize(self, _close_all, self._kept)
         if self.model.scene.cameras:
             mine = weakref.ref(self)
@@ -82,25 +82,25 @@ class Simulation(TimeStepper):
 
     def warn_of_units(self, control: Control) -> None:
         """Warn once of a pressure or modulus that was probably asked for in another unit."""
-        if self._has_said_unit:
+        if self._has_warned_of_unit:
             return
         pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
         moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
-        line = next((found for one in (*pressures, *moduli) if (found := implausible(*one))), "")
+        line = next(filter(None, (implausible(*quantity) for quantity in (*pressures, *moduli))), "")
         if line:
-            self._has_said_unit = True
+            self._has_warned_of_unit = True
             warn_caller(line)
 
     def warn_beyond_law(self, state: State) -> None:
-        """Warn where a body is stretched beyond the range of its law in a state, unless that has been said."""
+        """Warn where a body is stretched beyond the range of its law in a state, unless it has done so before."""
         line = self.strain_watch.complaint(state)
         if line is not None:
             warn_caller(line)
 
     def warn_of_rollouts(self, line: str) -> None:
-        """Warn of rollouts that left the range of a law, unless that has been said."""
-        if not self._has_said_rollouts:
-            self._has_said_rollouts = True
+        """Warn of rollouts that left the range of a law, unless it has done so before."""
+        if not self._has_warned_of_rollouts:
+            self._has_warned_of_rollouts = True
             warn_caller(line)
 
     def render(
@@ -201,11 +201,7 @@ class Simulation(TimeStepper):
 
 
 def check_simulation(given: Any) -> None:
-    """Check that a user gave a simulation.
-
-    Raises:
-        TaichisoftError: it is something else, such as a scene.
-    """
+    """Check that a user gave a simulation."""
     if not isinstance(given, Simulation):
         what = type(given).__name__
         raise TaichisoftError(f"a {what} is not a simulation; taichisoft.Simulation(scene) makes one of a scene")
@@ -255,13 +251,7 @@ def _warn_of_locking(scene: Scene) -> None:
 
 
 def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
-    """Read or make the mesh of each soft body, by body name; bodies with the same source share a mesh.
-
-    Raises:
-        MeshError: a mesh file cannot be read, or cannot be simulated.
-        SceneError: a mesh cannot be made as the scene describes it; the message begins with the key.
-        PluginError: the plug-in that makes a mesh failed.
-    """
+    """Read or make the mesh of each soft body, by body name; bodies with the same source share a mesh."""
     loaded: dict[str, VolumeMesh] = {}
     meshes = {}
     for name, body in scene.soft_bodies.items():
@@ -273,11 +263,7 @@ def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
 
 
 def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
-    """Read or make one mesh; `key` is the key of the mesh in the scene.
-
-    Raises:
-        MeshError, SceneError, PluginError: see `load_meshes`.
-    """
+    """Read or make one mesh; `key` is the key of the mesh in the scene."""
     file = Path(source.file)
     suffix = file.suffix.lower()
     makers = provided("mesh maker") if suffix not in VOLUME_SUFFIXES else {}
@@ -298,7 +284,6 @@ def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
 
 
 def _refuse_keys(source: BodyMesh, valid: Container[str], key: str) -> None:
-    """Refuse keys without effect."""
     ignored = [name for name in source.request if name not in valid]
     if ignored:
         raise SceneError(

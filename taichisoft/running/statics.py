@@ -111,19 +111,15 @@ def equilibrium(simulation: Simulation, control: Control | None = None, stable: 
     control = Control() if control is None else control
     statics = statics_of(simulation)
     simulation.warn_of_units(control)
-    found = statics.find(simulation.state, control, stable)
-    if found.warning and stable:
-        warn_caller(found.warning)
-    simulation.warn_beyond_law(found.state)
-    return found
+    rest = statics.find(simulation.state, control, stable)
+    if rest.warning and stable:
+        warn_caller(rest.warning)
+    simulation.warn_beyond_law(rest.state)
+    return rest
 
 
 def statics_of(simulation: Simulation) -> "Statics":
-    """The static variant of a simulation's model, which it keeps.
-
-    Raises:
-        SceneError: a soft body has no anchors.
-    """
+    """The static variant of a simulation's model, which it keeps."""
     check_simulation(simulation)
     statics: Statics = simulation.keep("statics", lambda: Statics(simulation.model))
     if statics.source is not simulation.model:  # changed since
@@ -155,24 +151,24 @@ class Statics:
     def find(self, start: State, control: Control, stable: bool = True) -> Equilibrium:
         """The equilibrium under a control, from a state on."""
         stepper = self._stepper
-        found = stepper.find_equilibrium(start, apply_control(stepper.model, start, control), stable)
+        rest = stepper.find_equilibrium(start, apply_control(stepper.model, start, control), stable)
         no_velocity = np.zeros_like(start.frame_velocity)
-        memory = found.state.sensor_memory.copy()
+        memory = rest.state.sensor_memory.copy()
         memory[1:2] = 0.0  # sensors have long seen what rests: their samples begin anew
         changes = {"time": start.time, "step": start.step, "frame_velocity": no_velocity, "sensor_memory": memory}
-        state = found.state.changed(**changes)
+        state = rest.state.changed(**changes)
         stepper.restore(state)
         state = stepper.state
         return Equilibrium(
             state=state,
             observation=stepper.observe(),
-            linearisations=found.report.linearisations,
-            increments=found.increments,
-            residual=found.residual,
-            stiffness=found.stiffness,
-            left=found.left,
-            warning=found.warning,
-            unchecked=found.unchecked,
+            linearisations=rest.report.linearisations,
+            increments=rest.increments,
+            residual=rest.residual,
+            stiffness=rest.stiffness,
+            left=rest.left,
+            warning=rest.warning,
+            unchecked=rest.unchecked,
             _stepper=stepper,
         )
 
@@ -333,15 +329,11 @@ class _Search:
         return values
 
     def start(self) -> np.ndarray:
-        """Where to begin: what is asked for now, or where every target depends on something.
-
-        Raises:
-            EquilibriumNotFound: there is no equilibrium at any of these places.
-        """
+        """Where to begin: what is asked for now, or where every target depends on something."""
         low, high = self.bounds.T
-        room = INSIDE * (high - low)
+        margin = INSIDE * (high - low)
         now = np.array([asked_for(self._statics.model, self._state, name) for name in self.names])
-        inside = np.clip(now, low + room, high - room)
+        inside = np.clip(now, low + margin, high - margin)
         places: list[np.ndarray] = [inside, np.clip(now, low, high), *(low + share * (high - low) for share in STARTS)]
         first: np.ndarray | None = None
         problem: EquilibriumNotFound | None = None
@@ -364,15 +356,15 @@ class _Search:
     def residuals(self, values: np.ndarray) -> np.ndarray:
         """Of all targets over their scales; NaN where there is no equilibrium, so that the next step is shorter."""
         try:
-            found = self._equilibrium(values)
+            rest = self._equilibrium(values)
         except EquilibriumNotFound:
             if self._best is None:
                 raise
             return np.full(sum(int(np.isfinite(target).sum()) for _, target, _ in self._figures), np.nan)
-        residuals = self._all_residuals(found)
+        residuals = self._all_residuals(rest)
         size = float(residuals @ residuals)
         if self._best is None or size < self._best[0]:
-            self._best = size, values.copy(), found
+            self._best = size, values.copy(), rest
         if np.abs(residuals).max(initial=0.0) < (FOUND if self._from_start is None else NEAR):
             raise _Found
         return residuals
@@ -386,13 +378,13 @@ class _Search:
         here = self._equilibrium(values)
         if self._from_start is not None and self._known is not None:
             before, residuals, rows = self._known
-            way = (values - before) / np.diff(self.bounds)[:, 0]
+            shift = (values - before) / np.diff(self.bounds)[:, 0]
             change = self._all_residuals(here) - residuals
-            if way.any():
-                rows = rows + np.outer(change - rows @ way, way) / (way @ way)
+            if shift.any():
+                rows = rows + np.outer(change - rows @ shift, shift) / (shift @ shift)
         else:
             linear = here.linearise(self.names)
-            parts = [linear[one.name][np.isfinite(target)] / scale for one, target, scale in self._figures]
+            parts = [linear[figure.name][np.isfinite(target)] / scale for figure, target, scale in self._figures]
             rows = np.vstack(parts) * np.diff(self.bounds)[:, 0]
         self._known = values.copy(), self._all_residuals(here), rows
         return np.asarray(rows / np.diff(self.bounds)[:, 0])
@@ -400,11 +392,11 @@ class _Search:
     def solution(self) -> InverseSolution:
         """The best that was found."""
         assert self._best is not None
-        _, values, found = self._best
-        residuals = {one.name: one.of(found.observation) - target for one, target, _ in self._figures}
+        _, values, rest = self._best
+        residuals = {figure.name: figure.of(rest.observation) - target for figure, target, _ in self._figures}
         off = {
-            one.name: float(np.nanmax(np.abs(residuals[one.name]), initial=0.0)) / scale
-            for one, _, scale in self._figures
+            figure.name: float(np.nanmax(np.abs(residuals[figure.name]), initial=0.0)) / scale
+            for figure, _, scale in self._figures
         }
         near = 1e-6 * np.diff(self.bounds)[:, 0]
         at_end = (np.abs(values[:, None] - self.bounds) <= near[:, None]).any(axis=1)
@@ -413,30 +405,29 @@ class _Search:
         return InverseSolution(
             control=self._control(values),
             values=dict(zip(self.names, values.tolist(), strict=True)),
-            equilibrium=found,
+            equilibrium=rest,
             residuals=residuals,
             reached=not missed,
             at_bounds=at_bounds,
             trials=self._trials,
-            message=_in_words(missed, residuals, at_bounds) + self._caution(found),
+            message=_in_words(missed, residuals, at_bounds) + self._caution(rest),
         )
 
-    def _caution(self, found: Equilibrium) -> str:
-        """What else is to be said of a solution."""
-        said = f"; {found.warning}" if found.warning else ""
+    def _caution(self, rest: Equilibrium) -> str:
+        caution = f"; {rest.warning}" if rest.warning else ""
         if self._from_start == "statics":
-            said += (
+            caution += (
                 "; friction depends on the way, and this is at rest on a straight one: inverse(..., by='motion') finds "
                 "what steps from here come to"
             )
-        return said
+        return caution
 
-    def _all_residuals(self, found: Equilibrium) -> np.ndarray:
-        return np.concatenate([self._residual(found, *one) for one in self._figures])
-
-    def _residual(self, found: Equilibrium, figure: ObservedFigure, target: np.ndarray, scale: float) -> np.ndarray:
-        asked = np.isfinite(target)
-        return np.asarray((figure.of(found.observation)[asked] - target[asked]) / scale)
+    def _all_residuals(self, rest: Equilibrium) -> np.ndarray:
+        """Observed less target over the scale, of the entries of targets that are not free."""
+        off = [(figure.of(rest.observation) - target) / scale for figure, target, scale in self._figures]
+        return np.concatenate(
+            [part[np.isfinite(target)] for part, (_, target, _) in zip(off, self._figures, strict=True)]
+        )
 
     def _equilibrium(self, values: np.ndarray) -> Equilibrium:
         """The equilibrium; from the last one, or from the start where the way must be that from there."""
@@ -449,30 +440,25 @@ class _Search:
             elif self._from_start is None and self._last is not None:
                 begin = self._last[1].state
             try:
-                found = self._statics.find(begin, self._control(values))
+                rest = self._statics.find(begin, self._control(values))
             except EquilibriumNotFound:
                 if begin is self._state:
                     raise
-                found = self._statics.find(self._state, self._control(values))
-            self._last = key, found
+                rest = self._statics.find(self._state, self._control(values))
+            self._last = key, rest
         return self._last[1]
 
     def _moved(self, values: np.ndarray) -> State:
-        """Where a motion from the start comes to rest.
-
-        Raises:
-            EquilibriumNotFound: it moves on and on.
-        """
         stepper, control = TimeStepper(self._model), self._control(values)
         stepper.restore(self._state)
         for _ in range(round(LONGEST / self._model.scene.time.step)):
             before = stepper.state
             stepper.step(control)
             state = stepper.state
-            moved = (state.position - before.position, state.rigid_position - before.rigid_position)
-            way = max(float(np.abs(part).max(initial=0.0)) for part in moved)
+            moves = (state.position - before.position, state.rigid_position - before.rigid_position)
+            largest = max(float(np.abs(part).max(initial=0.0)) for part in moves)
             same = all(np.array_equal(getattr(state, name), getattr(before, name)) for name in LOADS)
-            if same and way < SLOW * self._model.scene.time.step:
+            if same and largest < SLOW * self._model.scene.time.step:
                 return state.changed(time=self._state.time, step=self._state.step)
         raise EquilibriumNotFound("", self._state.step, f"still moves after {LONGEST:g} s", "more damping")
 
@@ -492,7 +478,7 @@ def _checked_bounds(bounds: Mapping[str, Any]) -> np.ndarray:
     """Lowest and highest values, shape (control_count, 2)."""
     if not isinstance(bounds, Mapping) or not bounds:
         raise ControlError("bounds: must be a dictionary with a control or more, such as pressure.finger1.cavity")
-    found = []
+    checked = []
     for name, ends in bounds.items():
         try:
             low, high = (float(end) for end in ends)
@@ -500,17 +486,17 @@ def _checked_bounds(bounds: Mapping[str, Any]) -> np.ndarray:
             low, high = np.nan, np.nan
         if not -np.inf < low < high < np.inf:
             raise ControlError(f"bounds['{name}'] = {ends!r}: must be a lowest and a higher finite value")
-        found.append((low, high))
-    return np.array(found)
+        checked.append((low, high))
+    return np.array(checked)
 
 
 def _checked_target(name: str, target: Any, seen: np.ndarray) -> np.ndarray:
     """A target as an array of the figure's shape."""
     try:
-        wanted = np.asarray(target, dtype=np.float64)
+        array = np.asarray(target, dtype=np.float64)
     except (TypeError, ValueError):
-        wanted = np.full(0, np.nan)
-    if wanted.shape != seen.shape or np.isinf(wanted).any() or np.isnan(wanted).all():
+        array = np.full(0, np.nan)
+    if array.shape != seen.shape or np.isinf(array).any() or np.isnan(array).all():
         shape = f"an array of shape {seen.shape}" if seen.shape else "a number"
         raise TaichisoftError(f"targets['{name}'] = {target!r}: must be {shape}, finite or NaN where it is free")
-    return wanted
+    return array

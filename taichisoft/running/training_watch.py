@@ -42,9 +42,9 @@ class TrainingRange:
         self._frames, self._frame = frames, frames.numbers(body.settings.follows for body in self._bodies)
         modes = {body.name: body.modes for body in bodies if body.modes is not None}
         self._validation = {
-            name: (one.imbalance, one.error_per_imbalance)
-            for name, one in modes.items()
-            if one.imbalance and one.error_per_imbalance is not None
+            name: (known.imbalance, known.error_per_imbalance)
+            for name, known in modes.items()
+            if known.imbalance and known.error_per_imbalance is not None
         }
         self.validated = tuple(self._validation)
         pressed = [
@@ -64,8 +64,8 @@ class TrainingRange:
         body, frame, places = self._bodies[number], self._frame[number], self._frames.places(state.frame_pose)
         placed = (state.position[body.nodes] - places.shift[frame]) @ places.turn[frame]
         local = (placed - np.asarray(body.settings.translation)) @ self._turns[number]
-        found: np.ndarray = (local - body.mesh.nodes).reshape(-1) @ self._weighted[number]
-        return found
+        amplitudes: np.ndarray = (local - body.mesh.nodes).reshape(-1) @ self._weighted[number]
+        return amplitudes
 
     def beyond(self, state: "State") -> dict[str, float]:
         """By body: displacement beyond the trained amplitudes over the largest one in the training [-], 0 within.
@@ -86,7 +86,7 @@ class TrainingRange:
         """By body, the contact [mm] that presses most of those where nothing near by pressed in the training, (3,)."""
         from scipy.spatial import cKDTree  # a tenth of a start, for reduced bodies alone
 
-        found = {}
+        places = {}
         force = np.einsum("cd,cd->c", state.contact_impulse, state.contact_normal)
         for number, near in self._near_pressed.items():
             body = self._soft_bodies[number]
@@ -94,8 +94,8 @@ class TrainingRange:
             nearest = cKDTree(state.position[body.nodes]).query(state.contact_point[mine])[1] if len(mine) else mine
             strange = mine[~near[nearest]]
             if len(strange):
-                found[body.name] = state.contact_point[strange[force[strange].argmax()]]
-        return found
+                places[body.name] = state.contact_point[strange[force[strange].argmax()]]
+        return places
 
     def beyond_validation(self, imbalance: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """By body: its imbalance over the largest one of its validation [-], and the error that goes with it [mm].
@@ -119,7 +119,7 @@ def _near_pressed(body: "SoftBody") -> np.ndarray:
     reach = REACH * float(np.ptp(nodes, axis=0).max())
     around = cKDTree(nodes[pressed]).query_ball_point(nodes, reach) if len(pressed) else [[]] * len(nodes)
     return np.array(
-        [bool((normals[pressed[some]] @ normal > ASKEW).any()) for some, normal in zip(around, normals, strict=True)]
+        [bool((normals[pressed[near]] @ normal > ASKEW).any()) for near, normal in zip(around, normals, strict=True)]
     )
 
 
@@ -146,7 +146,7 @@ class TrainingWatch:
         self._trained = {
             f"{name}.{own}": drive for name, modes in reduced for own, drive in json.loads(modes.drives).items()
         }
-        self._said: set[tuple[str, str]] = set()
+        self._warned: set[tuple[str, str]] = set()
 
     def complaints_at_start(self) -> Iterator[str]:
         """A line for each reduced body whose validation found more than the tolerance."""
@@ -205,6 +205,6 @@ class TrainingWatch:
                         )
 
     def _is_new(self, name: str, of: str) -> bool:
-        new = (name, of) not in self._said
-        self._said.add((name, of))
+        new = (name, of) not in self._warned
+        self._warned.add((name, of))
         return new

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from taichisoft_benchmarks.case_results import CaseResult, Figure, Results
+from taichisoft_benchmarks.results import CaseResult, Figure, Results
 
 
 def case_of(figures: dict[str, list[float]], **about: Any) -> CaseResult:

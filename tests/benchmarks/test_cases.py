@@ -1,11 +1,17 @@
 """Descriptors of cases: sweeps and peers are cases of their own, and what is wrong is one line."""
 
+import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from taichisoft import Simulation
+from taichisoft.mesh import tetrahedron_volumes
+from taichisoft_benchmarks.case_scenes import CELL, FOOT_DEPTH, MAT_CELLS, Meshes, make_mat, scene_of
 from taichisoft_benchmarks.cases import PeerCase, cases_from_dict, choose, read_cases
 from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.peers import pressure_forces
 
 STEPS = {
     "kind": "steps",
@@ -17,21 +23,21 @@ STEPS = {
 }
 
 
-def test_the_shipped_cases_have_what_the_targets_are_about():
+def test_shipped_cases_include_those_with_targets():
     names = {case.name for case in read_cases()}
     assert {"finger_coarse", "finger_fine", "gripper_coarse", "gripper_fine", "factor_coarse", "throughput"} <= names
     assert {"growth_nodes_400", "growth_nodes_20000", "growth_contacts_784", "growth_fingers_12"} <= names
     assert {"start_cold", "meshing_coarse", "meshing_fine", "rendering", "factor_fine_2_threads"} <= names
 
 
-def test_an_entry_of_a_sweep_is_a_case_with_its_changes():
+def test_entry_of_a_sweep_becomes_a_case():
     swept = {**STEPS, "sweep": {"one": {"threads": 1}, "two": {"threads": 2, "steps": 40}}}
     first, second = cases_from_dict({"speed": swept})
     assert (first.name, first.group, first.parameter, first.case.threads) == ("speed_one", "speed", {"threads": 1}, 1)
     assert (second.name, second.case.threads, second.case.steps) == ("speed_two", 2, 40)
 
 
-def test_a_peer_is_a_case_of_its_own_beside_ours():
+def test_peer_becomes_a_case_of_its_own():
     ours, theirs = cases_from_dict({"finger": {**STEPS, "peers": ["mujoco"]}})
     assert (ours.name, theirs.name, theirs.group) == ("finger", "finger_mujoco", "finger_mujoco")
     assert isinstance(theirs.case, PeerCase)
@@ -39,12 +45,12 @@ def test_a_peer_is_a_case_of_its_own_beside_ours():
     assert theirs.case.windows == ours.case.windows
 
 
-def test_a_peer_of_a_reduced_case_has_all_nodes():
+def test_peer_of_a_reduced_case_has_all_nodes():
     ours, theirs = cases_from_dict({"finger": {**STEPS, "reduced": True, "peers": ["mujoco"]}})
     assert (ours.case.reduced, theirs.case.reduced) == (True, False)
 
 
-def test_a_quick_look_keeps_the_start_of_every_window():
+def test_quick_look_keeps_starts_of_windows():
     (named,) = cases_from_dict({"finger": STEPS})
     quick = named.case.shortened()
     assert quick.windows == {"early_ms": (2, 12), "late_ms": (20, 30)}
@@ -68,26 +74,26 @@ def test_a_quick_look_keeps_the_start_of_every_window():
         ("steps", "cases: finger = 'steps': must be a table, [finger]"),
     ],
 )
-def test_a_wrong_descriptor_is_one_line(table, message):
+def test_wrong_descriptor_is_one_line(table, message):
     with pytest.raises(BenchmarkError) as refused:
         cases_from_dict({"finger": table})
     assert message in str(refused.value)
 
 
-def test_two_cases_of_one_name_are_refused():
+def test_cases_with_the_same_name_are_refused():
     swept = {**STEPS, "sweep": {"one": {"threads": 1}}}
     with pytest.raises(BenchmarkError, match="two cases are called 'finger_one'"):
         cases_from_dict({"finger": swept, "finger_one": STEPS})
 
 
-def test_a_file_that_is_no_toml_is_named(tmp_path: Path):
+def test_file_without_toml_is_named(tmp_path: Path):
     path = tmp_path / "cases.toml"
     path.write_text("[finger")
     with pytest.raises(BenchmarkError, match=r"cases\.toml: not readable as TOML: "):
         read_cases(path)
 
 
-def test_cases_are_chosen_by_name_group_and_pattern():
+def test_cases_are_chosen_by_name_group_pattern():
     cases = read_cases()
     assert [case.name for case in choose(cases, ["finger_coarse"])] == ["finger_coarse"]
     assert {case.group for case in choose(cases, ["growth_nodes"])} == {"growth_nodes"}
@@ -95,3 +101,97 @@ def test_cases_are_chosen_by_name_group_and_pattern():
     assert choose(cases, []) == cases
     with pytest.raises(BenchmarkError, match="--case finger_corse: fits no case; did you mean 'finger_coarse'"):
         choose(cases, ["finger_corse"])
+
+
+TIMING = {"title": "", "steps": 2, "windows": {"step_ms": [1, 2]}}
+FINGER = {**TIMING, "kind": "steps", "scene": "finger-inflated", "finger": "finger"}
+
+
+def scene(table, tmp_path: Path, tutorial: Path | None = None):
+    (named,) = cases_from_dict({"case": table})
+    return scene_of(named.case, Meshes(tutorial, tmp_path))
+
+
+def test_shipped_mesh_is_the_default(tmp_path):
+    made = scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path)
+    assert Path(made.soft_bodies["finger"].mesh.file).name == "tutorial-medium.msh"
+
+
+def test_tutorial_meshes_bring_their_surfaces(tmp_path):
+    for name in ("pneunetCut.vtk", "pneunetCut.stl", "pneunetCavityCut.stl"):
+        (tmp_path / name).touch()
+    made = scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path, tmp_path).soft_bodies["finger"]
+    assert Path(made.mesh.file) == tmp_path / "pneunetCut.vtk"
+    assert Path(made.collision_surface[0].file) == tmp_path / "pneunetCut.stl"
+    assert Path(made.cavities["cavity"].surface) == tmp_path / "pneunetCavityCut.stl"
+    assert made.cavities["cavity"].group is None
+
+
+def test_folder_without_a_mesh_is_refused(tmp_path):
+    with pytest.raises(BenchmarkError, match=r"has no pneunetCut\.vtk"):
+        scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path, tmp_path)
+
+
+def test_finger_of_a_size_is_meshed_before_timing(tmp_path, monkeypatch):
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path))
+    made = scene({**FINGER, "element_size": 16.0}, tmp_path).soft_bodies["finger"].mesh
+    assert (Path(made.file).name, made.size) == ("tutorial.toml", 16.0)
+    (kept,) = (tmp_path / "meshes").glob("*.msh")
+    assert kept.name.startswith("tutorial-")
+
+
+def test_reduced_models_are_made_once(tmp_path, monkeypatch):
+    """`taichisoft reduce` makes them, in a folder of the scene's own; what it says reaches the user."""
+    asked = []
+
+    def reduce(command, **_):
+        asked.append(command)
+        return subprocess.CompletedProcess(command, 1 if len(asked) == 1 else 0, "", "taichisoft: no anchors")
+
+    monkeypatch.setattr(subprocess, "run", reduce)
+    reduced = {**FINGER, "reduced": True}
+    with pytest.raises(BenchmarkError, match=r"scene\.toml: taichisoft: no anchors"):
+        scene(reduced, tmp_path)
+    (folder,) = tmp_path.glob("reduced-*")
+    assert asked[0][2:] == ["taichisoft", "reduce", str(folder / "scene.toml"), "-o", str(folder)]
+    (folder / "finger.npz").touch()
+    (folder / "validation.json").touch()
+    assert scene(reduced, tmp_path).soft_bodies["finger"].reduced == str(folder / "finger.npz")
+    assert len(asked) == 1
+
+
+def test_fingers_stand_on_a_circle_and_bend_inwards(tmp_path):
+    made = scene({**TIMING, "kind": "fingers", "count": 5}, tmp_path)
+    simulation = Simulation(made)
+    pressure = dict.fromkeys(simulation.model.cavities.names, 5.0)
+    force = pressure_forces(simulation.model, simulation.state.position, pressure)
+    assert len(made.soft_bodies) == 5
+    before = np.linalg.norm(simulation.state.position[:, 1:], axis=1)
+    from taichisoft import Control
+
+    for _ in range(10):
+        simulation.step(Control(pressure=pressure))
+    after = np.linalg.norm(simulation.state.position[:, 1:], axis=1)
+    tips = simulation.model.rest_position[:, 0] < -110.0
+    assert (after[tips] < before[tips]).all()
+    # Air pushes the walls of a closed cavity with no force in sum.
+    assert np.abs(force.sum(axis=0)).max() < 1e-9 * np.abs(force).sum()
+
+
+def test_mat_has_the_same_nodes_on_every_foot():
+    whole = CELL**3 * np.prod(MAT_CELLS)
+    for foot in (7, 28):
+        mesh = make_mat(foot)
+        assert mesh.nodes.shape == (28 * 28 * 3, 3)
+        assert (mesh.nodes[:, 2] == 0.0).sum() == foot**2
+    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(whole)
+    small = make_mat(7)
+    off = tetrahedron_volumes(small.nodes, small.elements).sum()
+    assert whole - FOOT_DEPTH * CELL**2 * MAT_CELLS[0] ** 2 < off < whole
+
+
+@pytest.mark.parametrize("foot", [4, 9])
+def test_every_vertex_of_the_foot_has_contact(tmp_path, foot):
+    """At first; where the foot has settled, those of its edge may carry nothing."""
+    simulation = Simulation(scene({**TIMING, "kind": "contacts", "foot": foot}, tmp_path))
+    assert max(simulation.step().contact_count for _ in range(3)) == foot**2

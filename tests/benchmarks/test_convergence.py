@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from taichisoft_benchmarks import convergence
 from taichisoft_benchmarks.case_scenes import tutorial_surfaces
+from taichisoft_benchmarks.convergence import ConvergenceStudy, Point, limit_of
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.studies import convergence
-from taichisoft_benchmarks.studies.convergence import ConvergenceStudy, Point, limit_of
-from taichisoft_benchmarks.studies.finger_at_rest import bend
+from taichisoft_benchmarks.one_body import bend
 from taichisoft_studies.refinement import MESH_ORDER
 
 
-def test_a_series_with_a_known_limit_is_extrapolated_to_it() -> None:
+def test_series_is_extrapolated_to_its_limit() -> None:
     """u = limit - factor h^order, with h = nodes^(-1/3)."""
     nodes = [2000, 4000, 9000]
-    found = limit_of(nodes, [59.0 - 700.0 * count ** (-MESH_ORDER / 3) for count in nodes])
-    assert (found.value, found.factor, found.doubt) == pytest.approx((59.0, 700.0, 0.0), abs=1e-9)
+    limit = limit_of(nodes, [59.0 - 700.0 * count ** (-MESH_ORDER / 3) for count in nodes])
+    assert (limit.value, limit.factor, limit.doubt) == pytest.approx((59.0, 700.0, 0.0), abs=1e-9)
 
 
-def test_the_order_is_that_of_a_corner_of_270_degrees() -> None:
+def test_order_is_that_of_a_corner_of_270_degrees() -> None:
     """The smallest root of Williams' equation for the symmetric stresses in a wedge with free sides."""
     angle = 1.5 * np.pi
     exponent = brentq(lambda power: np.sin(power * angle) + power * np.sin(angle), 0.3, 0.6)
@@ -31,16 +31,16 @@ def test_the_order_is_that_of_a_corner_of_270_degrees() -> None:
 def test_noise_shows_as_doubt() -> None:
     nodes, noises = [2000, 4000, 9000, 20000, 40000], [0.2, -0.2, 0.2, -0.2, 0.2]
     bends = [59.0 - 700.0 * count ** (-MESH_ORDER / 3) + noise for count, noise in zip(nodes, noises, strict=True)]
-    found = limit_of(nodes, bends)
-    assert 0.0 < abs(found.value - 59.0) < 2 * found.doubt
+    limit = limit_of(nodes, bends)
+    assert 0.0 < abs(limit.value - 59.0) < 2 * limit.doubt
 
 
-def test_two_meshes_are_no_series() -> None:
+def test_two_meshes_are_refused() -> None:
     with pytest.raises(BenchmarkError, match="needs three meshes; there are 2"):
         limit_of([1000, 8000], [1.0, 2.0])
 
 
-def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None:
+def test_rest_does_not_depend_on_the_steps() -> None:
     """The tolerance is twice what a node may still move when the finger counts as resting."""
     nodes, _, first = bend("tutorial-coarse", element="linear")
     assert nodes == 626
@@ -48,7 +48,7 @@ def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None
 
 
 @pytest.mark.parametrize(("name", "expected"), [("pneunetCutCoarse.vtk", 12.3), ("pneunetCut.vtk", 28.6)])
-def test_the_tutorials_own_meshes_bend_as_is_known(shared: Path, name: str, expected: float) -> None:
+def test_tutorial_meshes_bend_as_known(shared: Path, name: str, expected: float) -> None:
     """Their displacements come from a calculation in numpy, with SOFA's rotations, and are known to one digit after the
     point."""
     folder = shared / "tutorial-meshes"
@@ -56,7 +56,7 @@ def test_the_tutorials_own_meshes_bend_as_is_known(shared: Path, name: str, expe
     assert bend(str(folder / name), even_mass=True, **body)[2] == pytest.approx(expected, abs=0.05)
 
 
-def test_a_mesh_that_was_measured_is_not_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_measured_mesh_is_not_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         convergence, "bend", lambda mesh, **body: (10, 20, 3.0 if body["element"] == "smoothed" else 1.0)
     )
@@ -70,7 +70,7 @@ def point(name: str, nodes: int, across: int | None, quadratic: float | None = N
     return Point(name, nodes, 5 * nodes, across, 59.0 - 700.0 * nodes ** (-MESH_ORDER / 3), 57.0, quadratic)
 
 
-def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The figures are made up: measuring takes minutes."""
 
     def measured(sizes, even_sizes, tutorial_meshes, results):

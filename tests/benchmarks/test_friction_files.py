@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse import csc_matrix, csr_matrix
 
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.studies.friction_files import read_local_problem
+from taichisoft_benchmarks.friction_problems import read_local_problem
 
 RANDOM = np.random.default_rng(3)
 M = np.diag(RANDOM.uniform(1.0, 2.0, 9))
@@ -32,7 +32,7 @@ def write_matrix(group: Any, matrix: np.ndarray, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["columns", "rows", "triplets"])
 @pytest.mark.parametrize("joints", [False, True])
-def test_a_global_problem_becomes_the_local_one(tmp_path: Path, kind: str, joints: bool) -> None:
+def test_global_problem_becomes_a_local_one(tmp_path: Path, kind: str, joints: bool) -> None:
     """For any r the velocities u = W r + q are those of the equations of motion, solved as they stand."""
     import h5py
 
@@ -54,7 +54,7 @@ def test_a_global_problem_becomes_the_local_one(tmp_path: Path, kind: str, joint
     np.testing.assert_array_equal(mu, MU)
 
 
-def test_dense_and_block_files_of_siconos_are_the_same_problem(tmp_path: Path) -> None:
+def test_dense_and_block_files_hold_the_same_problem(tmp_path: Path) -> None:
     w = H.T @ H
     tail = [*W_VECTOR, *MU]
     (tmp_path / "dense.dat").write_text(" ".join(map(repr, map(float, [3, 2, 0, 6, 6, *w.T.ravel(), *tail]))).replace(
@@ -68,12 +68,12 @@ def test_dense_and_block_files_of_siconos_are_the_same_problem(tmp_path: Path) -
     (tmp_path / "blocks.dat").write_text("\n".join([*map(str, head), *blocks, *(f"{value:.17e}" for value in tail)]))
     for name in ("dense", "blocks"):
         read = read_local_problem(tmp_path / f"{name}.dat")
-        for found, expected in zip(read, (w, W_VECTOR, MU), strict=True):
-            np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-14)
+        for value, expected in zip(read, (w, W_VECTOR, MU), strict=True):
+            np.testing.assert_allclose(value, expected, rtol=1e-14, atol=1e-14)
 
 
 @pytest.mark.parametrize("name, text", [("short.dat", "3 1 0 3 3 1.0"), ("flat.dat", "2 1 0 2 2"), ("a.dat", "words")])
-def test_what_is_no_problem_is_said_in_one_line(tmp_path: Path, name: str, text: str) -> None:
+def test_file_without_a_problem_is_refused(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(BenchmarkError, match=rf"{name}: is not a contact problem: .+"):
         read_local_problem(tmp_path / name)

@@ -6,9 +6,8 @@ import pytest
 from made_results import case_of, results_of
 
 from taichisoft_benchmarks import performance_page as page
-from taichisoft_benchmarks.case_results import write_results
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.growth_plots import draw_plots, growth_points
+from taichisoft_benchmarks.results import write_results
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "notes" / "performance.md"
 
@@ -23,7 +22,7 @@ def growth(group: str, nodes: list[int]):
     }
 
 
-def test_only_what_is_marked_changes():
+def test_page_changes_between_marks_only():
     text = "before\n<!-- bench:targets -->\nstale\n<!-- end -->\nafter\n"
     filled = page.fill_page(text, results_of({"finger_coarse": case_of({"step_ms": [1.25, 1.25]})}))
     assert filled.startswith("before\n<!-- bench:targets -->\n| case |")
@@ -32,7 +31,7 @@ def test_only_what_is_marked_changes():
     assert "| `finger_coarse.step_ms` | 1.25 | 0.9 | 6 | - | - | - | - | 0.3 |" in filled
 
 
-def test_filling_twice_gives_the_same():
+def test_filling_twice_changes_nothing():
     results = results_of(growth("growth_nodes", [400, 1000]))
     text = "".join(f"<!-- bench:{name} -->\n<!-- end -->\n" for name in page.SECTIONS)
     once = page.fill_page(text, results)
@@ -40,7 +39,7 @@ def test_filling_twice_gives_the_same():
     assert "| 400 | 0 | 0 | 4.22 ± 0.22 | 10.56 | - | 200 |" in once
 
 
-def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
+def test_peer_stands_beside_ours_with_its_omissions():
     cases = {
         "finger_coarse": case_of(
             {"step_ms": [1.5, 1.2, 0.8], "python_ms": [0.2]}, facts={"nodes": 376, "displacement_mm": 12.3}
@@ -63,14 +62,14 @@ def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
     assert "| `finger_coarse_drake` | - | - | - | drake is not installed |" in tables
 
 
-def test_throughput_is_told_in_runs_a_minute():
+def test_throughput_is_given_in_runs_a_minute():
     figures = {"ours_per_s": [340.0], "mujoco_per_s": [85.0], "over_mujoco": [4.0]}
     case = case_of(figures, kind="throughput", facts={"processes": 2, "steps": 170})
     table = page.fill_page("<!-- bench:throughput -->\n<!-- end -->", results_of({"throughput": case}))
     assert "| 2 | 170 | 340 | 120 | 85 | 4 |" in table
 
 
-def test_tuning_is_compared_with_the_tightest_tolerance_and_the_shortest_step():
+def test_tuning_is_compared_with_the_finest_setting():
     cases = {
         f"tuning_tolerance_{name}": case_of(
             {"grasp_ms": [time]}, group="tuning_tolerance", facts={"object_mm": [0.0, place, 0.0], "grasp_sweeps": 7}
@@ -89,7 +88,7 @@ def test_tuning_is_compared_with_the_tightest_tolerance_and_the_shortest_step():
     assert "| 1 | 4 | 4 | 21.50 | +0.00 |" in tables
 
 
-def test_the_factorisation_is_told_beside_the_speed_of_a_dense_product():
+def test_factorisation_stands_beside_dense_product():
     case = case_of(
         {"factorise_ms": [2.0], "cholmod_ms": [1.6], "superlu_ms": [9.0], "ratio_to_cholmod": [1.25]},
         kind="factorisation",
@@ -100,37 +99,37 @@ def test_the_factorisation_is_told_beside_the_speed_of_a_dense_product():
     assert "| `factor_coarse` | 1 | 376 | 8 | 2 | 1.6 | 9 | 1.25 | 4.0 | 40.0 |" in table
 
 
-def test_a_marker_of_no_section_is_refused():
+def test_unknown_marker_is_refused():
     with pytest.raises(BenchmarkError, match="bench:targts: unknown section; did you mean 'targets'"):
         page.fill_page("<!-- bench:targts -->\n<!-- end -->", results_of({}))
 
 
-def test_the_document_has_every_section_once():
+def test_document_has_every_section_once():
     marked = [match[1] for match in page.MARKED.finditer(DOCUMENT.read_text(encoding="utf-8"))]
     assert sorted(marked) == sorted(page.SECTIONS)
 
 
-def test_a_growth_is_sorted_by_what_is_counted():
-    points = growth_points(growth("growth_nodes", [1000, 400]), "growth_nodes", "nodes")
+def test_growth_is_sorted_by_its_count():
+    points = page.growth_points(growth("growth_nodes", [1000, 400]), "growth_nodes", "nodes")
     assert [point[0] for point in points] == [400.0, 1000.0]
     assert points[0][1:] == pytest.approx((4.2222, 4.0, 4.4444), rel=1e-4)
 
 
-def test_plots_are_small_and_the_same_for_the_same_figures(tmp_path):
+def test_plots_are_small_and_reproducible(tmp_path):
     results = results_of({**growth("growth_nodes", [400, 1000, 20000]), **growth("growth_fingers", [626, 1252])})
     (tmp_path / "again").mkdir()
-    paths = draw_plots(results, tmp_path)
+    paths = page.draw_plots(results, tmp_path)
     assert [path.name for path in paths] == ["growth_nodes.svg", "growth_fingers.svg"]
     assert all(path.stat().st_size < 60_000 for path in paths)
-    again = draw_plots(results, tmp_path / "again")
+    again = page.draw_plots(results, tmp_path / "again")
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in paths]
 
 
-def test_a_single_case_is_no_growth(tmp_path):
-    assert draw_plots(results_of(growth("growth_nodes", [400])), tmp_path) == []
+def test_single_case_has_no_plot(tmp_path):
+    assert page.draw_plots(results_of(growth("growth_nodes", [400])), tmp_path) == []
 
 
-def test_the_program_fills_a_file(tmp_path):
+def test_program_fills_a_file(tmp_path):
     write_results(results_of(growth("growth_nodes", [400, 1000])), tmp_path)
     written = tmp_path / "page.md"
     written.write_text("<!-- bench:nodes -->\n<!-- end -->\n")

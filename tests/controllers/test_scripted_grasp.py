@@ -88,7 +88,7 @@ def test_the_programs_of_the_documents_read_what_a_run_leaves(
     assert names["lift"].tolist() == column(tmp_path / "out" / "gripper", "lift cube [mm]")
     assert len(names["force"]) == 5
     with matplotlib.rc_context():
-        runpy.run_path(str(DOCS / "draw_closed_loop.py"))["draw"](Path("out/gripper"), tmp_path / "drawn.svg")
+        runpy.run_path(str(DOCS / "pictures.py"))["draw_closed_loop"](Path("out/gripper"), tmp_path / "drawn.svg")
     drawn = (tmp_path / "drawn.svg").read_text(encoding="utf-8")
     for text in ("signal set_point", "lift cube [mm]", "slip [mm/s]", "time [s]", "#d62728"):
         assert text in drawn

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.running import hooks, plugins
-from taichisoft.running.new_plugin import FILES, TEMPLATES, check_name, write_project
+from taichisoft.running.plugin_commands import FILES, TEMPLATES, check_name, write_project
 from taichisoft.running.plugins import Registry
 
 

@@ -76,10 +76,10 @@ def dimensions(table: type[BaseModel], prefix: str = "") -> Iterator[str]:
 
 def test_every_dimension_is_in_the_drawing(tmp_path: Path) -> None:
     """The shipped drawing has the texts of a new one; its lines may differ by the version of matplotlib."""
-    runpy.run_path(str(DOCS / "draw_finger.py"))["draw_finger"](FingerParameters(), tmp_path / "finger.svg")
+    runpy.run_path(str(DOCS / "pictures.py"))["draw_finger"](tmp_path / "finger.svg")
     drawn, shipped = [path.read_text(encoding="utf-8") for path in (tmp_path / "finger.svg", DOCS / "finger.svg")]
     texts = [re.findall(r"<text[^>]*>(.*?)</text>", svg) for svg in (drawn, shipped)]
-    assert texts[0] == texts[1], "run: python docs/draw_finger.py"
+    assert texts[0] == texts[1], "run: python docs/pictures.py finger"
     for key in dimensions(FingerParameters):
         if not key.startswith(("mesh.", "wall")):  # thicknesses of walls stand for positions that are drawn
             assert any(text.startswith(f"{key} = ") for text in texts[1]), key

@@ -9,7 +9,7 @@ from typing import Any
 import conftest
 import numpy as np
 
-from taichisoft_benchmarks.measures.web_viewer import HEADER, Viewer
+from taichisoft_benchmarks.output_costs import HEADER, Viewer
 
 PATIENCE = 30.0
 """Longest time until something appears on the page [s]; usually it does so at once."""

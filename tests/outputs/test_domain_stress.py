@@ -6,11 +6,13 @@ from conftest import Figures
 from scipy.spatial.transform import Rotation
 
 from taichisoft.mesh import linear_parts, with_middle_nodes
+from taichisoft_benchmarks.one_body import at_rest
 from taichisoft_benchmarks.regular_meshes import bar, hollow_sphere
-from taichisoft_benchmarks.studies.element_errors import INNER, OUTER, YOUNG_MODULUS
-from taichisoft_benchmarks.studies.one_body import at_rest
 from taichisoft_outputs.stress import DomainLaw, DomainStress, StressLaw, add_pressure, nodal_mean, rubber_stress_parts
 
+YOUNG_MODULUS = 100.0
+INNER, OUTER = 10.0, 20.0
+"""Young's modulus [kPa] and radii [mm] of the sphere."""
 RATIO = 0.499
 PRESSURE = 1e-4 * YOUNG_MODULUS
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import Figures
 
-from taichisoft_benchmarks.studies.friction_problems import FrictionProblem, project_on_cones, read_problem, solve
+from taichisoft_benchmarks.friction_problems import FrictionProblem, project_on_cones, read_problem, solve
 
 SOLVED = (
     "BoxesStack1-i100000-32",

@@ -2,13 +2,7 @@
 
 import numpy as np
 import pytest
-from blocks import make_block
-from conftest import Figures
-
-import taichisoft
-from taichisoft.mesh.volume_mesh import BENDS, GROWS
-from taichisoft_benchmarks.regular_meshes import hollow_sphere
-from taichisoft_benchmarks.studies.bending import (
+from bending import (
     cook_deflection,
     cook_reference,
     critical_load_error,
@@ -16,6 +10,12 @@ from taichisoft_benchmarks.studies.bending import (
     elastica_error,
     frequency_error,
 )
+from blocks import make_block
+from conftest import Figures
+
+import taichisoft
+from taichisoft.mesh.volume_mesh import BENDS, GROWS
+from taichisoft_benchmarks.regular_meshes import hollow_sphere
 
 BENDING = ("smoothed", "quadratic")
 

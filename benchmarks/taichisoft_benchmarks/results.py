@@ -2,8 +2,10 @@
 
 import json
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
@@ -103,11 +105,7 @@ def derive(cases: Mapping[str, CaseResult]) -> dict[str, float]:
 
 
 def read_results(path: Path) -> Results:
-    """Read the results in `--output`: a file, or the folder that it is in.
-
-    Raises:
-        BenchmarkError: the file cannot be read, or does not hold results.
-    """
+    """Read the results in `--output`: a file, or the folder that it is in."""
     path = path / FILE if path.is_dir() else path
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -120,11 +118,7 @@ def read_results(path: Path) -> Results:
 
 
 def require_writable(folder: Path) -> None:
-    """Make the folder of results, before the work.
-
-    Raises:
-        BenchmarkError: results cannot be written there.
-    """
+    """Make the folder of results, before the work."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / FILE).open("a").close()
@@ -133,12 +127,77 @@ def require_writable(folder: Path) -> None:
 
 
 def write_results(results: Results, folder: Path) -> Path:
-    """Write `results.json`, which `read_results` reads.
-
-    Raises:
-        BenchmarkError: the file cannot be written.
-    """
+    """Write `results.json`, which `read_results` reads."""
     require_writable(folder)
     path = folder / FILE
     path.write_text(json.dumps(results.model_dump(), indent=1) + "\n", encoding="utf-8")
     return path
+
+
+LEAST_NOISE = 0.05
+"""Least noise: three repetitions say little about a machine, however alike they are."""
+
+TIMES = ("_ms", "_s")
+RATES = ("_per_s",)
+"""Ends of the names of figures of which more is better; their inverses, which are times, are compared."""
+COMPARED = (*TIMES, "_mb")
+
+
+@dataclass(frozen=True)
+class Change:
+    """One figure in two runs.
+
+    Attributes:
+        name: "case.metric".
+        ratio: new over old [-], times each divided by its calibration; of rates old over new.
+        noise: largest difference of the ratio from 1 that is not significant [-].
+    """
+
+    name: str
+    ratio: float
+    noise: float
+
+    @property
+    def verdict(self) -> str:
+        """The word "worse" or "better", or nothing within the noise."""
+        if self.ratio > 1.0 + self.noise:
+            return "worse"
+        return "better" if self.ratio < 1.0 / (1.0 + self.noise) else ""
+
+    def __str__(self) -> str:
+        """The change as one line, marked when it is beyond the noise."""
+        mark = f"  <- {self.verdict}" if self.verdict else ""
+        return f"# {self.name} x {self.ratio:.3f} (noise {self.noise:.3f}){mark}"
+
+
+def compare(new: Results, old: Results) -> list[Change]:
+    """Every time and every peak of memory that both runs have."""
+    if new.meshes != old.meshes:
+        raise BenchmarkError(f"the runs have different meshes: {new.meshes} now, {old.meshes} in the old one")
+    changes = [change for name in new.cases if name in old.cases for change in _compare_case(name, new, old)]
+    if not changes:
+        raise BenchmarkError("the runs have no measured case in common")
+    return changes
+
+
+def _compare_case(name: str, new: Results, old: Results) -> Iterator[Change]:
+    now, before = new.cases[name], old.cases[name]
+    nodes, old_nodes = now.facts.get("nodes"), before.facts.get("nodes")
+    if now.figures and before.figures and nodes != old_nodes:
+        raise BenchmarkError(f"{name}: has {nodes} nodes now and had {old_nodes}; compare runs of the same meshes")
+    for metric, figure in now.figures.items():
+        if metric.endswith(COMPARED) and metric in before.figures and figure.median and before.figures[metric].median:
+            yield _compare_figure(f"{name}.{metric}", figure, before.figures[metric], now, before)
+
+
+def _compare_figure(name: str, new: Figure, old: Figure, now: CaseResult, before: CaseResult) -> Change:
+    ratio = old.median / new.median if name.endswith(RATES) else new.median / old.median
+    noise = new.spread / new.median + old.spread / old.median
+    if name.endswith(TIMES):
+        ratio *= median(before.calibration_ms) / median(now.calibration_ms)
+        noise += _scatter(now.calibration_ms) + _scatter(before.calibration_ms)
+    return Change(name, ratio, max(LEAST_NOISE, noise))
+
+
+def _scatter(values: list[float]) -> float:
+    return (max(values) - min(values)) / median(values)

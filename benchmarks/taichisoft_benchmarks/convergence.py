@@ -1,6 +1,6 @@
 """How the finger's bend converges with its mesh.
 
-    python -m taichisoft_benchmarks.studies.convergence --output docs/notes/experiments.md
+    python -m taichisoft_benchmarks.convergence --output docs/notes/experiments.md
 
 fills the section "convergence" of the page, and draws the plot beside it. It takes some twenty minutes. `--sizes` and
 `--even-sizes` choose other meshes; `--tutorial-meshes DIR` adds the two of SOFA's tutorial, which are not part of the
@@ -20,10 +20,8 @@ from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import find_file
 from taichisoft_benchmarks.case_scenes import FINGER, TUTORIAL_MESHES, tutorial_surfaces
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.growth_plots import svg_axes
-from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
-from taichisoft_benchmarks.program import run_program
-from taichisoft_benchmarks.studies.finger_at_rest import bend
+from taichisoft_benchmarks.one_body import bend
+from taichisoft_benchmarks.pages import PageOption, fill_section, heading, row, run_program, svg_axes
 from taichisoft_meshing.geometry_file import read_geometry
 from taichisoft_meshing.mesh_quality import measure
 from taichisoft_meshing.scene_meshes import mesh_for_scene
@@ -65,9 +63,6 @@ def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
     Args:
         nodes: number of nodes of each mesh.
         values: displacement with each mesh [mm].
-
-    Raises:
-        BenchmarkError: there are fewer than three meshes.
     """
     if len(nodes) < 3:
         raise BenchmarkError(f"a limit with its doubt needs three meshes; there are {len(nodes)}")
@@ -131,11 +126,7 @@ class ConvergenceStudy:
 def measure_all(
     sizes: Sequence[float], even_sizes: Sequence[float], tutorial_meshes: Path | None, results: Path
 ) -> ConvergenceStudy:
-    """Mesh, bend, extrapolate; what `results` has of a mesh is not measured again.
-
-    Raises:
-        TaichisoftError: a mesh or a simulation failed, or the meshes do not converge.
-    """
+    """Mesh, bend, extrapolate; what `results` has of a mesh is not measured again."""
     file = find_file(FINGER, "fingers", ())
     presets = {size: name for name, size in read_geometry(file).presets.items()}
     results.mkdir(parents=True, exist_ok=True)
@@ -144,7 +135,7 @@ def measure_all(
         name = f"{size:g}" + (f" ({presets[size]})" if size in presets else "")
         graded.append(_point(results, name, {"file": FINGER, "size": size}, mesh_for_scene(file, size=size)))
     quadratic = [(point.nodes, point.quadratic_bend) for point in graded if point.quadratic_bend is not None]
-    limit = limit_of([nodes for nodes, _ in quadratic], [found for _, found in quadratic])
+    limit = limit_of([nodes for nodes, _ in quadratic], [displacement for _, displacement in quadratic])
     even = [
         _point(results, f"{size:g} mm", {"file": FINGER, "set": {"mesh": {"largest": size, "smallest": size}}})
         for size in even_sizes
@@ -190,14 +181,14 @@ def page_section(study: ConvergenceStudy) -> Iterator[str]:
         "quadratic, mm",
     ]
     yield heading(titles)
-    for one in study.graded:
-        smoothed, quadratic = f"{one.bend:.1f}", "" if one.quadratic_bend is None else f"{one.quadratic_bend:.1f}"
-        share, linear = f"{one.bend / limit.value:.0%}", f"{one.linear_bend:.1f}"
-        yield row([one.name, one.nodes, one.elements, one.across, smoothed, share, linear, quadratic])
+    for point in study.graded:
+        smoothed, quadratic = f"{point.bend:.1f}", "" if point.quadratic_bend is None else f"{point.quadratic_bend:.1f}"
+        share, linear = f"{point.bend / limit.value:.0%}", f"{point.linear_bend:.1f}"
+        yield row([point.name, point.nodes, point.elements, point.across, smoothed, share, linear, quadratic])
     yield "\nMeshes of one size all over, and SOFA's:\n"
     yield heading(["mesh", "nodes", "tetrahedra", "smoothed, mm", "linear, mm"])
-    for one in (*study.even, *study.tutorial):
-        yield row([one.name, one.nodes, one.elements, f"{one.bend:.1f}", f"{one.linear_bend:.1f}"])
+    for point in (*study.even, *study.tutorial):
+        yield row([point.name, point.nodes, point.elements, f"{point.bend:.1f}", f"{point.linear_bend:.1f}"])
 
 
 def draw(study: ConvergenceStudy, path: Path) -> None:
@@ -233,7 +224,7 @@ def main(
     even_sizes: Annotated[str, typer.Option(metavar="MM,MM", help="Elements of meshes of one size.")] = EVEN_SIZES,
 ) -> None:
     """How the finger's bend converges with its mesh."""
-    graded, even = (sorted(map(float, filter(None, some.split(","))), reverse=True) for some in (sizes, even_sizes))
+    graded, even = (sorted(map(float, filter(None, text.split(","))), reverse=True) for text in (sizes, even_sizes))
 
     def lines() -> Iterator[str]:
         study = measure_all(graded, even, tutorial_meshes, results)
@@ -245,4 +236,4 @@ def main(
 
 
 if __name__ == "__main__":
-    run_program(main, "taichisoft_benchmarks.studies.convergence")
+    run_program(main, "taichisoft_benchmarks.convergence")

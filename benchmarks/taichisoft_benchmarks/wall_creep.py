@@ -1,6 +1,6 @@
 """A box that is pressed against a wall and must not slide: how fast it creeps here, in MuJoCo and in Drake.
 
-    python -m taichisoft_benchmarks.studies.wall_creep --output docs/friction.md
+    python -m taichisoft_benchmarks.wall_creep --output docs/friction.md
 
 fills the section "creep" of the page. The box of 10 g and 20 mm is pressed with 300 mN, whose friction holds up to
 180 mN; its weight is 98.1 mN. By Coulomb's law it stays where it is. Peers run with their defaults, and with what their
@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from taichisoft_benchmarks.errors import PeerMissing
-from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
-from taichisoft_benchmarks.program import run_program
+from taichisoft_benchmarks.pages import PageOption, fill_section, heading, row, run_program
 
 MASS, SIDE, PRESS, FRICTION, GRAVITY = 0.01, 20.0, 300.0, 0.6, 9810.0
 """Of the box [kg, mm, mN, -, mm/s^2]."""
@@ -155,4 +154,4 @@ def main(output: PageOption = None) -> None:
 
 
 if __name__ == "__main__":
-    run_program(main, "taichisoft_benchmarks.studies.wall_creep")
+    run_program(main, "taichisoft_benchmarks.wall_creep")

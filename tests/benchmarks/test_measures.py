@@ -1,0 +1,200 @@
+"""How cases are measured: factorisations, outputs, plug-ins, several processes, other programs."""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+
+from taichisoft import Control, Scene, Simulation, load_scene, make_model
+from taichisoft.mechanics.cholesky import Cholesky, SymbolicFactor
+from taichisoft.running import plugin_registry
+from taichisoft.scene.scene import SceneControllerSettings
+from taichisoft_benchmarks import measures, output_costs
+from taichisoft_benchmarks.case_scenes import Meshes, scene_of
+from taichisoft_benchmarks.cases import RecordingCase, cases_from_dict, read_cases
+from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing
+from taichisoft_benchmarks.peers import DrakePeer, MujocoPeer, prepare_cholmod, prepare_superlu, pressure_forces
+
+STEPS = 30
+
+
+def chain(node_count: int) -> tuple[sparse.csc_matrix, np.ndarray]:
+    """Random blocks of a chain of nodes as the whole matrix of other libraries, and as a dense one."""
+    pattern = sparse.diags([1.0, 1.0, 1.0], [-1, 0, 1], (node_count, node_count)).tocsr()
+    solver = Cholesky(SymbolicFactor(pattern))
+    random = np.random.default_rng(0)
+    dense = np.zeros((3 * node_count, 3 * node_count))
+    for block, (row, column) in zip(solver.blocks, solver.symbolic.block_pairs, strict=True):
+        block[:] = random.normal(size=(3, 3))
+        if row == column:
+            block[:] = block + block.T + 20.0 * np.eye(3)
+        dense[3 * row : 3 * row + 3, 3 * column : 3 * column + 3] = block
+        dense[3 * column : 3 * column + 3, 3 * row : 3 * row + 3] = block.T
+    return measures.system_matrix(solver.symbolic.block_pairs, solver.blocks, node_count), dense
+
+
+def test_superlu_factorises_the_whole_matrix():
+    matrix, dense = chain(5)
+    assert np.array_equal(matrix.toarray(), dense)
+    assert np.allclose(prepare_superlu(matrix)().solve(dense @ np.arange(15.0)), np.arange(15.0))
+
+
+def test_cholmod_factorises_it():
+    cvxopt = pytest.importorskip("cvxopt")
+    matrix, dense = chain(5)
+    x = cvxopt.matrix(dense @ np.arange(15.0))
+    cvxopt.cholmod.solve(prepare_cholmod(matrix)(), x)
+    assert np.allclose(np.array(x).ravel(), np.arange(15.0))
+
+
+def test_full_matrix_takes_a_third_of_its_cube():
+    full = sparse.csc_matrix(np.tril(np.ones((30, 30))))
+    assert measures.arithmetic(full) == pytest.approx(30 * 31 * 61 / 6 / 1e6)
+
+
+def test_cost_of_recording_is_the_median_of_pairs(taichisoft_scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = iter([0.0, 1.0, 1.5, 3.0, 2.0, 9.0, 9.1])  # of a first run and of three pairs, the second turned round
+    starts = []
+
+    def run(simulation: Simulation, scene: Scene, steps: int, folder: Path | None) -> tuple[float, float]:
+        starts.append(simulation.state.position)
+        if folder is not None:
+            (folder / "recording.h5").write_bytes(bytes(40_000))
+        return next(seconds), 0.02
+
+    monkeypatch.setattr(output_costs, "_recorded_run", run)
+    case = RecordingCase(kind="recording", title="", scene="", finger="", steps=10, pairs=3)
+    figures = output_costs.measure_recording(case, taichisoft_scene).figures
+    assert figures["cost_ms"] == pytest.approx(1e3 * 0.5 / 10)  # 0.5, 1.0 and 0.1 s
+    assert figures["cost_percent"] == pytest.approx(100.0 * 0.5 / 2.0)
+    assert figures["output_ms"] == pytest.approx(1e3 * 0.02 / 10)
+    assert figures["kb_per_step"] == 4.0
+    assert all(np.array_equal(start, starts[0]) for start in starts)
+
+
+def test_recording_is_written_and_measured(taichisoft_scene: Scene) -> None:
+    case = RecordingCase(kind="recording", title="", scene="", finger="", steps=4, pairs=1)
+    scene = taichisoft_scene.model_copy(update={"controller": SceneControllerSettings(name="keyboard")})
+    figures = output_costs.measure_recording(case, scene).figures
+    assert min(figures["step_ms"], figures["output_ms"]) > 0.0 and figures["kb_per_step"] > 1.0
+
+
+def test_hooks_and_observation_are_measured_by_part(tmp_path: Path) -> None:
+    table = {"title": "", "kind": "plugins", "scene": "finger-inflated", "finger": "finger", "steps": 4}
+    (named,) = cases_from_dict({"plugins": {**table, "windows": {"hooks_and_observation_ms": [3, 4]}}})
+    before = list(plugin_registry().origins)
+    figures = measures.measure_plugins(named.case, scene_of(named.case, Meshes(None, tmp_path))).figures
+    parts = [figures[f"{part}_ms"] for part in ("observation", "hook")]
+    assert min(*parts, figures["hook_nobody_ms"]) > 0.0
+    assert figures["hooks_and_observation_ms"] == pytest.approx(sum(parts))  # of the one step of the window
+    assert list(plugin_registry().origins) == before
+
+
+def test_cases_with_targets_are_shipped() -> None:
+    shipped = {named.name: named.case for named in read_cases()}
+    assert shipped["recording"].shortened().pairs == 1
+    assert "hooks_and_observation_ms" in shipped["plugins"].windows  # type: ignore[attr-defined]
+
+
+# The steps alone take a third of the time to get ready, so that a busy machine may take three times as long.
+START, PAUSE = 1.5, 0.05
+
+
+def prepare_pause(scene):
+    time.sleep(scene)  # processes are not ready at the same time
+    return lambda: time.sleep(PAUSE)
+
+
+def prepare_failure(scene):
+    raise ValueError("no such scene")
+
+
+def prepare_missing(scene):
+    raise PeerMissing("mujoco is not installed")
+
+
+def test_throughput_counts_steps_without_their_start():
+    rate = measures._steps_per_second(prepare_pause, START, 10, 2)
+    assert 2 * 10 / START < rate <= 2 / PAUSE  # with the start counted it would be below the former
+
+
+@pytest.mark.parametrize(
+    ("prepare", "error", "message"),
+    [
+        (prepare_failure, BenchmarkError, "a process of several at once failed: ValueError: no such scene"),
+        (prepare_missing, PeerMissing, "mujoco is not installed"),
+    ],
+)
+def test_failed_process_ends_the_others(prepare, error, message):
+    with pytest.raises(error, match=message):
+        measures._steps_per_second(prepare, 0.0, 10, 2)
+
+
+def test_missing_peer_says_what_to_install(monkeypatch):
+    model = make_model(load_scene("finger-hanging"))
+    for package, peer, subject in (
+        ("mujoco", MujocoPeer, model),
+        ("pydrake.multibody.plant", DrakePeer, model),
+        ("cvxopt", prepare_cholmod, sparse.identity(3).tocsc()),
+    ):
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(PeerMissing, match=r"is not installed; pip install 'taichisoft\[peers\]'"):
+            peer(subject)
+
+
+@pytest.mark.parametrize(
+    ("package", "peer", "overrides", "steps"),
+    [
+        ("mujoco", MujocoPeer, [], STEPS),
+        ("pydrake", DrakePeer, [], STEPS),
+        # Eight linear parts each, which hang as far but for their own stiffness, when its solver may take its time.
+        ("mujoco", lambda model: MujocoPeer(model, 1000), ["soft_bodies.finger.element=quadratic"], 10),
+    ],
+)
+def test_finger_hangs_in_peers_as_here(package, peer, overrides, steps, tmp_path, monkeypatch):
+    """Other element laws and mass lumping: within a third, to see that units, clamping and gravity are right."""
+    pytest.importorskip(package)
+    monkeypatch.chdir(tmp_path)  # MuJoCo leaves a log
+    simulation = Simulation(load_scene("finger-hanging", overrides))
+    other, rest = peer(simulation.model), simulation.model.rest_position
+    assert np.allclose(other.positions(), rest, atol=1e-6)
+    for _ in range(steps):
+        simulation.step()
+        other.step(np.zeros_like(rest))
+    ours = np.abs(simulation.state.position - rest).max()
+    assert np.abs(other.positions() - rest).max() == pytest.approx(ours, rel=1 / 3)
+
+
+def test_unstable_motion_of_mujoco_is_refused(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    model = make_model(load_scene("finger-hanging"))
+    other = MujocoPeer(model)
+    with pytest.raises(PeerMissing, match="became unstable"):
+        for _ in range(STEPS):
+            other.step(np.full_like(model.rest_position, 1e30))
+
+
+def bend(scene_overrides: list[str], in_mujoco: bool) -> float:
+    """Largest displacement of the inflated finger [mm]."""
+    model = make_model(load_scene("finger-inflated", scene_overrides))
+    simulation, other = Simulation(model), MujocoPeer(model)
+    for step in range(STEPS):
+        pressure = {"finger.cavity": float(step)}
+        simulation.step(Control(pressure=pressure))
+        other.step(pressure_forces(model, other.positions(), pressure))
+    position = other.positions() if in_mujoco else simulation.state.position
+    return float(np.abs(position - model.rest_position).max())
+
+
+def test_stiff_layer_has_the_same_effect_in_mujoco(tmp_path, monkeypatch):
+    """A layer of ten times its stiffness changes how far the finger bends by the same factor in both."""
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    stiffer = ["soft_bodies.finger.regions.0.young_modulus=15000.0"]
+    theirs, ours = (bend(stiffer, in_mujoco) / bend([], in_mujoco) for in_mujoco in (True, False))
+    assert abs(ours - 1.0) > 0.1
+    assert theirs == pytest.approx(ours, rel=0.1)
