@@ -25,7 +25,7 @@ from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, body_colours
 from taichisoft_outputs.drawing.painting import AIR, FORCE_COLOURS, ON_DARK, arrow_colour, key_light, shade
 from taichisoft_outputs.drawing.stage import Floor
 from taichisoft_outputs.drawing.style import BACKGROUND
-from taichisoft_outputs.recording.recording_file import user_block
+from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.page import COLOURS, SceneView
 from taichisoft_outputs.web.page_messages import PageFrame, PageScene
@@ -113,10 +113,8 @@ def changed(recording: Recording, folder: Path, appearance: dict[str, Any], **bo
     for name, keys in bodies.items():
         (document["soft_bodies"] | document["rigid_bodies"])[name] |= keys
     with h5py.File(path, "r+") as file:
-        file.attrs["scene"] = scene_to_toml(Scene.model_validate(document))
-        block = file.userblock_size
-    with path.open("r+b") as written:
-        written.write(user_block(written, block))
+        del file["scene"]
+        write_texts(file, "scene", [scene_to_toml(Scene.model_validate(document))])
     return path
 
 
