@@ -107,9 +107,6 @@ class RunningFile:
             path: place of the file; its folder is made when it does not exist.
             constants: image of an HDF5 file with what does not change.
             rows, signals: the first frame, as for `append`.
-
-        Raises:
-            RecordingError: the file cannot be made.
         """
         self.path, self.frame_count, self.size, self.is_whole = path, 0, 0, True
         self._format, self._signals = FrameFormat.of_frame(rows), 0
@@ -133,9 +130,6 @@ class RunningFile:
         Args:
             rows: by path, the row of a quantity of `steps`, and all rows of one of another group.
             signals: names of the columns of signals that have one by now.
-
-        Raises:
-            RecordingError: the frame cannot be written; those before it stay.
         """
         self.is_whole = False
         if not self._is_in_place():
@@ -194,12 +188,7 @@ class RunningRecording:
     """
 
     def __init__(self, file: io.BufferedReader):
-        """Take an open file and find its records.
-
-        Raises:
-            OSError: it cannot be read.
-            DamagedContent: what does not change is damaged.
-        """
+        """Take an open file and find its records."""
         import h5py
 
         self._file, self.size = file, os.fstat(file.fileno()).st_size
@@ -221,11 +210,7 @@ class RunningRecording:
         self._file.close()
 
     def rows(self, path: str, first: int, end: int) -> np.ndarray:
-        """A quantity in the frames from `first` to before `end`: a row for each, or all rows that belong to them.
-
-        Raises:
-            DamagedContent: it is not what was written.
-        """
+        """A quantity in the frames from `first` to before `end`: a row for each, or all rows that belong to them."""
         rows: np.ndarray = self._fields(first, end)[path] if path in FIELDS else self._figures(first, end)[path]
         return rows
 
@@ -343,11 +328,7 @@ def constants_image(describe: Callable[[Any], None]) -> bytes:
 
 
 def finish(path: Path) -> None:
-    """Put an HDF5 file in the place of that of a run that has just ended.
-
-    Raises:
-        RecordingError: it cannot be written; what was there is as it was.
-    """
+    """Put an HDF5 file in the place of that of a run that has just ended."""
     with named_os_errors(path, RecordingError), path.open("rb") as file:
         running = RunningRecording(file)
         try:
@@ -372,12 +353,7 @@ class Rescue:
 
 
 def convert(source: "RunningRecording | FinishedRecording", path: Path) -> Rescue:
-    """Write an HDF5 file with every instant of a recording that is whole.
-
-    Raises:
-        RecordingError: it cannot be written, or no instant is whole; what was there is as it was.
-        DamagedContent, OSError, ValueError: what does not change is damaged.
-    """
+    """Write an HDF5 file with every instant of a recording that is whole."""
     import h5py
 
     capacity = source.size + source.size // 16 + METADATA
@@ -414,7 +390,9 @@ def _reserve(path: Path, length: int) -> None:
 def _copy_instants(source: "RunningRecording | FinishedRecording", file: Any) -> tuple[list[int], str]:
     """Copy what is whole, and give the numbers of these instants and what is wrong with the first other one."""
     whole: list[int] = []
-    damage, lengths = "", Counter[str]()
+    damage = ""
+    datasets: dict[str, Any] = {}
+    lengths: Counter[str] = Counter()
     for first in range(0, source.frame_count, INSTANTS_PER_CHUNK):
         end = min(first + INSTANTS_PER_CHUNK, source.frame_count)
         parts = [(first, end)]
@@ -428,23 +406,25 @@ def _copy_instants(source: "RunningRecording | FinishedRecording", file: Any) ->
                 else:
                     damage = damage or f"frame {start}: {one_line(error)}"
             else:
-                _append(file, rows, lengths)
+                _append(file, rows, datasets, lengths)
                 whole += range(start, stop)
         file.flush()  # so that what is cut off at the end costs the last instants
     return whole, damage
 
 
-def _append(file: Any, rows: dict[str, np.ndarray], lengths: Counter[str]) -> None:
+def _append(file: Any, rows: dict[str, np.ndarray], datasets: dict[str, Any], lengths: Counter[str]) -> None:
     """Add the rows of instants; `lengths` are those of the datasets of each group before."""
-    for group, path in COUNTS.items():
-        ends = lengths[group] + np.cumsum(rows[path])
-        rows = {**rows, offset_path(group): ends - rows[path]}
-        lengths[group] = int(ends[-1])
-    for path, values in rows.items():
-        dataset = file[path] if path in file else _create(file, path, values.shape[1:], values.dtype)
-        dataset.resize(len(dataset) + len(values), axis=0)
-        if values.size:
-            dataset[-len(values) :] = values
+    count = len(rows["steps/time"])
+    starts = {group: np.cumsum(rows[path]) - rows[path] + lengths[group] for group, path in COUNTS.items()}
+    for path, values in [*rows.items(), *((offset_path(group), start) for group, start in starts.items())]:
+        if path not in datasets:
+            datasets[path] = _create(file, path, values.shape[1:], values.dtype)
+        if len(values):
+            before = lengths[group_of(path)]
+            datasets[path].resize(before + len(values), axis=0)
+            if values.size:
+                datasets[path][before:] = values
+    lengths.update({group: int(rows[path].sum()) for group, path in COUNTS.items()}, steps=count)
 
 
 def _create(file: Any, path: str, shape: tuple[int, ...], dtype: np.dtype) -> Any:
@@ -476,11 +456,7 @@ class FinishedRecording:
     """
 
     def __init__(self, path: Path):
-        """Open a file.
-
-        Raises:
-            OSError: it is no HDF5 file, or damaged.
-        """
+        """Open a file."""
         import h5py
 
         self._datasets: dict[str, Any] = {}
@@ -515,11 +491,7 @@ class FinishedRecording:
         self.constants.close()
 
     def rows(self, path: str, first: int, end: int) -> np.ndarray:
-        """A quantity in the instants from `first` to before `end`: a row for each, or all rows that belong to them.
-
-        Raises:
-            DamagedContent: it is not what was written.
-        """
+        """A quantity in the instants from `first` to before `end`: a row for each, or all rows that belong to them."""
         try:
             group = group_of(path)
             if group != "steps" and end > first:
@@ -542,11 +514,7 @@ class FinishedRecording:
 
 
 def open_recording(path: Path) -> RunningRecording | FinishedRecording:
-    """What is in a file, in whichever form it is.
-
-    Raises:
-        OSError, ValueError, KeyError: it is neither, or damaged.
-    """
+    """What is in a file, in whichever form it is."""
     file = path.open("rb")
     try:
         if file.read(len(RUNNING_MARK)) == RUNNING_MARK:

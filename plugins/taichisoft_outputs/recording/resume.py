@@ -30,22 +30,13 @@ class ResumeError(TaichisoftError):
 def recorded_scene(
     recording: Recording, overrides: Sequence[str], controller: str | None, goal: str | None = None
 ) -> Scene:
-    """The scene of the recording, with changes as in `taichisoft run`.
-
-    Raises:
-        SceneError: something is not valid; the message begins with the recording's path.
-    """
+    """The scene of the recording, with changes as in `taichisoft run`."""
     source = " with --set ".join([str(recording.path), *overrides])
     return scene_from_toml(recording.scene_text, source, overrides, controller, goal)
 
 
 def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simulation:
-    """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene.
-
-    Raises:
-        ResumeError: a body is not the one that was recorded, or the time step is another.
-        TaichisoftError: the model cannot be made.
-    """
+    """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene."""
     path, now = recording.path, _names(scene)
     for kind, recorded in _names(recording.scene).items():
         if recorded != now[kind]:
@@ -71,10 +62,6 @@ def state_at(recording: Recording, frame: int, simulation: Simulation | None = N
         recording: an open recording.
         frame: index of the frame.
         simulation: of the recorded scene, to make the steps in; one is made where it is needed and not given.
-
-    Raises:
-        ResumeError: the steps do not lead to the recorded frame.
-        TaichisoftError: the model cannot be made.
     """
     first = frame
     while not recording.has_state(first):
@@ -116,11 +103,7 @@ def _simulation(recording: Recording, scene: Scene) -> Simulation:
 
 
 def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
-    """Time from a frame to the end that the scene gives a run [s].
-
-    Raises:
-        ResumeError: no time is left.
-    """
+    """Time from a frame to the end that the scene gives a run [s]."""
     time, end = float(recording.row("time", frame)), scene.time.duration
     if end - time < 0.5 * scene.time.step:
         raise ResumeError(
@@ -131,11 +114,7 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
 
 
 def saved_controller(recording: Recording, frame: int, scene: Scene) -> tuple[dict[str, Any] | None, str]:
-    """What the scene's controller remembers in a frame, and a remark where it has to begin again.
-
-    Raises:
-        RecordingError: it is damaged.
-    """
+    """What the scene's controller remembers in a frame, and a remark where it has to begin again."""
     before, now = recording.scene.controller, scene.controller
     if before is None or now is None or before.name != now.name:
         return None, ""

@@ -126,11 +126,7 @@ def cookie_name(host: str) -> str:
 
 @contextmanager
 def guarded(guard: Guard) -> Iterator[None]:
-    """Let the server that is started within ask a guard first: viser takes no function for that.
-
-    Raises:
-        WebError: this version of viser serves in another way, and would serve everybody.
-    """
+    """Let the server that is started within ask a guard first: viser takes no function for that."""
     import websockets.asyncio.server as servers
 
     usual = servers.serve
@@ -498,11 +494,7 @@ class Page:
     """
 
     def __init__(self, host: str, port: int, token: str, content: PageScene, first: PageFrame):
-        """Serve viewers who know the token, at an address of `find_address`.
-
-        Raises:
-            WebError: the port was taken in the meantime, or this version of viser cannot be guarded.
-        """
+        """Serve viewers who know the token, at an address of `find_address`."""
         self.server = make_server(host, port, token)
         self.port = self.server.get_port()
         if port and self.port != port:

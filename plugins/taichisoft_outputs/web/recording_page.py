@@ -83,13 +83,7 @@ class RecordingPage:
     """
 
     def __init__(self, path: Path, address: Address, section: str = ""):
-        """Serve the first frame, cut open by a section (see `SectionPlane.parse`) that viewers can change.
-
-        Raises:
-            MeshError: the section is written otherwise.
-            RecordingError: the file is not a recording.
-            WebError: nothing can listen at the address.
-        """
+        """Serve the first frame, cut open by a section (see `SectionPlane.parse`) that viewers can change."""
         self._plane, self._problem = SectionPlane.parse(section) if section else None, ""
         self._recording = recording = read_recording(path)
         self.playback = Playback(recording.times)

@@ -61,11 +61,7 @@ class PageLink:
     """
 
     def __init__(self, session: "Session", address: Address):
-        """Start the process and wait until it serves.
-
-        Raises:
-            WebError: it does not.
-        """
+        """Start the process and wait until it serves."""
         self._session = session
         self.newest: State = session.simulation.state
         self._patches = ContactPatches(session.simulation.model)
@@ -210,9 +206,6 @@ class WebOutput(Output):
         Args:
             folder: folder of the run; nothing is written there.
             address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
-
-        Raises:
-            WebError: viser is not installed, or nothing can listen at the address.
         """
         require("a web page", "viser", install=extra("web"))
         self._address = find_address(address)
@@ -220,11 +213,7 @@ class WebOutput(Output):
         self.url = ""
 
     def follow(self, session: "Session") -> None:
-        """Serve the page, and print where.
-
-        Raises:
-            WebError: the page cannot be served.
-        """
+        """Serve the page, and print where."""
 
         self._link = PageLink(session, self._address)
         self.url = self._address.at(self._link.port).url
