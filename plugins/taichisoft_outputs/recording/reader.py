@@ -72,6 +72,7 @@ class Recording:
         frames: what carried bodies, the base first, by which `column("frame_pose")` and `column("frame_wrench")` are
             numbered.
         surfaces: everything with triangles: soft bodies with cavities, membranes and fibres, rigid bodies, obstacles.
+        body_surfaces: the same, by the poses of the bodies.
         planes: the infinite obstacles.
     """
 
@@ -160,7 +161,8 @@ class Recording:
         pairs = [pair.split("|") for pair in columns["pairs"]]
         self.pairs: list[Pair] = [(first, second) for first, second in pairs]
         self.frames = read_frames(file)
-        self.surfaces = tuple(map(self.follow, read_surfaces(file)))
+        self.body_surfaces = tuple(read_surfaces(file))
+        self.surfaces = tuple(map(self.follow, self.body_surfaces))
         self.planes = tuple(read_planes(file))
 
     def __enter__(self) -> Self:
@@ -259,7 +261,7 @@ class Recording:
 
     def points_of_line(self, line: Line, frame: int) -> np.ndarray:
         """Points of one of `lines` [mm], shape (point_count, 3)."""
-        return line.points(self._poses(frame), self.frames)
+        return line.points(self.poses(frame), self.frames)
 
     def segment_efforts(self, kind: ActuatorKind, frames: Any) -> list[np.ndarray]:
         """Efforts between the points of each line of a kind, such as tensions [mN], each (..., point_count - 1).
@@ -277,13 +279,13 @@ class Recording:
         mapping = surface.shape if isinstance(surface.shape, MappedSurface) else None
 
         def vertices(frame: int) -> np.ndarray:
-            return surface.vertices(self._poses(frame))
+            return surface.vertices(self.poses(frame))
 
         return RecordedSurface(surface.name, surface.kind, surface.triangles, vertices, mapping)
 
     def body_axes(self, frame: int) -> np.ndarray:
         """Axes of the bodies whose axes the scene wants: origin [mm] and three unit vectors each, (count, 4, 3)."""
-        poses = self._poses(frame)
+        poses = self.poses(frame)
         return np.array([axes.place(poses) for axes in self.axes_of_bodies.values()]).reshape(-1, 4, 3)
 
     @cached_property
@@ -387,7 +389,8 @@ class Recording:
         frame = range(self.frame_count)[frame]
         return self._rows(path, frame, frame + 1)
 
-    def _poses(self, frame: int) -> Any:
+    def poses(self, frame: int) -> Any:
+        """Where nodes and bodies are in an instant, by the fields of `State`; each is read when it is wanted."""
         return _RecordedPoses(self, frame)
 
     def _path(self, name: str) -> str:
@@ -408,13 +411,13 @@ def _fields(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class _RecordedPoses:
-    """Where nodes and bodies are in a frame, by the fields of `State`; only what is asked for is read."""
-
     def __init__(self, recording: Recording, frame: int):
         self._recording, self._frame = recording, frame
 
     def __getattr__(self, field: str) -> Any:
-        return self._recording.row(field, self._frame)
+        values = self._recording.row(field, self._frame)
+        setattr(self, field, values)
+        return values
 
 
 def read_recording(path: str | Path) -> Recording:
