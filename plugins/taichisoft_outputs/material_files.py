@@ -19,12 +19,7 @@ def shipped_materials() -> dict[str, Material]:
 
 
 def materials_of_plugins() -> dict[str, Material]:
-    """The materials that plug-ins provide, by name.
-
-    Raises:
-        PluginError: two plug-ins claim one name.
-        MaterialError: one is not valid.
-    """
+    """The materials that plug-ins provide, by name."""
     found = {}
     for name, table in provided("material").items():
         try:
@@ -35,11 +30,7 @@ def materials_of_plugins() -> dict[str, Material]:
 
 
 def find_material(name: str) -> Material:
-    """The material of a plug-in, a shipped material, or a material by its file.
-
-    Raises:
-        MaterialError: there is none, or it is not valid.
-    """
+    """The material of a plug-in, a shipped material, or a material by its file."""
     of_plugins = materials_of_plugins()
     if name in of_plugins:
         return of_plugins[name]
@@ -50,11 +41,7 @@ def find_material(name: str) -> Material:
 
 
 def write_material(material: Material, path: Path) -> None:
-    """Write the file of a material, with five digits of its coefficients.
-
-    Raises:
-        MaterialError: the file cannot be written.
-    """
+    """Write the file of a material, with five digits of its coefficients."""
     table = material.model_dump(mode="json", exclude_none=True)
     table["coefficients"] = {name: float(f"{value:.5g}") for name, value in material.coefficients.items()}
     try:

@@ -359,9 +359,10 @@ def repair(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.h5", help="The new recording.")],
 ) -> None:
     """Rescue the frames of a damaged recording that are whole; make an HDF5 file of that of a killed run."""
-    from taichisoft_outputs.recording.resume import rescue as rescue
+    from taichisoft_outputs.recording.reader import read_recording
 
-    rescued = rescue(run, output)
+    with read_recording(run) as recording:
+        rescued = recording.rescue(output)
     say(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")
     if rescued.damage:
         say(f"the first that is not whole: {rescued.damage}")

@@ -67,11 +67,7 @@ class TensionTest:
     stress: "np.ndarray"
 
     def within(self, lowest_strain: float, highest_stretch: float) -> "TensionTest":
-        """The points of these strains.
-
-        Raises:
-            MaterialError: fewer than five are left.
-        """
+        """The points of these strains."""
         chosen = (self.stretch >= 1.0 + lowest_strain) & (self.stretch <= highest_stretch)
         if chosen.sum() < FEWEST:
             raise MaterialError(
@@ -136,10 +132,6 @@ def read_tension_test(path: Path) -> TensionTest:
     line below. Columns are separated by semicolons,
     commas or tabs; names and numbers may stand in quotes, and numbers have decimal points or commas. A strain is in per
     cent where its name says so ("Strain (%)"). Engineering columns win over true ones.
-
-    Raises:
-        MaterialError: the file cannot be read, has no such columns, their units are unknown or missing, or a value in
-            them is not a number.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
@@ -223,11 +215,7 @@ def _units(name: str) -> list[str]:
 
 
 def _scale(name: str, units: Mapping[str, float], where: str) -> float:
-    """What a column's numbers are multiplied by, for the unit that its name has.
-
-    Raises:
-        MaterialError: it has none where one is needed, two, or another one.
-    """
+    """What a column's numbers are multiplied by, for the unit that its name has."""
     found = _units(name) or ([""] if "" in units else [])
     if len(found) != 1 or found[0] not in units:
         raise MaterialError(f"{where}: '{name}' needs a unit: {', '.join(unit or 'none' for unit in units)}")
@@ -282,11 +270,7 @@ FORMATS = (".png", ".svg")
 def draw_materials(
     materials: Mapping[str, Material], tests: Mapping[str, TensionTest], path: Path, columns: int = 4
 ) -> None:
-    """A panel for each material: points of its test where there is one, its law up to its highest stretch.
-
-    Raises:
-        MaterialError: the picture's format is unknown.
-    """
+    """A panel for each material: points of its test where there is one, its law up to its highest stretch."""
     if path.suffix.lower() not in FORMATS:
         raise MaterialError(f"{path}: a picture must end in {' or '.join(FORMATS)}")
     require("a plot of materials", "matplotlib")
@@ -372,9 +356,6 @@ def fit_law(test: TensionTest, law: Law, terms: int = 1) -> LawFit:
         test: points, see `TensionTest.within`.
         law: its name.
         terms: number of terms, of a law that has several.
-
-    Raises:
-        MaterialError: the law has fewer terms, or the best coefficients do not describe a rubber.
     """
     if law == "hooke":
         test = test.within(0.0, 1.0 + HOOKE_STRAIN)

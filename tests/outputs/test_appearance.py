@@ -15,7 +15,7 @@ from PIL import Image
 
 from taichisoft import Scene
 from taichisoft.base import matrices_from_quaternions
-from taichisoft.mechanics import ActuatorNames, Plane, Surface, axes_of_bodies
+from taichisoft.mechanics import ActuatorNames, BodySurface, Plane, axes_of_bodies
 from taichisoft.mechanics.body_geometry import RigidAxes
 from taichisoft.scene import scene_from_toml, scene_to_toml
 from taichisoft.scene.scene import Appearance
@@ -25,10 +25,10 @@ from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, body_colours
 from taichisoft_outputs.drawing.painting import AIR, FORCE_COLOURS, ON_DARK, arrow_colour, key_light, shade
 from taichisoft_outputs.drawing.stage import Floor
 from taichisoft_outputs.drawing.style import BACKGROUND
-from taichisoft_outputs.recording.recording_file import user_block
+from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.page import COLOURS, SceneView
-from taichisoft_outputs.web.page_messages import PageFrame, PageScene
+from taichisoft_outputs.web.page_messages import PageInstant, PageScene, Poses
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "pictures.md").read_text(encoding="utf-8")
 
@@ -113,10 +113,8 @@ def changed(recording: Recording, folder: Path, appearance: dict[str, Any], **bo
     for name, keys in bodies.items():
         (document["soft_bodies"] | document["rigid_bodies"])[name] |= keys
     with h5py.File(path, "r+") as file:
-        file.attrs["scene"] = scene_to_toml(Scene.model_validate(document))
-        block = file.userblock_size
-    with path.open("r+b") as written:
-        written.write(user_block(written, block))
+        del file["scene"]
+        write_texts(file, "scene", [scene_to_toml(Scene.model_validate(document))])
     return path
 
 
@@ -199,14 +197,15 @@ def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recordi
     assert finger.name in moved.unlit
 
 
-def page_of(scene: Scene) -> tuple[MagicMock, Any, PageFrame]:
+def page_of(scene: Scene) -> tuple[MagicMock, Any, PageInstant]:
     """A page with a finger, its cavity, a cube and a floor, the server that it is drawn on, and a frame of it."""
     kinds = (("finger", "soft"), ("finger.cavity", "cavity"), ("cube", "rigid"))
-    surfaces = [Surface(name, kind, fake_run.CUBE_FACES) for name, kind in kinds]  # type: ignore[arg-type]
+    surfaces = [BodySurface(*one, fake_run.CUBE_FACES, fake_run.CUBE) for one in kinds]  # type: ignore[arg-type]
     planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
     points = np.array([[1.0, 2.0, 3.0]])
-    plotted, place = np.array([30.0, 0.0, 0.0]), np.vstack([[10.0, 20.0, 30.0], np.eye(3)[[1, 2, 0]]])
-    frame = PageFrame(0.0, 3 * (fake_run.CUBE,), {}, points, 60.0 * points, plotted, place[None])
+    turned = np.full((1, 4), 0.5)  # x points to where y was, y to z, z to x
+    poses = Poses(np.zeros((0, 3)), np.array([[10.0, 20.0, 30.0]]), turned)
+    frame = PageInstant(0.0, poses, {}, points, 60.0 * points, np.array([30.0, 0.0, 0.0]))
     server = MagicMock()
     server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, color=look["color"])
     actuators = ActuatorNames({"cavity": ("finger.cavity",), "cable": ()})
@@ -237,7 +236,7 @@ def test_a_page_has_the_axes_of_the_scene_with_their_names_and_those_of_bodies(f
     assert names == [*(["/axes"] if framed else []), "/axes of cube"]
     assert [call.args[1] for call in server.scene.add_label.call_args_list] == (list("xyz") if framed else [])
     view.show(frame)
-    handle = view._axes[0]
+    _, handle = view._axes[0]
     np.testing.assert_allclose(handle.position, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(matrices_from_quaternions(handle.wxyz[None])[0].T, np.eye(3)[[1, 2, 0]], atol=1e-12)
     assert server.scene.add_light_directional.call_args.kwargs["cast_shadow"] is False

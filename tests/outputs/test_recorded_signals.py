@@ -13,7 +13,6 @@ from taichisoft_outputs import read_recording
 from taichisoft_outputs.plots import PlotError, draw_plots
 from taichisoft_outputs.recording.layout import SIGNAL_COUNT
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.resume import rescue
 from taichisoft_outputs.report import collect, report_page
 
 SIGNALS = [{"phase": 1.0}, {"phase": 2.0, "$late$ <b>": 7.5}, {}, {"phase": 3.0}]
@@ -41,7 +40,8 @@ def test_signals_come_back_also_one_that_comes_late(tmp_path: Path) -> None:
 
 
 def test_a_repaired_recording_has_the_signals(tmp_path: Path) -> None:
-    rescue(record(tmp_path, SIGNALS), tmp_path / "new.h5")
+    with read_recording(record(tmp_path, SIGNALS)) as recording:
+        recording.rescue(tmp_path / "new.h5")
     with read_recording(tmp_path / "new.h5") as recording:
         assert recording.signals == ["phase", "$late$ <b>"]
         assert recording.column("signals")[4, 0] == 3.0

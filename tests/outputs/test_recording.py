@@ -11,7 +11,6 @@ import pytest
 from taichisoft.scene import scene_to_toml
 from taichisoft_outputs import RecordingError, read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.recording.resume import rescue
 
 STEPS = 113
 
@@ -71,12 +70,6 @@ def test_contacts_of_a_frame(recording, frame):
     assert np.array_equal(points, np.full((frame % 3, 3), float(frame)))
     assert np.array_equal(forces, fake_run.fake_report(frame).contact_forces)
     assert recording.contact_pairs(frame) == [("finger", "cube")] * (frame % 3)
-
-
-def test_a_repaired_recording_still_names_the_bodies_of_its_contacts(recording, tmp_path):
-    rescue(recording.path, tmp_path / "new.h5")
-    with read_recording(tmp_path / "new.h5") as repaired:
-        assert repaired.contact_pairs(2) == [("finger", "cube")] * 2
 
 
 def test_header(recording):

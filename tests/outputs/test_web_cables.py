@@ -15,8 +15,7 @@ from taichisoft_outputs.drawing.painting import LINE, ColourScale, round_up
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.page_messages import lines_shown
-from taichisoft_outputs.web.page_process import frame_of as live_frame
-from taichisoft_outputs.web.recording_page import frame_of as recorded_frame
+from taichisoft_outputs.web.recording_page import instant_of
 from taichisoft_outputs.web.web_output import page_setup, snapshot
 
 
@@ -49,7 +48,7 @@ def test_a_live_page_shows_what_its_recording_shows(recording: Recording, tmp_pa
     simulation = run_cables(tmp_path)
     session = Session(simulation, Idle(), duration=1.0)
     setup = page_setup(session, find_address("127.0.0.1:0"), snapshot(session, simulation.state))
-    live, recorded = live_frame(setup, setup.first), recorded_frame(recording, STEPS)
+    live, recorded = setup.first.instant, instant_of(recording, STEPS)
     assert list(setup.content.actuators.names) == recording.cables == [TENDON, LINK]
     np.testing.assert_array_equal(live.plotted, recorded.plotted)
     for shown, expected in zip(live.lines["cable"], recorded.lines["cable"], strict=True):
@@ -61,7 +60,7 @@ def test_a_live_page_shows_what_its_recording_shows(recording: Recording, tmp_pa
 
 def test_viewers_see_the_lines_move_and_the_curves(recording: Recording) -> None:
     pytest.importorskip("viser", reason="needs the extra 'web'")
-    lines = recorded_frame(recording, STEPS).lines["cable"].ends.reshape(-1, 3)
+    lines = instant_of(recording, STEPS).lines["cable"].ends.reshape(-1, 3)
     with served(recording.path) as (page, viewer, until):
         viewer.find("time [s]")
         until(lambda: np.allclose(100.0 * viewer.vertices["/cable lines"], lines, atol=1e-3))

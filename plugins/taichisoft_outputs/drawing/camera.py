@@ -238,9 +238,6 @@ def outermost_points(surfaces: Iterable[RecordedSurface], frames: Iterable[int])
     Args:
         surfaces: surfaces of a recording; obstacles may be large and are left out, unless there is nothing else.
         frames: all frames that will be drawn.
-
-    Raises:
-        StyleError: a position is not a finite number; the message says in which frame and of what.
     """
     surfaces = list(surfaces)
     moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid", "line")] or surfaces
@@ -286,11 +283,7 @@ def _orbiting(points: np.ndarray, frames: Sequence[int], up: np.ndarray, aspect:
 
 
 def followed_part(recording: Recording, surfaces: Sequence[RecordedSurface], name: str) -> FollowedPart:
-    """A body, or the tip of a finger, "finger.tip".
-
-    Raises:
-        StyleError: the body has no tip, since nothing holds it.
-    """
+    """A body, or the tip of a finger, "finger.tip"."""
     if not name.endswith(TIP):
         surface = next(surface for surface in surfaces if surface.name == name)
         shape = surface.vertices(0)

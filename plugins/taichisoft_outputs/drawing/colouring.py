@@ -39,10 +39,6 @@ def with_visual_surfaces(recording: Recording, path: Path | None) -> list[Record
     Args:
         recording: the recording, which stays open.
         path: file of a surface in the coordinates of the bodies' mesh files [mm]; None leaves all as they are.
-
-    Raises:
-        MeshError: the file is missing or unreadable.
-        StyleError: the surface does not fit one of the soft bodies; the message says which.
     """
     if path is None:
         return list(recording.surfaces)

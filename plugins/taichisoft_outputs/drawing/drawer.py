@@ -124,10 +124,6 @@ class Drawer:
         style: what the user chose.
         frames: all frames that will be drawn, in order: the camera and the ranges of the colours suit them all.
         room: room around what these frames show, in parts of its extent [-]: for more frames, which are not known yet.
-
-    Raises:
-        StyleError: the style does not fit the recording.
-        MeshError: the style's surface file is missing or unreadable.
     """
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int], room: float = 0.0):

@@ -169,11 +169,7 @@ class Style:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Width and height [pixels] from "1280x720".
-
-    Raises:
-        StyleError: the text is written otherwise.
-    """
+    """Width and height [pixels] from "1280x720"."""
     size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text.strip().lower())
     if size is None:
         raise StyleError(f"size '{text}' must be written as width x height in pixels, 1280x720")
@@ -181,11 +177,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_point(name: str, text: str | None) -> tuple[float, float, float] | None:
-    """A point [mm] from "300,-200,150", or None from None.
-
-    Raises:
-        StyleError: the text is written otherwise; the message begins with `name`.
-    """
+    """A point [mm] from "300,-200,150", or None from None."""
     if text is None:
         return None
     try:

@@ -299,9 +299,6 @@ def refuse_what_cuts_nothing(section: str, points: np.ndarray) -> None:
     Args:
         section: the plane in words.
         points: vertices of all that is drawn [mm], shape (point_count, 3).
-
-    Raises:
-        StyleError: it has not.
     """
     height = SectionPlane.parse(section).height(points)
     if not height.min() < 0.0 < height.max():

@@ -25,6 +25,7 @@ from taichisoft.mechanics import (
 from taichisoft.mesh import MappedSurface, VolumeMesh, linear_parts
 from taichisoft.scene import scene_to_toml
 from taichisoft_outputs.recording.layout import LAYOUT
+from taichisoft_outputs.recording.recording_file import write_array, write_text, write_texts
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
@@ -103,18 +104,17 @@ def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str,
             like, "pairs" and "materials".
     """
     attributes = file.attrs
-    attributes["taichisoft_version"] = taichisoft.__version__
-    attributes["versions"] = json.dumps(_versions())
+    write_text(attributes, "taichisoft_version", taichisoft.__version__)
+    write_text(attributes, "versions", json.dumps(_versions()))
     attributes["layout"] = LAYOUT
-    attributes["scene"] = scene_to_toml(model.scene)
     attributes["every"] = every
     attributes["gravity"] = np.array(model.scene.gravity, dtype=np.float64)
     attributes["step_size"] = float(model.scene.time.step)
-    for kind, names in columns.items():
-        _write_names(file.require_group("steps"), kind, names)
-    _write_names(file.require_group("contacts"), "names", model.body_names)
+    write_texts(file, "scene", [scene_to_toml(model.scene)])
+    for kind, names in {**columns, "bodies": model.body_names}.items():
+        write_texts(file.require_group("columns"), kind, names)
     frames = file.create_group("frames")
-    _write_names(frames, "names", model.frames.names)
+    write_texts(frames, "names", model.frames.names)
     _write_arrays(frames, parent=model.frames.parent, pivot=model.frames.pivot)
     for index, body in enumerate(model.soft_bodies):
         _write_soft_body(file.create_group(f"soft_bodies/{index}"), body)
@@ -138,14 +138,19 @@ def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str,
 def read_frames(file: Any) -> MovingFrames:
     """The frames that carry bodies, the base first."""
     group = file["frames"]
-    return MovingFrames(tuple(group.attrs["names"]), group["parent"][:], group["pivot"][:])
+    return MovingFrames(tuple(read_texts(group["names"])), group["parent"][:], group["pivot"][:])
+
+
+def read_texts(dataset: Any) -> list[str]:
+    """The texts of a dataset."""
+    return list(dataset.asstr()[:])
 
 
 def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
     """The soft bodies in the order of the scene."""
     return [
         RecordedSoftBody(
-            name=group.attrs["name"],
+            name=_name(group),
             nodes=_nodes(group),
             rest_position=group["rest_position"][:],
             elements=group["elements"][:],
@@ -166,21 +171,21 @@ SOFT_KINDS: dict[SurfaceKind, str] = {"cavity": "cavities", "membrane": "membran
 def read_surfaces(file: Any) -> Iterator[BodySurface]:
     """The surfaces in the order of `taichisoft.mechanics.body_geometry.body_surfaces`."""
     for group in _numbered(file, "soft_bodies"):
-        yield soft_surface(group.attrs["name"], "soft", _read_surface(group["surface"]), _nodes(group))
+        yield soft_surface(_name(group), "soft", _read_surface(group["surface"]), _nodes(group))
         for kind, plural in SOFT_KINDS.items():
             for inner in _numbered(group, plural):
-                yield soft_surface(inner.attrs["name"], kind, _read_surface(inner), _nodes(group))
+                yield soft_surface(_name(inner), kind, _read_surface(inner), _nodes(group))
     for index, group in enumerate(_numbered(file, "rigid_bodies")):
-        yield BodySurface(group.attrs["name"], "rigid", group["triangles"][:], group["vertices"][:], index)
+        yield BodySurface(_name(group), "rigid", group["triangles"][:], group["vertices"][:], index)
     for group in _numbered(file, "obstacles"):
         if "vertices" in group:
-            yield BodySurface(group.attrs["name"], "obstacle", group["triangles"][:], group["vertices"][:])
+            yield BodySurface(_name(group), "obstacle", group["triangles"][:], group["vertices"][:])
 
 
 def read_planes(file: Any) -> list[Plane]:
     """The infinite obstacles."""
     return [
-        Plane(group.attrs["name"], group.attrs["point"], group.attrs["normal"])
+        Plane(_name(group), group.attrs["point"], group.attrs["normal"])
         for group in _numbered(file, "obstacles")
         if "point" in group.attrs
     ]
@@ -191,7 +196,7 @@ def read_lines(file: Any, kind: ActuatorKind) -> Iterator[Line]:
     for number, group in enumerate(_numbered(file, kind.plural)):
         arrays = {name: group[name][:] for name in LINE_ARRAYS}
         numbers = {name: group.attrs[name].item() for name in LINE_NUMBERS}
-        yield Line(group.attrs["name"], number, **arrays, **numbers)
+        yield Line(_name(group), number, **arrays, **numbers)
 
 
 def _versions() -> dict[str, str]:
@@ -204,7 +209,7 @@ def _versions() -> dict[str, str]:
 
 
 def _write_soft_body(group: Any, body: "SoftBody") -> None:
-    group.attrs["name"] = body.name
+    write_text(group.attrs, "name", body.name)
     group.attrs["nodes"] = (body.nodes.start, body.nodes.stop)
     _write_arrays(
         group,
@@ -235,23 +240,21 @@ def _write_surface(group: Any, surface: MappedSurface) -> None:
 
 def _named_group(parent: Any, path: str, name: str) -> Any:
     group = parent.create_group(path)
-    group.attrs["name"] = name
+    write_text(group.attrs, "name", name)
     return group
-
-
-def _write_names(group: Any, kind: str, names: Sequence[str]) -> None:
-    import h5py
-
-    group.attrs.create(kind, list(names), dtype=h5py.string_dtype())
 
 
 def _write_arrays(group: Any, /, **arrays: Any) -> None:
     for name, values in arrays.items():
-        group[name] = values
+        write_array(group, name, values)
 
 
 def _read_surface(group: Any) -> MappedSurface:
     return MappedSurface(group["nodes"][:], group["weights"][:], group["triangles"][:])
+
+
+def _name(group: Any) -> str:
+    return str(group.attrs["name"].decode())
 
 
 def _nodes(group: Any) -> slice:

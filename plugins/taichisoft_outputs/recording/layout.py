@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from taichisoft.mechanics import Actuators, State
 
 FILE_NAME = "recording.h5"
-LAYOUT = 12
+LAYOUT = 13
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 SIGNAL_COUNT = 32
 """Signals that there is room for: which ones come is not known when a file begins."""

@@ -37,50 +37,21 @@ from taichisoft_outputs.recording.bodies import (
     read_planes,
     read_soft_bodies,
     read_surfaces,
+    read_texts,
 )
 from taichisoft_outputs.recording.layout import CONTROLS, LAYOUT, QUANTITIES, RecordingError, group_of
 from taichisoft_outputs.recording.recording_file import (
+    WHAT_DAMAGE_RAISES,
     FinishedRecording,
+    Rescue,
     RunningRecording,
-    copy_constants,
+    convert,
+    one_line,
     open_recording,
 )
 
 if TYPE_CHECKING:
     from taichisoft.control import Fingertips
-
-# What is said of a file that cannot be read as a recording: of another layout, damaged, or something else.
-
-WHAT_DAMAGE_RAISES = (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, OverflowError)
-"""By h5py, and where its answers are used."""
-
-
-def why_refused(path: Path, advice: str) -> str:
-    """What is wrong with a file that begins like no recording of this layout."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            layout = file.attrs.get("layout", "none")
-            version = file.attrs["taichisoft_version"]
-            version = version if isinstance(version, str) else bytes(version).decode(errors="replace")
-    except KeyError as error:
-        return f"not a recording of taichisoft: {one_line(error)}"
-    except WHAT_DAMAGE_RAISES as error:
-        return f"not readable as HDF5: {one_line(error)}; {advice}"
-    if layout == LAYOUT:
-        return f"damaged: its beginning is not what was written; {advice}"
-    return other_layout(version, layout)
-
-
-def other_layout(version: str, layout: Any) -> str:
-    """That another version wrote a file, and what to do."""
-    return f"taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; run the scene again"
-
-
-def one_line(error: BaseException) -> str:
-    """What an error says, or its kind where it says nothing."""
-    return " ".join(str(error).split()).strip("'\"") or type(error).__name__
 
 
 class Recording:
@@ -101,6 +72,7 @@ class Recording:
         frames: what carried bodies, the base first, by which `column("frame_pose")` and `column("frame_wrench")` are
             numbered.
         surfaces: everything with triangles: soft bodies with cavities, membranes and fibres, rigid bodies, obstacles.
+        body_surfaces: the same, by the poses of the bodies.
         planes: the infinite obstacles.
     """
 
@@ -114,7 +86,10 @@ class Recording:
         self._file = self._opened()
         try:
             with self._errors_of_one_line():
+                self._check_layout()
                 self._read_constants(self._file.constants)
+                if self.frame_count < 1:
+                    raise RecordingError(f"{path}: damaged: no frame is left; {self._advice}")
         except RecordingError:
             self.close()
             raise
@@ -123,20 +98,24 @@ class Recording:
         if not self.path.is_file():
             raise RecordingError(f"{self.path}: no such recording; `taichisoft run` writes one into its output folder")
         try:
-            file = self.path.open("rb")
-        except OSError as error:
+            return open_recording(self.path)
+        except PermissionError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
-        try:
-            with self._errors_of_one_line():
-                opened = open_recording(file)
-            if opened is None:
-                raise RecordingError(f"{self.path}: {why_refused(self.path, self._advice)}")
-            if opened.frame_count < 1:
-                raise RecordingError(f"{self.path}: damaged: no frame is left; {self._advice}")
-        except BaseException:
-            file.close()
-            raise
-        return opened
+        except WHAT_DAMAGE_RAISES as error:
+            raise RecordingError(f"{self.path}: not readable as HDF5: {one_line(error)}; {self._advice}") from error
+
+    def _check_layout(self) -> None:
+        attributes = self._file.constants.attrs
+        if "taichisoft_version" not in attributes:
+            raise RecordingError(f"{self.path}: not a recording of taichisoft")
+        layout = attributes.get("layout", "none")
+        if layout != LAYOUT:
+            version = attributes["taichisoft_version"]
+            version = version if isinstance(version, str) else version.decode()
+            raise RecordingError(
+                f"{self.path}: taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; "
+                "run the scene again"
+            )
 
     @property
     def outcome(self) -> str:
@@ -170,23 +149,20 @@ class Recording:
             raise RecordingError(f"{self.path}: damaged: {one_line(error)}; {self._advice}") from error
 
     def _read_constants(self, file: Any) -> None:
-        attributes, columns = file.attrs, file["steps"].attrs
-        layout, version = attributes["layout"], attributes["taichisoft_version"]
-        if layout != LAYOUT:
-            raise RecordingError(f"{self.path}: {other_layout(version, layout)}")
-        self.scene_text: str = attributes["scene"]
-        self.versions: dict[str, str] = json.loads(attributes["versions"])
-        self.step_size = float(attributes["step_size"])
-        self.every = int(attributes["every"])
-        self.actuators = ActuatorNames({kind.name: list(columns[kind.plural]) for kind in ACTUATOR_KINDS})
+        columns = {name: read_texts(texts) for name, texts in file["columns"].items()}
+        (self.scene_text,) = read_texts(file["scene"])
+        self.versions: dict[str, str] = json.loads(file.attrs["versions"])
+        self.step_size = float(file.attrs["step_size"])
+        self.every = int(file.attrs["every"])
+        self.actuators = ActuatorNames({kind.name: columns[kind.plural] for kind in ACTUATOR_KINDS})
         self.cavities, self.cables = (list(self.actuators.names_of(kind)) for kind in (CAVITIES, CABLES))
         self._lines = {kind.name: tuple(read_lines(file, kind)) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
-        self.materials = list(columns["materials"])
+        self.materials, self.body_names = columns["materials"], columns["bodies"]
         pairs = [pair.split("|") for pair in columns["pairs"]]
         self.pairs: list[Pair] = [(first, second) for first, second in pairs]
-        self.body_names: list[str] = list(file["contacts"].attrs["names"])
         self.frames = read_frames(file)
-        self.surfaces = tuple(map(self.follow, read_surfaces(file)))
+        self.body_surfaces = tuple(read_surfaces(file))
+        self.surfaces = tuple(map(self.follow, self.body_surfaces))
         self.planes = tuple(read_planes(file))
 
     def __enter__(self) -> Self:
@@ -285,7 +261,7 @@ class Recording:
 
     def points_of_line(self, line: Line, frame: int) -> np.ndarray:
         """Points of one of `lines` [mm], shape (point_count, 3)."""
-        return line.points(self._poses(frame), self.frames)
+        return line.points(self.poses(frame), self.frames)
 
     def segment_efforts(self, kind: ActuatorKind, frames: Any) -> list[np.ndarray]:
         """Efforts between the points of each line of a kind, such as tensions [mN], each (..., point_count - 1).
@@ -303,13 +279,13 @@ class Recording:
         mapping = surface.shape if isinstance(surface.shape, MappedSurface) else None
 
         def vertices(frame: int) -> np.ndarray:
-            return surface.vertices(self._poses(frame))
+            return surface.vertices(self.poses(frame))
 
         return RecordedSurface(surface.name, surface.kind, surface.triangles, vertices, mapping)
 
     def body_axes(self, frame: int) -> np.ndarray:
         """Axes of the bodies whose axes the scene wants: origin [mm] and three unit vectors each, (count, 4, 3)."""
-        poses = self._poses(frame)
+        poses = self.poses(frame)
         return np.array([axes.place(poses) for axes in self.axes_of_bodies.values()]).reshape(-1, 4, 3)
 
     @cached_property
@@ -365,16 +341,22 @@ class Recording:
         Raises:
             RecordingError: some of it is damaged.
         """
-        return {path: self._rows(path, first, end) for path in QUANTITIES}
+        with self._errors_of_one_line():
+            return self._file.all_rows(first, end)
 
-    def copy_constants(self, target: Any) -> None:
-        """Copy what does not change into another open HDF5 file.
+    def rescue(self, new: Path) -> Rescue:
+        """Write a plain HDF5 file with every instant that is whole.
+
+        Args:
+            new: place of the file; what is there is replaced.
 
         Raises:
-            RecordingError: some of it is damaged.
+            RecordingError: nothing can be rescued, or the file cannot be written.
         """
+        if new.resolve() == self.path.resolve():
+            raise RecordingError(f"--output {new}: is the damaged recording; name another file")
         with self._errors_of_one_line():
-            copy_constants(self._file.constants, target)
+            return convert(self._file, new)
 
     def frame_at(self, time: float) -> int:
         """Index of the frame nearest to `time` [s] since the last start.
@@ -407,7 +389,8 @@ class Recording:
         frame = range(self.frame_count)[frame]
         return self._rows(path, frame, frame + 1)
 
-    def _poses(self, frame: int) -> Any:
+    def poses(self, frame: int) -> Any:
+        """Where nodes and bodies are in an instant, by the fields of `State`; each is read when it is wanted."""
         return _RecordedPoses(self, frame)
 
     def _path(self, name: str) -> str:
@@ -428,13 +411,13 @@ def _fields(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class _RecordedPoses:
-    """Where nodes and bodies are in a frame, by the fields of `State`; only what is asked for is read."""
-
     def __init__(self, recording: Recording, frame: int):
         self._recording, self._frame = recording, frame
 
     def __getattr__(self, field: str) -> Any:
-        return self._recording.row(field, self._frame)
+        values = self._recording.row(field, self._frame)
+        setattr(self, field, values)
+        return values
 
 
 def read_recording(path: str | Path) -> Recording:

@@ -2,7 +2,10 @@
 
 Nothing that was written is written again but the outcome, in its own place: a process that is killed, or a disk that is
 full, costs the record that was begun. The first records have the outcome, what does not change, as the image of an HDF5
-file, and the types of all numbers; then every frame has a record of figures and one of fields.
+file, and the types of all numbers; then every instant has a record of figures and one of fields.
+
+Every byte of the HDF5 file is under one of HDF5's own checksums: its newest format has them for metadata, `fletcher32`
+for the content of a dataset.
 """
 
 import glob
@@ -11,9 +14,12 @@ import json
 import math
 import os
 import struct
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 from zlib import crc32
@@ -101,9 +107,6 @@ class RunningFile:
             path: place of the file; its folder is made when it does not exist.
             constants: image of an HDF5 file with what does not change.
             rows, signals: the first frame, as for `append`.
-
-        Raises:
-            RecordingError: the file cannot be made.
         """
         self.path, self.frame_count, self.size, self.is_whole = path, 0, 0, True
         self._format, self._signals = FrameFormat.of_frame(rows), 0
@@ -127,9 +130,6 @@ class RunningFile:
         Args:
             rows: by path, the row of a quantity of `steps`, and all rows of one of another group.
             signals: names of the columns of signals that have one by now.
-
-        Raises:
-            RecordingError: the frame cannot be written; those before it stay.
         """
         self.is_whole = False
         if not self._is_in_place():
@@ -188,12 +188,7 @@ class RunningRecording:
     """
 
     def __init__(self, file: io.BufferedReader):
-        """Take an open file and find its records.
-
-        Raises:
-            OSError: it cannot be read.
-            DamagedContent: what does not change is damaged.
-        """
+        """Take an open file and find its records."""
         import h5py
 
         self._file, self.size = file, os.fstat(file.fileno()).st_size
@@ -215,11 +210,7 @@ class RunningRecording:
         self._file.close()
 
     def rows(self, path: str, first: int, end: int) -> np.ndarray:
-        """A quantity in the frames from `first` to before `end`: a row for each, or all rows that belong to them.
-
-        Raises:
-            DamagedContent: it is not what was written.
-        """
+        """A quantity in the frames from `first` to before `end`: a row for each, or all rows that belong to them."""
         rows: np.ndarray = self._fields(first, end)[path] if path in FIELDS else self._figures(first, end)[path]
         return rows
 
@@ -277,21 +268,53 @@ class RunningRecording:
         return place + HEADER.size
 
 
-# The file of a recording whose run has ended: HDF5 with a checksum of every page, so that HDF5 sees no damaged byte.
-#
-# HDF5 leaves room for others at the beginning of a file, its user block. The checksums stand there.
+# The file of a recording whose run has ended: plain HDF5.
 
-MARK = b"taichisoft recording\n"
-HEAD = struct.Struct(f"<{len(MARK)}sQQ")
-"""Mark, length of the user block, length of the whole file; checksums of the pages behind the block follow, then one of
-all this."""
-PAGE = 4096
-FRAMES_PER_CHUNK = 20
+END_OF_FILE = struct.Struct("<28xQ")
+"""Where an HDF5 file has its length."""
+INSTANTS_PER_CHUNK = 20
+CHUNK = 512
+"""Bytes of a chunk of rows of which an instant has any number: one that fills later is written anew."""
 LARGEST_CHUNK = 2**20
 """Most bytes of a chunk: HDF5 reads and unpacks whole ones."""
-PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 METADATA = 2**23
-"""More than HDF5 writes beside the frames [bytes]."""
+"""More than HDF5 writes beside the instants [bytes]."""
+WHAT_DAMAGE_RAISES = (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, OverflowError)
+"""By h5py, and where its answers are used."""
+
+
+def write_array(group: Any, name: str, values: Any) -> None:
+    """Write an array into a new dataset."""
+    values = np.asarray(values)
+    rows = min(len(values), LARGEST_CHUNK // max(values[:1].nbytes, 1))
+    group.create_dataset(name, data=values, **(_stored(values.shape[1:], rows) if values.size else {}))
+
+
+def write_texts(group: Any, name: str, texts: Sequence[str]) -> None:
+    """Write texts into a new dataset."""
+    write_array(group, name, _encoded(texts))
+
+
+def write_text(attributes: Any, name: str, text: str) -> None:
+    """Write a short text into an attribute."""
+    attributes.create(name, _encoded([text])[0], dtype=_encoded([text]).dtype)
+
+
+def _encoded(texts: Sequence[str]) -> np.ndarray:
+    """Texts of a fixed length: HDF5 keeps others where it has no checksum."""
+    import h5py
+
+    encoded = [text.encode(errors="replace") for text in texts]
+    return np.array(encoded, h5py.string_dtype("utf-8", max([1, *map(len, encoded)])))
+
+
+def _stored(row: Sequence[int], rows: int) -> dict[str, Any]:
+    """How a dataset is stored whose rows have a shape, with so many in a chunk.
+
+    A page of zeros has the right fletcher32, but cannot be unpacked.
+    """
+    chunks = (max(rows, 1), *(max(side, 1) for side in row))
+    return {"chunks": chunks, "shuffle": True, "compression": "gzip", "compression_opts": 1, "fletcher32": True}
 
 
 def constants_image(describe: Callable[[Any], None]) -> bytes:
@@ -304,49 +327,58 @@ def constants_image(describe: Callable[[Any], None]) -> bytes:
     return image.getvalue()
 
 
-def copy_constants(source: Any, target: Any) -> None:
-    """Copy what does not change from one open HDF5 file to another."""
-    target.attrs.update(source.attrs)
-    for name in source:
-        if name not in ("outcome", "steps", *COUNTS):
-            source.copy(name, target)
-    for group in ("steps", "contacts"):
-        target.require_group(group).attrs.update(source[group].attrs)
-
-
 def finish(path: Path) -> None:
-    """Put an HDF5 file in the place of that of a run that has just ended.
-
-    Raises:
-        RecordingError: it cannot be written; what was there is as it was.
-    """
+    """Put an HDF5 file in the place of that of a run that has just ended."""
     with named_os_errors(path, RecordingError), path.open("rb") as file:
         running = RunningRecording(file)
         try:
-            _write(running, path)
+            convert(running, path)
         finally:
             running.close()
 
 
-def _write(running: RunningRecording, path: Path) -> None:
+@dataclass(frozen=True)
+class Rescue:
+    """What of a recording is in a new file.
+
+    Attributes:
+        frame_count: instants that the recording says it has.
+        whole: numbers of those that are whole, which the new file has.
+        damage: what is wrong with the first one that is not; empty where all are whole.
+    """
+
+    frame_count: int
+    whole: list[int]
+    damage: str
+
+
+def convert(source: "RunningRecording | FinishedRecording", path: Path) -> Rescue:
+    """Write an HDF5 file with every instant of a recording that is whole."""
     import h5py
 
-    room = running.size + running.size // 16 + METADATA
-    block = 2 ** (HEAD.size + 4 * (room // PAGE + 2)).bit_length()
+    capacity = source.size + source.size // 16 + METADATA
     with atomic_file(path, RecordingError) as begun:
         # HDF5 crashes the process when a write fails: a full disk has to show before.
-        _reserve(begun, room + block)
-        with h5py.File(begun, "w", libver="latest", userblock_size=block, locking=False) as file:
-            _reserve(begun, room + block)
-            copy_constants(running.constants, file)
-            file["outcome"] = running.outcome
-            file["steps"].attrs.create("signals", running.signals, dtype=h5py.string_dtype())
-            _write_frames(running, file)
+        _reserve(begun, capacity)
+        with h5py.File(begun, "w", libver="latest", locking=False) as file:
+            _reserve(begun, capacity)
+            for name in source.constants:
+                if name not in ("steps", *COUNTS):
+                    source.constants.copy(name, file)
+            for name, value in source.constants.attrs.items():
+                file.attrs.create(name, value, dtype=source.constants.attrs.get_id(name).dtype)
+            file["columns"].pop("signals", None)
+            write_texts(file["columns"], "signals", source.signals)
+            whole, damage = _copy_instants(source, file)
+            count = source.frame_count
+            outcome = f"repaired: {len(whole)} of {count} frames were whole" if damage else source.outcome
+            write_text(file.attrs, "outcome", outcome)
             file.flush()
             used = file.id.get_filesize()
-        with begun.open("r+b") as written:
-            written.truncate(min(used, begun.stat().st_size))
-            written.write(user_block(written, block))
+        os.truncate(begun, used)
+        if not whole:
+            raise RecordingError(f"{path}: not written: none of the {count} frames is whole: {damage}")
+    return Rescue(count, whole, damage)
 
 
 def _reserve(path: Path, length: int) -> None:
@@ -355,97 +387,64 @@ def _reserve(path: Path, length: int) -> None:
             os.posix_fallocate(file.fileno(), 0, length)
 
 
-def _write_frames(running: RunningRecording, file: Any) -> None:
-    count = running.frame_count
-    offsets: dict[str, np.ndarray] = {"steps": np.arange(count + 1)}
-    for group, path in COUNTS.items():
-        offsets[group] = np.concatenate([[0], np.cumsum(running.rows(path, 0, count))])
-        file[offset_path(group)] = offsets[group][:-1]
-        file[offset_path(group)].attrs["unit"] = "1"
-    datasets = {path: _create(file, path, int(offsets[group_of(path)][-1]), running.format) for path in QUANTITIES}
-    file.flush()  # now and after each bundle of frames, so that what is cut off at the end costs the last frames
-    for first in range(0, count, FRAMES_PER_CHUNK):
-        end = min(first + FRAMES_PER_CHUNK, count)
-        for path, rows in running.all_rows(first, end).items():
-            if rows.size:
-                offset = offsets[group_of(path)]
-                datasets[path][offset[first] : offset[end]] = rows
-        file.flush()
+def _copy_instants(source: "RunningRecording | FinishedRecording", file: Any) -> tuple[list[int], str]:
+    """Copy what is whole, and give the numbers of these instants and what is wrong with the first other one."""
+    whole: list[int] = []
+    damage = ""
+    datasets: dict[str, Any] = {}
+    lengths: Counter[str] = Counter()
+    for first in range(0, source.frame_count, INSTANTS_PER_CHUNK):
+        end = min(first + INSTANTS_PER_CHUNK, source.frame_count)
+        parts = [(first, end)]
+        while parts:
+            start, stop = parts.pop()
+            try:
+                rows = source.all_rows(start, stop)
+            except WHAT_DAMAGE_RAISES as error:
+                if stop - start > 1:
+                    parts += [(number, number + 1) for number in reversed(range(start, stop))]
+                else:
+                    damage = damage or f"frame {start}: {one_line(error)}"
+            else:
+                _append(file, rows, datasets, lengths)
+                whole += range(start, stop)
+        file.flush()  # so that what is cut off at the end costs the last instants
+    return whole, damage
 
 
-def _create(file: Any, path: str, length: int, format: FrameFormat) -> Any:
-    name, shape = format.types[path]
-    row_bytes = max(math.prod(shape) * np.dtype(name).itemsize, 1)
-    # States hardly pack: the last bits of doubles of a moving mesh are noise.
-    most = 1 if group_of(path) == "states" else max(1, min(length, FRAMES_PER_CHUNK, LARGEST_CHUNK // row_bytes))
-    settings = {"chunks": (most, *shape), **({} if group_of(path) == "states" else PACKING)}
-    dataset = file.create_dataset(path, (length, *shape), name, **(settings if length * math.prod(shape) else {}))
-    dataset.attrs["unit"] = QUANTITIES[path].unit
+def _append(file: Any, rows: dict[str, np.ndarray], datasets: dict[str, Any], lengths: Counter[str]) -> None:
+    """Add the rows of instants; `lengths` are those of the datasets of each group before."""
+    count = len(rows["steps/time"])
+    starts = {group: np.cumsum(rows[path]) - rows[path] + lengths[group] for group, path in COUNTS.items()}
+    for path, values in [*rows.items(), *((offset_path(group), start) for group, start in starts.items())]:
+        if path not in datasets:
+            datasets[path] = _create(file, path, values.shape[1:], values.dtype)
+        if len(values):
+            before = lengths[group_of(path)]
+            datasets[path].resize(before + len(values), axis=0)
+            if values.size:
+                datasets[path][before:] = values
+    lengths.update({group: int(rows[path].sum()) for group, path in COUNTS.items()}, steps=count)
+
+
+def _create(file: Any, path: str, shape: tuple[int, ...], dtype: np.dtype) -> Any:
+    """An empty dataset for rows of a shape."""
+    row_bytes = max(math.prod(shape) * dtype.itemsize, 1)
+    rows = min(INSTANTS_PER_CHUNK, LARGEST_CHUNK // row_bytes) if group_of(path) == "steps" else CHUNK // row_bytes
+    unlimited = (None, *(side or None for side in shape))
+    dataset = file.create_dataset(path, (0, *shape), dtype, maxshape=unlimited, **_stored(shape, rows))
+    dataset.attrs["unit"] = QUANTITIES[path].unit if path in QUANTITIES else "1"
     return dataset
 
 
 def offset_path(group: str) -> str:
-    """The dataset with the first row of each frame in a group of `layout.COUNTS`."""
+    """The dataset with the first row of each instant in a group of `layout.COUNTS`."""
     return f"steps/{group[:-1]}_offset"
 
 
-def user_block(file: io.BufferedRandom, block: int) -> bytes:
-    """The beginning of a file whose user block is so long [bytes]: the checksums of what is behind it."""
-    file.seek(block)
-    sums = [crc32(page) for page in iter(lambda: file.read(PAGE), b"")]
-    head = HEAD.pack(MARK, block, file.tell()) + np.array(sums, "<u4").tobytes()
-    file.seek(0)
-    return head + struct.pack("<I", crc32(head))
-
-
-class CheckedFile(io.RawIOBase):
-    """The bytes of a finished file, for h5py's driver "fileobj": a page that is not as it was written is an error."""
-
-    def __init__(self, file: io.BufferedReader):
-        """Take an open file.
-
-        Raises:
-            OSError: it cannot be read.
-            DamagedContent: its checksums are not what was written.
-        """
-        self._file, self._place = file, 0
-        head = os.pread(file.fileno(), HEAD.size, 0).ljust(HEAD.size)
-        _, self._block, self._size = HEAD.unpack(head)
-        length = 4 * (-(-(self._size - self._block) // PAGE))
-        if not 0 <= length < self._block <= self._size:
-            raise DamagedContent("the checksums are not what was written")
-        sums = os.pread(file.fileno(), length + 4, HEAD.size)
-        if sums[length:] != struct.pack("<I", crc32(head + sums[:length])):
-            raise DamagedContent("the checksums are not what was written")
-        self._sums = np.frombuffer(sums[:length], "<u4")
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place; the end is that of the file when it was whole."""
-        self._place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._size}[whence]
-        return self._place
-
-    def readinto(self, buffer) -> int:  # type: ignore[no-untyped-def] # any writable buffer
-        """Fill the whole buffer.
-
-        Raises:
-            OSError: a page is missing, or not what was written.
-        """
-        view = memoryview(buffer).cast("B")
-        first = max(self._place - self._block, 0) // PAGE
-        start = self._block + first * PAGE if self._place >= self._block else self._place
-        end = min(start + -(-(self._place + len(view) - start) // PAGE) * PAGE, self._size)
-        content = os.pread(self._file.fileno(), max(end - start, 0), start)
-        if start >= self._block:
-            for number in range(-(-len(content) // PAGE)):
-                page = content[number * PAGE : (number + 1) * PAGE]
-                if crc32(page) != self._sums[first + number]:
-                    raise OSError(f"the {PAGE} bytes from {start + number * PAGE} on are not what was written")
-        part = content[self._place - start :][: len(view)]
-        if len(part) < len(view):
-            raise OSError(f"the file ends at byte {start + len(content)}")
-        view[:] = part
-        self._place += len(view)
-        return len(view)
+def one_line(error: BaseException) -> str:
+    """What an error says, or its kind where it says nothing."""
+    return " ".join(str(error).split()).strip("'\"") or type(error).__name__
 
 
 class FinishedRecording:
@@ -453,41 +452,59 @@ class FinishedRecording:
 
     Attributes:
         constants: the open HDF5 file.
-        outcome: how the run ended.
-        frame_count: number of frames.
-        signals: names of the columns of signals.
+        size: length of the file [bytes].
     """
 
-    def __init__(self, file: io.BufferedReader):
-        """Take an open file.
-
-        Raises:
-            OSError, KeyError: it is damaged.
-            DamagedContent: its checksums are damaged.
-        """
+    def __init__(self, path: Path):
+        """Open a file."""
         import h5py
 
-        self._file = file
-        self.constants = h5py.File(CheckedFile(file), "r", rdcc_nbytes=8 * LARGEST_CHUNK)
         self._datasets: dict[str, Any] = {}
-        self.outcome = self.constants["outcome"][()].decode()
-        self.signals = [str(name) for name in self.constants["steps"].attrs["signals"]]
-        self.frame_count = len(self._dataset("steps/time"))
+        self.size = path.stat().st_size
+        try:
+            self.constants = h5py.File(path, "r", locking=False, rdcc_nbytes=8 * LARGEST_CHUNK)
+        except OSError as error:
+            if "truncated" not in str(error):
+                raise
+            content = path.read_bytes()  # HDF5 opens no file whose end is missing
+            (length,) = END_OF_FILE.unpack_from(content)
+            self.constants = h5py.File(io.BytesIO(content.ljust(length, b"\0")), "r")
+
+    @cached_property
+    def outcome(self) -> str:
+        """How the run ended."""
+        return str(self.constants.attrs["outcome"].decode())
+
+    @cached_property
+    def signals(self) -> list[str]:
+        """Names of the columns of signals."""
+        return list(self.constants["columns/signals"].asstr()[:])
+
+    @cached_property
+    def frame_count(self) -> int:
+        """Number of instants."""
+        return len(self._dataset("steps/time"))
 
     def close(self) -> None:
         """Close the file."""
         self._datasets = {}
         self.constants.close()
-        self._file.close()
 
     def rows(self, path: str, first: int, end: int) -> np.ndarray:
-        """A quantity in the frames from `first` to before `end`: a row for each, or all rows that belong to them."""
-        group = group_of(path)
-        if group != "steps" and end > first:
-            offset = self._dataset(offset_path(group))
-            first, end = int(offset[first]), int(offset[end - 1] + self._dataset(COUNTS[group])[end - 1])
-        rows: np.ndarray = self._dataset(path)[first:end]
+        """A quantity in the instants from `first` to before `end`: a row for each, or all rows that belong to them."""
+        try:
+            group = group_of(path)
+            if group != "steps" and end > first:
+                offset = self._dataset(offset_path(group))
+                first, end = int(offset[first]), int(offset[end - 1] + self._dataset(COUNTS[group])[end - 1])
+            rows: np.ndarray = self._dataset(path)[first:end]
+        except WHAT_DAMAGE_RAISES as error:
+            raise DamagedContent(f"{path} is not what was written: {one_line(error)}") from error
         return rows
+
+    def all_rows(self, first: int, end: int) -> dict[str, np.ndarray]:
+        """All quantities in these instants by path."""
+        return {path: self.rows(path, first, end) for path in QUANTITIES}
 
     def _dataset(self, path: str) -> Any:
         """A dataset, looked up once: that takes its time."""
@@ -496,13 +513,14 @@ class FinishedRecording:
         return self._datasets[path]
 
 
-def open_recording(file: io.BufferedReader) -> RunningRecording | FinishedRecording | None:
-    """What is in an open file, in whichever form it begins; None where it is neither.
-
-    Raises:
-        OSError, ValueError, KeyError: it is damaged.
-    """
-    start = os.pread(file.fileno(), len(MARK), 0)
-    if start == MARK:
-        return FinishedRecording(file)
-    return RunningRecording(file) if start.startswith(RUNNING_MARK) else None
+def open_recording(path: Path) -> RunningRecording | FinishedRecording:
+    """What is in a file, in whichever form it is."""
+    file = path.open("rb")
+    try:
+        if file.read(len(RUNNING_MARK)) == RUNNING_MARK:
+            return RunningRecording(file)
+    except BaseException:
+        file.close()
+        raise
+    file.close()
+    return FinishedRecording(path)

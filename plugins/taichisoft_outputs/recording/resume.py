@@ -1,7 +1,6 @@
 """Going on from a frame of a recording: scene, meshes and state from the file, so that the bits are the same."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,67 +13,7 @@ from taichisoft.mechanics import ACTUATOR_KINDS, State, body_surfaces
 from taichisoft.running import Simulation
 from taichisoft.scene import scene_from_toml
 from taichisoft_outputs.motion_figures import last_at_rest
-from taichisoft_outputs.recording.layout import RecordingError, group_of
-from taichisoft_outputs.recording.reader import Recording, read_recording
-from taichisoft_outputs.recording.recording_file import RunningFile, constants_image, finish
-
-# Rescuing the whole frames of a damaged recording; that of a killed run becomes an HDF5 file.
-
-
-@dataclass(frozen=True)
-class Rescue:
-    """What was rescued.
-
-    Attributes:
-        frame_count: frames that the damaged recording says it has.
-        whole: numbers of those that are whole.
-        damage: what is wrong with the first one that is not; empty where all are whole.
-    """
-
-    frame_count: int
-    whole: list[int]
-    damage: str
-
-
-def rescue(run: Path, new: Path) -> Rescue:
-    """Write a new recording with every frame of `run` that is whole.
-
-    Args:
-        run: a damaged recording, or that of a killed run; it is only read.
-        new: place of the new one; what is there is replaced.
-
-    Raises:
-        RecordingError: nothing can be rescued, or the new file cannot be written.
-    """
-    if new.resolve() == run.resolve():
-        raise RecordingError(f"--output {new}: is the damaged recording; name another file")
-    whole: list[int] = []
-    damage, file = "", None
-    with read_recording(run) as recording:
-        for frame in range(recording.frame_count):
-            try:
-                rows = _rows(recording, frame)
-            except RecordingError as error:
-                damage = damage or f"frame {frame}: {error.__cause__ or error}"
-                continue
-            if file is None:
-                constants = constants_image(recording.copy_constants)
-                file = RunningFile(new, constants, rows, recording.signals)
-            else:
-                file.append(rows)
-            whole.append(frame)
-        count, outcome = recording.frame_count, recording.outcome
-    if file is None:
-        raise RecordingError(f"{run}: none of its {count} frames is whole: {damage}")
-    file.close(outcome if len(whole) == count else f"repaired: {len(whole)} of {count} frames were whole")
-    finish(new)
-    return Rescue(count, whole, damage)
-
-
-def _rows(recording: Recording, frame: int) -> dict[str, np.ndarray]:
-    rows = recording.rows_of_frames(frame, frame + 1)
-    return {path: values[0] if group_of(path) == "steps" else values for path, values in rows.items()}
-
+from taichisoft_outputs.recording.reader import Recording
 
 SAME_PLACE = 1e-6
 """Positions [mm] that differ by less are the same: another machine rounds in another order."""
@@ -91,22 +30,13 @@ class ResumeError(TaichisoftError):
 def recorded_scene(
     recording: Recording, overrides: Sequence[str], controller: str | None, goal: str | None = None
 ) -> Scene:
-    """The scene of the recording, with changes as in `taichisoft run`.
-
-    Raises:
-        SceneError: something is not valid; the message begins with the recording's path.
-    """
+    """The scene of the recording, with changes as in `taichisoft run`."""
     source = " with --set ".join([str(recording.path), *overrides])
     return scene_from_toml(recording.scene_text, source, overrides, controller, goal)
 
 
 def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simulation:
-    """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene.
-
-    Raises:
-        ResumeError: a body is not the one that was recorded, or the time step is another.
-        TaichisoftError: the model cannot be made.
-    """
+    """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene."""
     path, now = recording.path, _names(scene)
     for kind, recorded in _names(recording.scene).items():
         if recorded != now[kind]:
@@ -132,10 +62,6 @@ def state_at(recording: Recording, frame: int, simulation: Simulation | None = N
         recording: an open recording.
         frame: index of the frame.
         simulation: of the recorded scene, to make the steps in; one is made where it is needed and not given.
-
-    Raises:
-        ResumeError: the steps do not lead to the recorded frame.
-        TaichisoftError: the model cannot be made.
     """
     first = frame
     while not recording.has_state(first):
@@ -177,11 +103,7 @@ def _simulation(recording: Recording, scene: Scene) -> Simulation:
 
 
 def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
-    """Time from a frame to the end that the scene gives a run [s].
-
-    Raises:
-        ResumeError: no time is left.
-    """
+    """Time from a frame to the end that the scene gives a run [s]."""
     time, end = float(recording.row("time", frame)), scene.time.duration
     if end - time < 0.5 * scene.time.step:
         raise ResumeError(
@@ -192,11 +114,7 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
 
 
 def saved_controller(recording: Recording, frame: int, scene: Scene) -> tuple[dict[str, Any] | None, str]:
-    """What the scene's controller remembers in a frame, and a remark where it has to begin again.
-
-    Raises:
-        RecordingError: it is damaged.
-    """
+    """What the scene's controller remembers in a frame, and a remark where it has to begin again."""
     before, now = recording.scene.controller, scene.controller
     if before is None or now is None or before.name != now.name:
         return None, ""

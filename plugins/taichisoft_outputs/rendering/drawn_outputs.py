@@ -115,12 +115,7 @@ class DrawnAtEnd(Output):
         self._moved = False
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Check that there will be something to draw from.
-
-        Raises:
-            PackageMissing: Open3D is not installed.
-            RecordingNeeded: this run has no recording.
-        """
+        """Check that there will be something to draw from."""
         require_open3d()
         self._recording.require(self.name)
 
@@ -129,11 +124,7 @@ class DrawnAtEnd(Output):
         self._moved = True
 
     def end(self, outcome: str) -> None:
-        """Draw, unless the run was interrupted or made no step.
-
-        Raises:
-            RenderError: drawing is not possible on this machine, or was interrupted.
-        """
+        """Draw, unless the run was interrupted or made no step."""
         if outcome == "interrupted" or not self._moved:
             return
         try:
@@ -170,9 +161,6 @@ class VideoOutput(DrawnAtEnd):
         size: width and height [pixels], "1280x720".
         slow_motion: factor by which things move slower than in reality.
         view: where the camera stands, see `Style`.
-
-    Raises:
-        RenderError, StyleError: one of these is impossible.
     """
 
     name = "video"
@@ -195,12 +183,7 @@ class VideoOutput(DrawnAtEnd):
         check_slow_motion(slow_motion)
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Check that there will be something to draw from, and the body to follow.
-
-        Raises:
-            RecordingNeeded: this run has no recording.
-            StyleError: the view follows a body that is not there.
-        """
+        """Check that there will be something to draw from, and the body to follow."""
         super().begin(model, state)
         self.style.check(model.scene)
 

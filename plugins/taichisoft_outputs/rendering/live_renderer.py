@@ -57,11 +57,6 @@ def draw_frames(link: Link) -> None:
 
     The first message is its path, a `Style`, and all frames that belong together; each further one is a frame, answered
     by its image, shape (height, width, 3), dtype uint8.
-
-    Raises:
-        TaichisoftError: the recording or frame does not exist, or cannot be drawn in this style.
-        OSError: Open3D finds no way to draw.
-        RuntimeError: Open3D failed.
     """
     path, style, frames = link.receive()
     with read_recording(path) as recording:
@@ -76,8 +71,6 @@ def draw_states(link: Link) -> None:
     The first message is the path of a recording of one frame, a `Style`, and the values of that frame (`live_values`);
     each further one is the values of a state, the points that get a mark, and None, answered by an image as above; or
     in the place of None a camera, answered by image, depth and numbers of bodies, see `Drawer.measure`.
-
-    Raises: what `draw_frames` raises.
     """
     path, style, first = link.receive()
     with LiveRecording(Path(path)) as recording:
@@ -112,10 +105,6 @@ class LiveRenderer(Renderer):
             model: model whose states are drawn.
             size: width and height [pixels].
             camera: a view of `Style`, or the points of eye and target [mm].
-
-        Raises:
-            PackageMissing: Open3D is not installed.
-            StyleError: the size or the camera is not possible, or follows a body that is not there.
         """
         require_open3d()
         self._model = model
@@ -124,20 +113,12 @@ class LiveRenderer(Renderer):
         self._process: _Process | None = None
 
     def picture(self, state: "State", marks: np.ndarray) -> np.ndarray:
-        """Draw a state with marks at points [mm], shape (height, width, 3), dtype uint8.
-
-        Raises:
-            RenderError: drawing failed twice, or cannot succeed; the message says what to install if that could help.
-        """
+        """Draw a state with marks at points [mm], shape (height, width, 3), dtype uint8."""
         drawn: np.ndarray = self._drawn(state, marks, None)
         return drawn
 
     def frame(self, state: "State", view: CameraView) -> CameraFrame:
-        """What a camera sees of a state; what it sees is not antialiased in depth and segmentation.
-
-        Raises:
-            RenderError: as for `picture`.
-        """
+        """What a camera sees of a state; what it sees is not antialiased in depth and segmentation."""
         backward = (view.eye - view.target) / np.linalg.norm(view.eye - view.target)
         camera = PictureCamera(view.eye, view.target, picture_up(backward, view.up))
         colour, depth, segmentation = self._drawn(state, np.zeros((0, 3)), camera)

@@ -30,8 +30,6 @@ def pictures_side_by_side(
         times: times since the last start [s] by the name of the picture; a run that ends earlier shows its end.
         folder: folder of the pictures, which is made when it does not exist.
         style: how the frames are drawn; its size is that of the whole picture.
-
-    Raises: what `render_pictures` raises.
     """
     ends = {path: _end(path) for path in recordings}
     latest = max(ends.values())  # beyond which no run has anything, as each of them says
@@ -68,8 +66,6 @@ def video_side_by_side(
 
     Returns:
         The number of frames.
-
-    Raises: what `render_video` raises.
     """
     styles, bars = _shared(recordings, style, lambda one: np.unique(video_frames(one, fps * slow_motion)).tolist())
     with TemporaryDirectory(prefix="taichisoft-side-by-side-") as room:

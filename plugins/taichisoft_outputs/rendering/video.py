@@ -120,9 +120,6 @@ def draw_frames(
         frames: frame indices without repetitions.
         take: is called with each image, shape (height, width, 3), dtype uint8.
         stop_if_asked: is called at least every tenth of a second, and may raise.
-
-    Raises:
-        RenderError: drawing failed again, or cannot succeed; the message says what to install if that could help.
     """
     require_open3d()
     start_limit = START_LIMIT + LOOK_LIMIT * len(frames)
@@ -163,11 +160,7 @@ def _next_image(worker: Worker, time_limit: float, stop_if_asked: Callable[[], N
 
 
 def write_png(image: np.ndarray, path: Path) -> None:
-    """Write an image, shape (height, width, 3), dtype uint8.
-
-    Raises:
-        RenderError: the file cannot be written.
-    """
+    """Write an image, shape (height, width, 3), dtype uint8."""
     from PIL import Image
 
     with atomic_file(path, RenderError) as partial:
@@ -197,11 +190,7 @@ AddFrame = Callable[[np.ndarray], None]
 
 
 def check_video(path: Path, fps: float) -> None:
-    """Check that a video can have this name and rate, before anything is computed for it.
-
-    Raises:
-        RenderError: it cannot; the message says what would be valid.
-    """
+    """Check that a video can have this name and rate, before anything is computed for it."""
     fastest = FASTEST.get(path.suffix.lower())
     if fastest is None:
         raise RenderError(f"{path}: a video ends with .mp4 or .gif, or is a folder for PNG files, without a suffix")
@@ -222,9 +211,6 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddFra
         path: "NAME.mp4", "NAME.gif", or a folder that gets `frame_00000.png` and so on.
         size: width and height of the frames [pixels].
         fps: frames per second.
-
-    Raises:
-        RenderError: the video cannot be written.
     """
     check_video(path, fps)
     with named_os_errors(path, RenderError):
@@ -238,11 +224,7 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddFra
 
 
 def ffmpeg_program() -> str:
-    """Path of ffmpeg: that of $IMAGEIO_FFMPEG_EXE, the one that imageio-ffmpeg brings, or the system's.
-
-    Raises:
-        RenderError: there is none; the message says how to get it.
-    """
+    """Path of ffmpeg: that of $IMAGEIO_FFMPEG_EXE, the one that imageio-ffmpeg brings, or the system's."""
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
 
@@ -379,11 +361,7 @@ def render_video(
 
 
 def check_slow_motion(factor: float) -> None:
-    """Check that things can be shown so many times slower.
-
-    Raises:
-        RenderError: they cannot.
-    """
+    """Check that things can be shown so many times slower."""
     if not 0.0 < factor < math.inf:
         raise RenderError(f"slow motion {factor:g}: must be positive; 4 is four times slower than in reality")
 

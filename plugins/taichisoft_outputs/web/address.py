@@ -49,11 +49,7 @@ class Address:
 
 
 def find_address(text: str | None) -> Address:
-    """The address of a command line; without one, a free port that only this machine reaches.
-
-    Raises:
-        WebError: the text is not an address, or nothing can listen there.
-    """
+    """The address of a command line; without one, a free port that only this machine reaches."""
     if text is None:
         for port in range(PORT, PORT + PORTS_TRIED):
             if not _problem(HOST, port):

@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft import Scene
 from taichisoft.control import Pair
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind
-from taichisoft_outputs.web.page_messages import PageFrame, PageScene
+from taichisoft_outputs.web.page_messages import PageInstant, PageScene
 
 WINDOW = 20.0
 """The plots of a run show its last seconds [s]."""
@@ -56,16 +56,16 @@ def plotted_row(
 
 
 class History:
-    """What the plots show of the last frames since the last start.
+    """What the plots show of the last instants since the last start.
 
     Attributes:
-        times: times of the frames that are kept [s].
-        rows: their rows of `plotted_row`, with heights over that of the first frame of all.
-        signals: values of each signal of the controller in these frames, NaN where it had none.
+        times: times of the instants that are kept [s].
+        rows: their rows of `plotted_row`, with heights over that of the first instant of all.
+        signals: values of each signal of the controller in these instants, NaN where it had none.
     """
 
-    def __init__(self, first: PageFrame):
-        """Begin without any frame; heights are counted from that in `first`."""
+    def __init__(self, first: PageInstant):
+        """Begin without any instant; heights are counted from that in `first`."""
         self._start = first.plotted[-1]
         self._clear()
 
@@ -74,27 +74,26 @@ class History:
         self.rows: list[np.ndarray] = []
         self.signals: dict[str, list[float]] = {}
 
-    def add(self, frame: PageFrame) -> None:
-        """Add a frame; an earlier time than the last clears the plots, and the same time is ignored."""
-        if self.times and frame.time < self.times[-1]:
+    def add(self, instant: PageInstant) -> None:
+        """Add an instant; an earlier time than the last clears the plots, and the same time is ignored."""
+        if self.times and instant.time < self.times[-1]:
             self._clear()
-        if self.times and frame.time == self.times[-1]:
+        if self.times and instant.time == self.times[-1]:
             return
-        row = frame.plotted.copy()
+        row = instant.plotted.copy()
         row[-1] -= self._start
         # The newest point always shows; it gives way to the next if it is too near to the one before.
         if len(self.times) > 1 and self.times[-1] - self.times[-2] < WINDOW / MOST_POINTS:
             self._remove(-1)
-        self.times.append(frame.time)
+        self.times.append(instant.time)
         self.rows.append(row)
-        for name in dict.fromkeys((*self.signals, *frame.signals)):
+        for name in dict.fromkeys((*self.signals, *instant.signals)):
             values = self.signals.setdefault(name, [np.nan] * (len(self.times) - 1))
-            values.append(frame.signals.get(name, np.nan))
+            values.append(instant.signals.get(name, np.nan))
         while self.times[-1] - self.times[0] > WINDOW:
             self._remove(0)
 
     def _remove(self, index: int) -> None:
-        """Remove a frame."""
         del self.times[index], self.rows[index]
         for values in self.signals.values():
             del values[index]

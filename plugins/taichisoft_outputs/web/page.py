@@ -1,4 +1,4 @@
-"""A page that shows frames, be they of a run or of a recording."""
+"""A page that shows instants of a run or of a recording."""
 
 import hmac
 import http
@@ -37,7 +37,7 @@ from taichisoft_outputs.drawing.surface_painter import Section
 from taichisoft_outputs.html_template import render
 from taichisoft_outputs.web.address import WebError
 from taichisoft_outputs.web.curves import Curves
-from taichisoft_outputs.web.page_messages import LinesShown, PageFrame, PageScene
+from taichisoft_outputs.web.page_messages import LinesShown, PageInstant, PageScene
 
 # Who may see a page: whoever has its token, and comes from the page itself.
 #
@@ -126,11 +126,7 @@ def cookie_name(host: str) -> str:
 
 @contextmanager
 def guarded(guard: Guard) -> Iterator[None]:
-    """Let the server that is started within ask a guard first: viser takes no function for that.
-
-    Raises:
-        WebError: this version of viser serves in another way, and would serve everybody.
-    """
+    """Let the server that is started within ask a guard first: viser takes no function for that."""
     import websockets.asyncio.server as servers
 
     usual = servers.serve
@@ -228,7 +224,7 @@ ASPECT = 1.3
 """Width / height of the part of a window that the panel leaves free."""
 
 BACKWARD = 1.35
-"""The camera begins so many times further off than the first frame needs, since everything is going to move [-]."""
+"""The camera begins so many times further off than the first instant needs, since everything is going to move [-]."""
 
 COLOURS: dict[str, tuple[int, int, int]] = {
     "soft": (237, 229, 216),
@@ -259,19 +255,20 @@ LIGHT, GROUND = 2.0, (150, 150, 150)
 
 
 class SceneView:
-    """Draws frames into the scene of a viser server; what did not move is not sent again.
+    """Draws instants into the scene of a viser server; what did not move is not sent again.
 
     Attributes:
         eye: where viewers look from at first [mm], shape (3,).
     """
 
-    def __init__(self, server: Any, content: PageScene, first: PageFrame):
-        """Put everything where the first frame has it, and the camera where it sees that."""
+    def __init__(self, server: Any, content: PageScene, first: PageInstant):
+        """Put everything where the first instant has it, and the camera where it sees that."""
         self._server = server
         self._scales, self._scales_shown = Scales(), None
         self._actuators = content.actuators
-        bodies = [v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
-        points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *first.vertices])
+        at_first = [surface.vertices(first.poses) for surface in content.surfaces]
+        bodies = [v for s, v in zip(content.surfaces, at_first, strict=True) if s.kind in ("soft", "rigid")]
+        points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *at_first])
         points = np.vstack([points, *(lines.ends.reshape(-1, 3) for lines in first.lines.values())])
         self._radius = max(radius_around_mean(points), 1.0)
         server.scene.set_up_direction(content.scene.up)
@@ -287,7 +284,7 @@ class SceneView:
         self._force_colour = _bytes(arrow_colour(behind))
         self._surfaces, self._cut = content.surfaces, frozenset[str]()
         self._sources, self._triangles, self._meshes = [], [], []
-        for surface, vertices in zip(content.surfaces, first.vertices, strict=True):
+        for surface, vertices in zip(content.surfaces, at_first, strict=True):
             source, triangles = split_creases(vertices, surface.triangles)
             self._sources.append(source)
             self._triangles.append(triangles)
@@ -300,9 +297,10 @@ class SceneView:
                 self._walls[kind.name] = [meshes.get(name) for name in content.actuators.names_of(kind)]
         if content.scene.appearance.frame:
             self._add_axes(points, content.scene.up)
-        rigid = {s.name: v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind == "rigid"}
+        rigid = {s.name: v for s, v in zip(content.surfaces, at_first, strict=True) if s.kind == "rigid"}
         self._axes = [
-            self._add_frame(f"/axes of {name}", self._length_of_axes(rigid.get(name))) for name in content.axes
+            (axes, self._add_frame(f"/axes of {name}", self._length_of_axes(rigid.get(name))))
+            for name, axes in content.axes.items()
         ]
         for plane in content.planes:
             self._add(plane.name, *square_of_plane(plane, points, []), "floor")
@@ -321,23 +319,24 @@ class SceneView:
             visible=False,
         )
 
-    def show(self, frame: PageFrame, section: Section | None = None) -> None:
-        """Move everything to where a frame has it, cut open by a section."""
-        strength = np.linalg.norm(frame.contact_forces, axis=1)
+    def show(self, instant: PageInstant, section: Section | None = None) -> None:
+        """Move everything to where an instant has it, cut open by a section."""
+        strength = np.linalg.norm(instant.contact_forces, axis=1)
         walls = [kind for kind in ACTUATOR_KINDS if kind.drawn == "walls"]
-        efforts = {kind.name: self._actuators.of(kind, frame.plotted) for kind in walls}
-        efforts |= {name: lines.efforts for name, lines in frame.lines.items()}
+        efforts = {kind.name: self._actuators.of(kind, instant.plotted) for kind in walls}
+        efforts |= {name: lines.efforts for name, lines in instant.lines.items()}
         self.reach_to(efforts, strength.max(initial=0.0))
         with self._server.atomic():
-            for number, vertices in enumerate(frame.vertices):
-                self._show_surface(number, vertices, section)
+            for number, surface in enumerate(self._surfaces):
+                self._show_surface(number, surface.vertices(instant.poses), section)
             self._cut = frozenset[str]() if section is None else section.names
             for name, meshes in self._walls.items():
                 self._show_walls(name, meshes, efforts[name])
             for name, handle in self._lines.items():
-                self._show_lines(name, handle, frame.lines[name])
-            self._show_forces(frame.contact_points, frame.contact_forces, strength)
-            for handle, (origin, *directions) in zip(self._axes, frame.axes, strict=True):
+                self._show_lines(name, handle, instant.lines[name])
+            self._show_forces(instant.contact_points, instant.contact_forces, strength)
+            for axes, handle in self._axes:
+                origin, *directions = axes.place(instant.poses)
                 handle.position = origin * LENGTH_UNIT
                 handle.wxyz = quaternion_from_matrix(np.transpose(directions))
 
@@ -497,12 +496,8 @@ class Page:
         curves: the plots.
     """
 
-    def __init__(self, host: str, port: int, token: str, content: PageScene, first: PageFrame):
-        """Serve viewers who know the token, at an address of `find_address`.
-
-        Raises:
-            WebError: the port was taken in the meantime, or this version of viser cannot be guarded.
-        """
+    def __init__(self, host: str, port: int, token: str, content: PageScene, first: PageInstant):
+        """Serve viewers who know the token, at an address of `find_address`."""
         self.server = make_server(host, port, token)
         self.port = self.server.get_port()
         if port and self.port != port:

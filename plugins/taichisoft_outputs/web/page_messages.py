@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from taichisoft import Scene
 from taichisoft.control import Slider
-from taichisoft.mechanics import ActuatorNames, BodyAxes, BodySurface, Plane, Surface
+from taichisoft.mechanics import ActuatorNames, BodyAxes, BodySurface, Plane
 
-# What a page draws: surfaces and planes that stay the same, and frames that say where everything is.
+# What a page draws: surfaces and planes that stay the same, and instants that say where everything is.
 
 
 class LinesShown(NamedTuple):
@@ -27,45 +27,51 @@ class LinesShown(NamedTuple):
 
 @dataclass(frozen=True)
 class PageScene:
-    """What stays the same while a page shows one frame after the other.
+    """What stays the same while a page shows one instant after the other.
 
     Attributes:
         scene: the scene that was or is simulated.
-        surfaces: surfaces in the order of `PageFrame.vertices`.
+        surfaces: everything with triangles.
         planes: infinite obstacles.
         actuators: names of the actuators.
-        axes: by name, the axes of bodies that are shown, in the order of `PageFrame.axes`.
+        axes: by name, the axes of bodies that are shown.
     """
 
     scene: Scene
-    surfaces: Sequence[Surface]
+    surfaces: Sequence[BodySurface]
     planes: Sequence[Plane]
     actuators: ActuatorNames
     axes: Mapping[str, BodyAxes] = field(default_factory=dict)
 
 
+class Poses(NamedTuple):
+    """Where soft nodes and rigid bodies are, as in `State`; positions [mm], rotations as quaternions."""
+
+    position: np.ndarray
+    rigid_position: np.ndarray
+    rigid_rotation: np.ndarray
+
+
 @dataclass(frozen=True)
-class PageFrame:
-    """What a page shows at one time of a run.
+class PageInstant:
+    """What a page shows at one time, of a live run or of a recording.
 
     Attributes:
         time: time of the run [s].
-        vertices: positions [mm] of each surface's vertices, each of shape (vertex_count, 3).
+        poses: where everything is, by fields of `State`.
         lines: of each kind of actuators drawn as lines, by its name.
         contact_points: points of contact [mm], shape (contact_count, 3).
         contact_forces: forces on the second body of each contact [mN], shape (contact_count, 3).
         plotted: a row of `curves.plotted_row`, which begins with the efforts of all actuators.
-        axes: origin [mm] and unit vectors along x, y and z of the bodies' axes, shape (axes_count, 4, 3).
         signals: numbers of the controller by name.
     """
 
     time: float
-    vertices: Sequence[np.ndarray]
+    poses: Any
     lines: Mapping[str, LinesShown]
     contact_points: np.ndarray
     contact_forces: np.ndarray
     plotted: np.ndarray
-    axes: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 3)))
     signals: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -86,18 +92,10 @@ SHOWN_ONLY = "actuators"
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A run between two steps; sent by the run. The arrays of poses are as in `State`.
+    """A run between two steps; sent by the run.
 
     Attributes:
-        time: time of the run [s].
-        position: soft nodes [mm], shape (node_count, 3).
-        rigid_position: centres of mass [mm], shape (rigid_count, 3).
-        rigid_rotation: unit quaternions (w, x, y, z), shape (rigid_count, 4).
-        lines: as in `frame.PageFrame`.
-        contact_points: points of contact [mm], shape (contact_count, 3).
-        contact_forces: forces on the second bodies [mN], shape (contact_count, 3).
-        plotted: a row of `curves.plotted_row`.
-        signals: numbers of the controller by name.
+        instant: what is drawn and plotted.
         sliders: sliders of the page by name.
         paused: whether the run waits.
         speed: simulated over wall-clock time that is wanted; None for as fast as it goes.
@@ -105,15 +103,7 @@ class Snapshot:
         status: what the controller says of itself.
     """
 
-    time: float
-    position: np.ndarray
-    rigid_position: np.ndarray
-    rigid_rotation: np.ndarray
-    lines: Mapping[str, LinesShown]
-    contact_points: np.ndarray
-    contact_forces: np.ndarray
-    plotted: np.ndarray
-    signals: Mapping[str, float]
+    instant: PageInstant
     sliders: Mapping[str, Slider]
     paused: bool
     speed: float | None
@@ -129,7 +119,6 @@ class PageSetup:
         host, port: where the page listens.
         token: what viewers must know.
         content: what stays the same on the page.
-        surfaces: the surfaces of `content`, which know where they are in a snapshot.
         first: the state before the first step.
         run_bindings: what keys of the run itself do.
         controller_bindings: what keys of the controller do; empty where it has none.
@@ -139,7 +128,6 @@ class PageSetup:
     port: int
     token: str
     content: PageScene
-    surfaces: Sequence[BodySurface]
     first: Snapshot
     run_bindings: Mapping[str, str]
     controller_bindings: Mapping[str, str]

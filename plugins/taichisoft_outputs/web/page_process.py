@@ -12,7 +12,7 @@ from taichisoft.base import Link
 from taichisoft.control import KeyEvent, Slider
 from taichisoft_outputs.web.curves import History
 from taichisoft_outputs.web.page import KEEP_KEYS_FROM_CAMERA, SPEEDS, Page, clamped
-from taichisoft_outputs.web.page_messages import SHOWN_ONLY, PageFrame, PageSetup, RunEnded, Snapshot, SpeedWanted
+from taichisoft_outputs.web.page_messages import SHOWN_ONLY, PageSetup, RunEnded, Snapshot, SpeedWanted
 
 # What one viewer may do: sliders, buttons and hotkeys, all of which become key events of the run.
 
@@ -172,8 +172,8 @@ def _within(slider: Slider) -> float:
     return clamped(slider.value, (slider.lowest, slider.highest))
 
 
-FRAMES_PER_SECOND = 30.0
-"""Most frames that are drawn in a second."""
+INSTANTS_PER_SECOND = 30.0
+"""Most instants that are drawn in a second."""
 SECONDS_BETWEEN_TEXTS = 0.2
 SECONDS_BETWEEN_CURVES = 0.25
 SECONDS_TO_DELIVER = 0.5
@@ -220,9 +220,8 @@ class LivePage:
         self._controls: dict[int, Controls] = {}
         self._snapshot = setup.first
         self._last_text = self._last_curves = 0.0
-        first = frame_of(setup, setup.first)
-        self._history = History(first)
-        self.page = Page(setup.host, setup.port, setup.token, setup.content, first)
+        self._history = History(setup.first.instant)
+        self.page = Page(setup.host, setup.port, setup.token, setup.content, setup.first.instant)
         self.page.server.gui.add_html(KEEP_KEYS_FROM_CAMERA)
         self.page.server.on_client_connect(self._arrived)
         self.page.server.on_client_disconnect(self._left)
@@ -230,9 +229,8 @@ class LivePage:
     def show(self, snapshot: Snapshot) -> None:
         """Draw a snapshot for all viewers."""
         self._snapshot = snapshot
-        frame = frame_of(self._setup, snapshot)
-        self.page.view.show(frame)
-        self._history.add(frame)
+        self.page.view.show(snapshot.instant)
+        self._history.add(snapshot.instant)
         if time.monotonic() - self._last_curves >= SECONDS_BETWEEN_CURVES:
             self._show_curves()
         if time.monotonic() - self._last_text >= SECONDS_BETWEEN_TEXTS:
@@ -243,7 +241,7 @@ class LivePage:
 
     def close(self, end: RunEnded) -> None:
         """Say that the run has ended, wait until viewers have received it, and close the page."""
-        self.page.set_status(f"**{self._snapshot.time:.2f} s** · the run has ended: {end.outcome}")
+        self.page.set_status(f"**{self._snapshot.instant.time:.2f} s** · the run has ended: {end.outcome}")
         self._show_curves()
         self.page.server.flush()
         time.sleep(SECONDS_TO_DELIVER)
@@ -261,21 +259,6 @@ class LivePage:
         self._controls.pop(client.client_id, None)
 
 
-def frame_of(setup: PageSetup, snapshot: Snapshot) -> PageFrame:
-    """The frame of a snapshot."""
-    vertices = [surface.vertices(snapshot) for surface in setup.surfaces]
-    return PageFrame(
-        snapshot.time,
-        vertices,
-        snapshot.lines,
-        snapshot.contact_points,
-        snapshot.contact_forces,
-        snapshot.plotted,
-        np.array([axes.place(snapshot) for axes in setup.content.axes.values()]).reshape(-1, 4, 3),
-        snapshot.signals,
-    )
-
-
 def status_line(snapshot: Snapshot) -> str:
     """One line of Markdown with the time, the speed and the status of the controller."""
     if snapshot.paused:
@@ -284,7 +267,7 @@ def status_line(snapshot: Snapshot) -> str:
         speed = "not begun"
     else:
         speed = f"{snapshot.real_time_factor:.2f} x real time"
-    return " · ".join(filter(None, (f"**{snapshot.time:.2f} s**", speed, snapshot.status)))
+    return " · ".join(filter(None, (f"**{snapshot.instant.time:.2f} s**", speed, snapshot.status)))
 
 
 def serve(link: Link) -> None:
@@ -305,7 +288,7 @@ def serve(link: Link) -> None:
         if inbox.newest is not None and inbox.newest is not shown:
             shown = inbox.newest
             live.show(shown)
-        time.sleep(max(0.0, 1.0 / FRAMES_PER_SECOND - (time.monotonic() - started)))
+        time.sleep(max(0.0, 1.0 / INSTANTS_PER_SECOND - (time.monotonic() - started)))
     if inbox.newest is not None:
         live.show(inbox.newest)
     live.close(inbox.end)

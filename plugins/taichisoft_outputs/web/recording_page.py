@@ -16,9 +16,9 @@ from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.web.address import Address
 from taichisoft_outputs.web.curves import MOST_POINTS, plotted_row
 from taichisoft_outputs.web.page import SPEEDS, Page, clamped
-from taichisoft_outputs.web.page_messages import PageFrame, PageScene, lines_shown
+from taichisoft_outputs.web.page_messages import PageInstant, PageScene, lines_shown
 
-FRAMES_PER_SECOND = 30.0
+INSTANTS_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
 """The file of a run that goes on is looked at again after so many seconds."""
 PLOTTED = (
@@ -32,24 +32,24 @@ PLOTTED = (
 
 
 class Playback:
-    """A position in the frames of a recording.
+    """A position in the instants of a recording.
 
     Attributes:
-        clock: time at which each frame is shown [s], from 0; a new start of the run takes none, shape (frame_count,).
+        clock: time at which each instant is shown [s], from 0; a new start of the run takes none, (instant_count,).
         position: time of the viewers on that clock [s].
         playing: whether it moves on.
         speed: recorded over wall-clock time.
     """
 
     def __init__(self, times: np.ndarray):
-        """Begin to play at the first frame; times [s] of all frames, shape (frame_count,)."""
+        """Begin to play at the first instant; times [s] of all instants, shape (instant_count,)."""
         self.position = 0.0
         self.playing = True
         self.speed = 1.0
         self.extend(times)
 
     def extend(self, times: np.ndarray) -> None:
-        """Set the times of all frames, after more were recorded."""
+        """Set the times of all instants, after more were recorded."""
         self.clock = np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(times), 0.0))])
 
     @property
@@ -58,8 +58,8 @@ class Playback:
         return float(self.clock[-1])
 
     @property
-    def frame(self) -> int:
-        """Index of the last frame that is not later than the position."""
+    def instant(self) -> int:
+        """Index of the last instant that is not later than the position."""
         return int(np.searchsorted(self.clock, self.position + 1e-9, side="right")) - 1
 
     def advance(self, seconds: float) -> None:
@@ -83,13 +83,7 @@ class RecordingPage:
     """
 
     def __init__(self, path: Path, address: Address, section: str = ""):
-        """Serve the first frame, cut open by a section (see `SectionPlane.parse`) that viewers can change.
-
-        Raises:
-            MeshError: the section is written otherwise.
-            RecordingError: the file is not a recording.
-            WebError: nothing can listen at the address.
-        """
+        """Serve the first instant, cut open by a section (see `SectionPlane.parse`) that viewers can change."""
         self._plane, self._problem = SectionPlane.parse(section) if section else None, ""
         self._recording = recording = read_recording(path)
         self.playback = Playback(recording.times)
@@ -97,8 +91,8 @@ class RecordingPage:
         self._last_look = time.monotonic()
         self._read_curves()
         axes = recording.axes_of_bodies
-        content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.actuators, axes)
-        self.page = Page(address.host, address.port, address.token, content, frame_of(recording, 0))
+        content = PageScene(recording.scene, recording.body_surfaces, recording.planes, recording.actuators, axes)
+        self.page = Page(address.host, address.port, address.token, content, instant_of(recording, 0))
         self._show_whole_scales()
         self._add_controls(self.page.server.gui, section)
 
@@ -108,10 +102,9 @@ class RecordingPage:
         if self._recording.outcome == UNFINISHED and time.monotonic() - self._last_look > SECONDS_BETWEEN_LOOKS:
             self._look_for_more()
         playback.advance(seconds)
-        frame = playback.frame
-        if frame != self._shown:
-            self._shown = frame
-            self._show(frame)
+        if playback.instant != self._shown:
+            self._shown = playback.instant
+            self._show(self._shown)
 
     def serve(self) -> None:
         """Serve until Ctrl and c."""
@@ -120,24 +113,24 @@ class RecordingPage:
             now = time.monotonic()
             self.tick(now - last)
             last = now
-            time.sleep(max(0.0, 1.0 / FRAMES_PER_SECOND - (time.monotonic() - now)))
+            time.sleep(max(0.0, 1.0 / INSTANTS_PER_SECOND - (time.monotonic() - now)))
 
     def close(self) -> None:
         """End the page."""
         self.page.server.stop()
         self._recording.close()
 
-    def _show(self, frame: int) -> None:
-        shown = frame_of(self._recording, frame)
+    def _show(self, number: int) -> None:
+        shown = instant_of(self._recording, number)
         section = None
         if self._plane is not None:
             plane = self._plane.facing(self.page.view.eye)
-            section = cut_open(self._recording, self._recording.surfaces, frame, plane)
+            section = cut_open(self._recording, self._recording.surfaces, number, plane)
         self.page.view.show(shown, section)
         status = f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}"
         self.page.set_status(self._problem or status)
         self._slider.value = self.playback.position
-        past = self._plotted <= frame
+        past = self._plotted <= number
         signals = {name: values[past] for name, values in self._signals.items()}
         self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past], signals)
 
@@ -150,19 +143,19 @@ class RecordingPage:
         self._slider.max = max(self.playback.length, self._slider.step)
 
     def _show_whole_scales(self) -> None:
-        """Let the scales reach over the whole run, as in its pictures; later frames widen them."""
+        """Let the scales reach over the whole run, as in its pictures; later instants widen them."""
         recording = self._recording
-        frames = sample_frames(range(recording.frame_count), SAMPLES)
-        forces = [np.linalg.norm(recording.contacts(frame)[1], axis=1).max(initial=0.0) for frame in frames]
+        sampled = sample_frames(range(recording.frame_count), SAMPLES)
+        forces = [np.linalg.norm(recording.contacts(number)[1], axis=1).max(initial=0.0) for number in sampled]
         efforts = {}
         for kind in ACTUATOR_KINDS:
-            along = recording.segment_efforts(kind, np.array(frames)) if kind.drawn == "lines" else []
+            along = recording.segment_efforts(kind, np.array(sampled)) if kind.drawn == "lines" else []
             own = [recording.column(kind.effort.name)] if kind.drawn == "walls" else along
             efforts[kind.name] = np.concatenate([np.zeros(1), *(one.ravel() for one in own)])
         self.page.view.reach_to(efforts, max(forces, default=0.0))
 
     def _read_curves(self) -> None:
-        """Read what the plots show, of as many frames as they can hold."""
+        """Read what the plots show, of as many instants as they can hold."""
         count = self._recording.frame_count
         self._plotted = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
         columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
@@ -201,23 +194,16 @@ class RecordingPage:
             playback.speed = clamped(speed.value, SPEEDS)
 
 
-def frame_of(recording: Recording, index: int) -> PageFrame:
-    """A frame of a recording."""
-    vertices = [surface.vertices(index) for surface in recording.surfaces]
-    plotted = _plotted_row(recording, *(recording.row(name, index) for name in PLOTTED))
+def instant_of(recording: Recording, number: int) -> PageInstant:
+    """An instant of a recording."""
     lines = {
-        kind.name: lines_shown(recording.line_points(kind, index), recording.segment_efforts(kind, index))
+        kind.name: lines_shown(recording.line_points(kind, number), recording.segment_efforts(kind, number))
         for kind in ACTUATOR_KINDS
         if kind.drawn == "lines"
     }
-    return PageFrame(
-        float(recording.row("time", index)),
-        vertices,
-        lines,
-        *recording.contacts(index),
-        plotted,
-        recording.body_axes(index),
-    )
+    plotted = _plotted_row(recording, *(recording.row(name, number) for name in PLOTTED))
+    time = float(recording.row("time", number))
+    return PageInstant(time, recording.poses(number), lines, *recording.contacts(number), plotted)
 
 
 def _plotted_row(

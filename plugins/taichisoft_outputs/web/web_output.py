@@ -27,8 +27,10 @@ from taichisoft_outputs.web.curves import plotted_row
 from taichisoft_outputs.web.page_messages import (
     SHOWN_ONLY,
     LinesShown,
+    PageInstant,
     PageScene,
     PageSetup,
+    Poses,
     RunEnded,
     Snapshot,
     SpeedWanted,
@@ -61,11 +63,7 @@ class PageLink:
     """
 
     def __init__(self, session: "Session", address: Address):
-        """Start the process and wait until it serves.
-
-        Raises:
-            WebError: it does not.
-        """
+        """Start the process and wait until it serves."""
         self._session = session
         self.newest: State = session.simulation.state
         self._patches = ContactPatches(session.simulation.model)
@@ -126,19 +124,17 @@ class PageLink:
 def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSetup:
     """The page of a run, to be served at an address."""
     model, controller = session.simulation.model, session.controller
-    surfaces = body_surfaces(model.soft_bodies, model.rigid_bodies, model.obstacles)
     return PageSetup(
         host=address.host,
         port=address.port,
         token=address.token,
         content=PageScene(
             model.scene,
-            surfaces,
+            body_surfaces(model.soft_bodies, model.rigid_bodies, model.obstacles),
             planes_of(model.obstacles),
             ActuatorNames({kind.name: model.actuators.names_of(kind) for kind in ACTUATOR_KINDS}),
             axes_of_bodies(model.scene, model.soft_bodies),
         ),
-        surfaces=surfaces,
         first=first,
         run_bindings=BINDINGS,
         controller_bindings={} if session.replaying else dict(controller.bindings),
@@ -152,15 +148,15 @@ def snapshot(session: "Session", state: "State", patches: ContactPatches | None 
     peaks = {pair: one.peak for pair, one in (patches or ContactPatches(model)).patches(state).items()}
     lines = {kind.name: _lines(model, kind, state) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
     return Snapshot(
-        time=state.time,
-        position=state.position.astype(np.float32),
-        rigid_position=state.rigid_position,
-        rigid_rotation=state.rigid_rotation,
-        lines=lines,
-        contact_points=state.contact_point,
-        contact_forces=state.contact_impulse / model.scene.time.step,
-        plotted=plotted_row(model.scene, efforts, forces, peaks, state.frame_wrench[0], state.rigid_position),
-        signals=dict(report.signals) if report is not None else {},
+        PageInstant(
+            state.time,
+            Poses(state.position.astype(np.float32), state.rigid_position, state.rigid_rotation),
+            lines,
+            state.contact_point,
+            state.contact_impulse / model.scene.time.step,
+            plotted_row(model.scene, efforts, forces, peaks, state.frame_wrench[0], state.rigid_position),
+            dict(report.signals) if report is not None else {},
+        ),
         sliders=_sliders(session, state),
         paused=session.paused,
         speed=session.pace.speed,
@@ -210,9 +206,6 @@ class WebOutput(Output):
         Args:
             folder: folder of the run; nothing is written there.
             address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
-
-        Raises:
-            WebError: viser is not installed, or nothing can listen at the address.
         """
         require("a web page", "viser", install=extra("web"))
         self._address = find_address(address)
@@ -220,11 +213,7 @@ class WebOutput(Output):
         self.url = ""
 
     def follow(self, session: "Session") -> None:
-        """Serve the page, and print where.
-
-        Raises:
-            WebError: the page cannot be served.
-        """
+        """Serve the page, and print where."""
 
         self._link = PageLink(session, self._address)
         self.url = self._address.at(self._link.port).url
