@@ -73,10 +73,10 @@ LAYERS = {
     "taichisoft_sofa": [
         "__init__",
         "sofa_commands",
-        "checking",
         "scene_reader",
         "controller",
         "translation",
+        "loading",
         "components",
         "tree",
     ],
