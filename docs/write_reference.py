@@ -19,9 +19,8 @@ from pydantic.fields import FieldInfo
 import taichisoft
 from taichisoft.running import hook_names, hookspecs
 from taichisoft.scene import actuators, file, key_descriptions, rigid_body, scene, sensor_settings, soft_body, table
-from taichisoft_sofa.components.component_table import UNDERSTOOD
-from taichisoft_sofa.components.declarations import ALIASES
-from taichisoft_sofa.components.without_effect import IGNORED
+from taichisoft_sofa.components.known_components import IGNORED, known_types
+from taichisoft_sofa.tree.value_kinds import ALIASES
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by `python docs/write_reference.py` from docstrings; a test compares. -->"
@@ -147,8 +146,10 @@ def _sofa_page() -> str:
     for old, new in ALIASES.items():
         older[new].append(old)
     kinds: dict[str, list[str]] = {}
-    for name, contribution in UNDERSTOOD.items():
-        kinds.setdefault(inspect.cleandoc(contribution.__doc__ or ""), []).extend([name, *older.get(name, [])])
+    for name, known in known_types().items():
+        kinds.setdefault(inspect.cleandoc(known.translate.__doc__ or "").replace("\n", " "), []).extend(
+            [name, *older.get(name, [])]
+        )
     rows = [f"| {', '.join(f'`{name}`' for name in names)} | {meaning} |" for meaning, names in kinds.items()]
     without = ", ".join(f"`{name}`" for name in sorted(IGNORED))
     table = "\n".join(["| components | what becomes of them |", "|---|---|", *rows])

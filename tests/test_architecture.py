@@ -27,7 +27,7 @@ LAYERS = {
             "report rendering web paraview plots csv_output metrics drawing stress run_figures recording motion_figures "
             "html_template system_libraries"
         ),
-        "taichisoft_sofa": "__init__ sofa_commands checking scene_reader controller translation components tree",
+        "taichisoft_sofa": "__init__ sofa_commands scene_reader controller translation loading components tree",
     }.items()
 }
 """From top to bottom: rooms and modules; each may import those of its own layer and of lower ones. Of packages that are

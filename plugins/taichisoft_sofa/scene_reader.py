@@ -1,17 +1,25 @@
-"""Reader of SOFA's Python scenes for `taichisoft run scene.py`."""
+"""Reader of SOFA's scenes for `taichisoft run scene.py`, and their check without a run."""
 
+import contextlib
+import io
 import logging
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taichisoft.base import cache_folder, checksum_file, is_as_kept, keep_checksum, named_os_errors, warn_caller
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, TaichisoftError
+from taichisoft_sofa.loading import load_tree
 from taichisoft_sofa.translation.parts import NOTHING, Translation
 from taichisoft_sofa.translation.translate import translate
-from taichisoft_sofa.tree.loading import load_tree
+
+if TYPE_CHECKING:
+    from taichisoft import Simulation
+    from taichisoft_sofa.controller.sofa_controller import SofaController
 
 LOGGER = logging.getLogger("taichisoft.sofa")
 CONTROLLER = "sofa"
@@ -48,6 +56,8 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False, data
         LOGGER.info("otherwise than in SOFA: %s", line)
     if translation.ignored:
         LOGGER.info("without effect here: %s", ", ".join(sorted(translation.ignored)))
+    if translation.not_read:
+        LOGGER.info("not read here: %s", translation.data_not_read)
     settings: dict[str, Any] = {"scene": str(path.resolve())}
     if folders:
         settings["python_path"] = [str(folder.resolve()) for folder in folders]
@@ -109,3 +119,91 @@ def with_files_in(folder: Path, tables: Mapping[str, Any]) -> dict[str, Any]:
         return str(folder / value) if key in FILE_KEYS and isinstance(value, str) else value
 
     return {name: located(value, name) for name, value in tables.items()}
+
+
+# Check of a scene without a run: its components, and construction of the model.
+
+
+@dataclass
+class Checked:
+    """Results of a check, as lines of text.
+
+    Attributes:
+        problems: reasons why the scene cannot be run; empty if it can.
+        remarks: files in Python 2, departures from SOFA, warnings of the model.
+        said: lines printed by the scene.
+        counts: number of components of each type, by "understood" and "without effect".
+        not_read: data that the scene writes and nothing reads.
+    """
+
+    problems: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    counts: dict[str, Mapping[str, int]] = field(default_factory=dict)
+    not_read: str = ""
+
+
+def checked(scene: Path, python_path: str, exact: bool, data_path: str = "", steps: int = 0) -> Checked:
+    """Load and translate a scene, and build its model and controllers as a run does; make some steps of it."""
+    found = Checked()
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            with _kept(found.said):
+                tree = load_tree(scene, split_path(python_path), split_path(data_path, "--data-path"))
+                translation = translate(tree, exact)
+            found.remarks += tree.converted
+            found.counts = {"understood": translation.understood, "without effect": translation.ignored}
+            found.not_read = translation.data_not_read
+            found.remarks += [f"otherwise than in SOFA: {line}" for line in translation.departures]
+            found.problems += translation.refused
+            if translation.is_empty and not translation.refused:
+                found.problems.append(f"{scene}: {NOTHING}")
+            elif not translation.refused:
+                _build(scene, translation, python_path, data_path, exact, steps, found)
+        except TaichisoftError as error:
+            found.problems.append(str(error))
+    found.remarks += dict.fromkeys(f"warning: {one.message}" for one in warned if issubclass(one.category, UserWarning))
+    return found
+
+
+def _build(
+    scene: Path,
+    translation: Translation,
+    python_path: str,
+    data_path: str,
+    exact: bool,
+    steps: int,
+    found: Checked,
+) -> None:
+    from taichisoft import Simulation, make_model, scene_from_dict
+    from taichisoft_sofa.controller.sofa_controller import SofaController
+
+    tables = with_files_in(kept_files(translation, scene.stem), translation.tables)
+    model = make_model(scene_from_dict(tables, str(scene)))
+    folders, data_folders = ([str(folder) for folder in split_path(path)] for path in (python_path, data_path))
+    with _kept(found.said):
+        controller = SofaController(str(scene), folders, exact, data_folders)
+        controller.reset(model)
+        if steps:
+            _run(Simulation(model), controller, steps)
+
+
+def _run(simulation: "Simulation", controller: "SofaController", steps: int) -> None:
+    """Make steps, those before an error of which the error names."""
+    for made in range(steps):
+        try:
+            simulation.step(controller.control(simulation.observe()))
+        except TaichisoftError as error:
+            raise TaichisoftError(f"after {made} of {steps} steps: {error}") from error
+
+
+@contextlib.contextmanager
+def _kept(said: list[str]) -> Iterator[None]:
+    """Collect the distinct lines that a scene prints, since they may be unsafe for a terminal."""
+    printed = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+            yield
+    finally:
+        said += [line for line in dict.fromkeys(printed.getvalue().splitlines()) if line not in said]

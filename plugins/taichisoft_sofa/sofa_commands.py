@@ -40,7 +40,7 @@ def check(
 
     The model of a scene that can be run is built, as before the first step of a run; --steps makes some of it.
     """
-    from taichisoft_sofa.checking import checked
+    from taichisoft_sofa.scene_reader import checked
     from taichisoft_sofa.translation.parts import NOTHING
 
     refused = empty = 0
@@ -57,6 +57,8 @@ def check(
         for title, counts in found.counts.items():
             listed = ", ".join(f"{kind} ({count})" if count > 1 else kind for kind, count in sorted(counts.items()))
             _line(f"  {title}: {listed or 'nothing'}")
+        if found.not_read:
+            _line(f"  not read here: {found.not_read}")
         for line in found.said:
             _line(f"  it says: {line}")
         for line in found.remarks:
@@ -125,9 +127,9 @@ def convert(
 
 
 def _translated(scene: Path, python_path: str, data_path: str, exact: bool) -> "Translation":
+    from taichisoft_sofa.loading import load_tree
     from taichisoft_sofa.scene_reader import split_path
     from taichisoft_sofa.translation.translate import translate
-    from taichisoft_sofa.tree.loading import load_tree
 
     folders, data_folders = split_path(python_path), split_path(data_path, "--data-path")
     return translate(load_tree(scene, folders, data_folders), exact)

@@ -3,8 +3,14 @@
 from collections.abc import Mapping
 from pathlib import Path
 from textwrap import dedent, indent
+from types import ModuleType
+from typing import Any
 
-from taichisoft_sofa.tree.loading import SceneTree, load_tree
+import pytest
+
+from taichisoft_sofa.components.known_components import known_types
+from taichisoft_sofa.loading import SceneTree, load_tree
+from taichisoft_sofa.tree import component
 
 
 def written(folder: Path, files: Mapping[str, str]) -> Path:
@@ -21,6 +27,19 @@ def loaded(folder: Path, create: str, before: str = "", files: Mapping[str, str]
     body = indent(dedent(create).strip("\n"), "    ")
     written(folder, {**(files or {}), "scene.py": f"{dedent(before)}\ndef createScene(root):\n{body}\n"})
     return load_tree(folder / "scene.py")
+
+
+def only_types(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a test know the types alone that it declares."""
+    known_types()
+    monkeypatch.setattr(component, "TYPES", {})
+
+
+def declare(type_name: str, **data: Any) -> None:
+    """Make a type known, with these data."""
+    module = ModuleType("made")
+    vars(module)["translate"] = component.component(type_name, **data)(lambda _component, _draft: None)
+    component.register(module)
 
 
 BODY = """

@@ -11,8 +11,8 @@ from test_rigid_parts import folder as folder
 
 from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles, read_surface, write_stl
+from taichisoft_sofa.loading import load_tree
 from taichisoft_sofa.translation.translate import translate
-from taichisoft_sofa.tree.loading import load_tree
 
 SERVO = SCENE.partition("def createScene")[0]
 ALONE = """

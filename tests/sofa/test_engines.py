@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components import computed as computed  # declares all data
 from taichisoft_sofa.tree.node import Node
 
 

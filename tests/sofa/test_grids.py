@@ -13,9 +13,8 @@ from taichisoft import make_model
 from taichisoft.mechanics.elasticity import internal_force
 from taichisoft.mesh import boundary_quads, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scene import scene_from_dict
-from taichisoft_sofa.components import computed as computed  # declares all data
-from taichisoft_sofa.components.loaded_mesh import split_quads
-from taichisoft_sofa.components.regular_grids import divided
+from taichisoft_sofa.components.meshes import split_quads
+from taichisoft_sofa.components.topologies import divided
 from taichisoft_sofa.scene_reader import with_files_in
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.node import Node

@@ -10,15 +10,17 @@ from blocks import make_block
 from taichisoft.errors import MeshError
 from taichisoft.mesh import enclosed_volume
 from taichisoft.mesh.surface import closed_outward
-from taichisoft_sofa.components.loaded_mesh import (
+from taichisoft_sofa.components.meshes import (
+    STOCK_MESHES,
+    find_mesh,
     multiply_quaternions,
     placed,
     placed_by_loader,
     quaternion,
+    read_mesh,
     rotation_matrix,
     split_quads,
 )
-from taichisoft_sofa.components.loaders import STOCK_MESHES, find_mesh, read_mesh
 
 NO_MOVE = ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 

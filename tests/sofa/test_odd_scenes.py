@@ -83,7 +83,7 @@ def mistaken_texts(tries: int) -> list[str]:
                 (folder / "__init__.py").write_text("")
             text = f"import sys\n{line}\nQUOTIENT = 7 / 2\ndef createScene(root):\n    root.dt = QUOTIENT\n"
             (folder / "scene.py").write_text(text)
-            show = "import sys; from taichisoft_sofa.tree.loading import load_tree; t = load_tree(sys.argv[1]); "
+            show = "import sys; from taichisoft_sofa.loading import load_tree; t = load_tree(sys.argv[1]); "
             found = _python(["-c", f"{show}print(float(t.root.dt), len(t.converted))", str(folder / "scene.py")])
             if found.stdout.splitlines()[-1:] != [f"{float(quotient)} {int(quotient == '3')}"]:
                 failures.append(f"{number}: {line!r}: {found.stdout[-100:]!r} {found.stderr[-200:]!r}")

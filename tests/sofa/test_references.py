@@ -14,8 +14,8 @@ import pytest
 from conftest import Figures
 
 from taichisoft import KeyEvent, Scene, Simulation, load_scene, make_controller
+from taichisoft_sofa.loading import load_tree
 from taichisoft_sofa.translation.translate import translate
-from taichisoft_sofa.tree.loading import load_tree
 
 SAME = 1e-6
 KEYS = {43: "+", 45: "-", 18: "left", 19: "up", 20: "right", 21: "down"}

@@ -110,7 +110,7 @@ XML = """<?xml version="1.0"?>
 
 def test_a_scene_in_xml_is_read(tmp_path: Path) -> None:
     """Its values are texts, and its components have the lines on which they stand."""
-    from taichisoft_sofa.tree.loading import load_tree
+    from taichisoft_sofa.loading import load_tree
 
     (tmp_path / "scene.scn").write_text(XML)
     tree = load_tree(tmp_path / "scene.scn")
@@ -143,7 +143,7 @@ def test_mistakes_in_xml_are_one_line(tmp_path: Path, text: str, message: str) -
 
 
 def test_meshes_are_found_in_the_data_path(tmp_path: Path) -> None:
-    from taichisoft_sofa.tree.loading import load_tree
+    from taichisoft_sofa.loading import load_tree
 
     share = tmp_path / "share" / "mesh"
     share.mkdir(parents=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichisoft_sofa.components.selections import cells_inside, in_boxes, in_oriented_boxes, in_spheres
+from taichisoft_sofa.components.engines import cells_inside, in_boxes, in_oriented_boxes, in_spheres
 
 POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [3.0, 3.0, 3.0]])
 

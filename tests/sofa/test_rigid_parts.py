@@ -233,7 +233,7 @@ def test_what_cannot_be_driven_is_refused_in_one_line(folder: Path, lines: str, 
 
     own = indent(dedent(lines.strip("\n")), "    ")
     written(folder, {"scene.py": BODY + SCENE + own})
-    from taichisoft_sofa.tree.loading import load_tree
+    from taichisoft_sofa.loading import load_tree
 
     refused = translate(load_tree(folder / "scene.py")).refused
     assert any(refusal in line for line in refused), refused

@@ -10,7 +10,7 @@ from scenes_of_sofa import BODY, loaded
 
 from taichisoft import VolumeMesh, read_volume_mesh, write_volume_mesh
 from taichisoft.mesh import boundary_triangles, write_stl
-from taichisoft_sofa.components.dynamics import MATERIALS
+from taichisoft_sofa.components.force_fields import MATERIALS
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
 

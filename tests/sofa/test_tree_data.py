@@ -1,13 +1,12 @@
 """Data: what scenes write to them, in all the ways in which they do, and what they read."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
+from scenes_of_sofa import declare, only_types
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.tree import value_kinds
-from taichisoft_sofa.tree.component import COMPUTED, Component
+from taichisoft_sofa.tree.component import Component, derived
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.value_kinds import (
     BOOL,
@@ -21,28 +20,24 @@ from taichisoft_sofa.tree.value_kinds import (
     vectors,
 )
 
+SPRING = {
+    "stiffness": (SCALAR, 5.0),
+    "drawn": BOOL,
+    "method": TEXT,
+    "value": VECTOR,
+    "pullPoint": fixed(3),
+    "points": INDICES,
+    "position": vectors(3),
+    "triangles": index_rows(3),
+}
+
 
 @pytest.fixture(autouse=True)
-def known_types(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def known_types(monkeypatch: pytest.MonkeyPatch) -> None:
     """A type of component whose data are known, and no others."""
-    monkeypatch.setattr(value_kinds, "KINDS", {})
     monkeypatch.setattr(value_kinds, "ALIASES", {"OldSpring": "Spring"})
-    before = dict(COMPUTED)
-    COMPUTED.clear()
-    value_kinds.declare(
-        "Spring",
-        stiffness=(SCALAR, 5.0),
-        drawn=BOOL,
-        method=TEXT,
-        value=VECTOR,
-        pullPoint=fixed(3),
-        points=INDICES,
-        position=vectors(3),
-        triangles=index_rows(3),
-    )
-    yield
-    COMPUTED.clear()
-    COMPUTED.update(before)
+    only_types(monkeypatch)
+    declare("Spring", **SPRING)
 
 
 @pytest.fixture
@@ -169,6 +164,13 @@ def test_a_name_that_the_type_does_not_have_is_an_error(spring: Component) -> No
     assert spring.findData("stifness") is None
 
 
+def test_data_that_nothing_reads_can_be_written_to(spring: Component) -> None:
+    with pytest.raises(SceneError, match="Spring '/finger/spring' has no 'colour'; there are: "):
+        _ = spring.colour.value
+    spring.findData("colour").value = "red"
+    assert spring.colour == "red"
+
+
 def test_a_link_is_followed_when_it_is_read(spring: Component) -> None:
     finger = spring.getContext()
     other = finger.addChild("inside").addObject("Spring", position="@loader.position")
@@ -233,7 +235,7 @@ def test_what_follows_from_other_data_is_computed_once_until_they_change(spring:
         asked.append(item)
         return 2 * item.position.given()
 
-    COMPUTED["Spring"] = {"position": doubled}
+    declare("Spring", **SPRING | {"position": derived(vectors(3), doubled)})
     spring.position = [[1, 2, 3]]
     assert spring.position.value.tolist() == [[2, 4, 6]]
     assert spring.position.value.tolist() == [[2, 4, 6]]
@@ -244,7 +246,7 @@ def test_what_follows_from_other_data_is_computed_once_until_they_change(spring:
 
 
 def test_what_is_written_once_the_scene_is_complete_is_not_computed_any_more(spring: Component) -> None:
-    COMPUTED["Spring"] = {"position": lambda item: 2 * item.position.given()}
+    declare("Spring", **SPRING | {"position": derived(vectors(3), lambda item: 2 * item.position.given())})
     spring.position = [[1, 2, 3]]
     spring.initialised = True
     assert spring.position.value.tolist() == [[2, 4, 6]]
@@ -276,7 +278,7 @@ def test_the_kinds_of_data_that_scenes_add() -> None:
 
 
 def test_a_kind_may_depend_on_the_template() -> None:
-    value_kinds.declare("State", position=lambda item: fixed(7) if item.template == "Rigid3" else vectors(3))
+    declare("State", position=lambda item: fixed(7) if item.template == "Rigid3" else vectors(3))
     assert Node("root").addObject("State", position=range(7), template="Rigid3").position.shape == (7,)
     state = Node("root").addObject("State", position=[1, 2, 3, 0, 0, 0])
     assert state.position.shape == (2, 3)
@@ -286,7 +288,7 @@ def test_a_kind_may_depend_on_the_template() -> None:
 
 
 def test_a_value_is_read_as_its_kind_is_now() -> None:
-    value_kinds.declare("State", position=lambda item: vectors(2) if item.template == "Vec2" else vectors(3))
+    declare("State", position=lambda item: vectors(2) if item.template == "Vec2" else vectors(3))
     state = Node("root").addObject("State", position=[1, 2, 3, 4, 5, 6])
     state.template = "Vec2"
     assert state.position.shape == (3, 2)

@@ -8,21 +8,20 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scenes_of_sofa import loaded, written
+from scenes_of_sofa import declare, loaded, only_types, written
 
 from taichisoft.errors import ControllerFailed, SceneError
+from taichisoft_sofa.loading import load_tree
 from taichisoft_sofa.translation.translate import translate
-from taichisoft_sofa.tree import value_kinds
-from taichisoft_sofa.tree.loading import load_tree
 from taichisoft_sofa.tree.value_kinds import VECTOR, fixed, vectors
 
 
 @pytest.fixture(autouse=True)
 def known_types(monkeypatch: pytest.MonkeyPatch) -> None:
     """The data of a cable and of positions are known."""
-    monkeypatch.setattr(value_kinds, "KINDS", {})
-    value_kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
-    value_kinds.declare("MechanicalObject", rest_position=vectors(3))
+    only_types(monkeypatch)
+    declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
+    declare("MechanicalObject", rest_position=vectors(3))
 
 
 @pytest.fixture(autouse=True)

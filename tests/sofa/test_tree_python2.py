@@ -6,7 +6,7 @@ import pytest
 from scenes_of_sofa import loaded, written
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.tree.loading import load_tree
+from taichisoft_sofa.loading import load_tree
 from taichisoft_sofa.tree.scene_modules import compiled
 
 

@@ -1,15 +1,13 @@
 """Public scenes of SOFA's plug-ins are loaded unmodified, and their controllers act on what they built."""
 
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes_of_sofa import declare, only_types
 
-from taichisoft_sofa.tree import value_kinds
-from taichisoft_sofa.tree.component import COMPUTED
-from taichisoft_sofa.tree.loading import SceneTree, load_tree
+from taichisoft_sofa.loading import SceneTree, load_tree
 from taichisoft_sofa.tree.value_kinds import TEXT, VECTOR, fixed, vectors
 
 NODES = 5
@@ -57,22 +55,17 @@ def scenes(shared: Path) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def known_types(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def known_types(monkeypatch: pytest.MonkeyPatch) -> None:
     """The data that the controllers of these scenes use; a body has five nodes here, since no mesh is read."""
-    monkeypatch.setattr(value_kinds, "KINDS", {})
-    rest = np.arange(3.0 * NODES).reshape(-1, 3)
-    value_kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
-    value_kinds.declare("SurfacePressureConstraint", value=(VECTOR, [0.0]), triangles=TEXT)
-    value_kinds.declare(
+    only_types(monkeypatch)
+    declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
+    declare("SurfacePressureConstraint", value=(VECTOR, [0.0]), triangles=TEXT)
+    declare(
         "MechanicalObject",
         template=TEXT,
         position=lambda state: fixed(7) if state.template == "Rigid3" else vectors(3),
-        rest_position=(vectors(3), rest),
+        rest_position=(vectors(3), np.arange(3.0 * NODES).reshape(-1, 3)),
     )
-    before = dict(COMPUTED)
-    COMPUTED.clear()
-    yield
-    COMPUTED.update(before)
 
 
 def load(scenes: Path, name: str) -> SceneTree:

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft import Control, KeyEvent, Simulation, load_scene, make_controller
 from taichisoft.scene import scene_from_dict
-from taichisoft_sofa.checking import checked
 from taichisoft_sofa.controller.sofa_controller import SofaController
+from taichisoft_sofa.scene_reader import checked
 
 STEPS = {
     "FirstSteps/details/step1.py": 0,

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft_sofa.components.frames import frame_carrying, local_position
-from taichisoft_sofa.components.graph import (
+from taichisoft_sofa.components.reading import (
     STATE,
+    described,
     in_node,
     independent_state,
     is_assembled,
@@ -18,10 +19,9 @@ from taichisoft_sofa.components.graph import (
     upwards,
 )
 from taichisoft_sofa.components.states import is_rigid, start_position, width_of
-from taichisoft_sofa.components.typed_values import described
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.components.anchor_targets import AnchorTarget
+    from taichisoft_sofa.components.frames import AnchorTarget
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 

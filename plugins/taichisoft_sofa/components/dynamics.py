@@ -1,167 +1,82 @@
-"""Time integration, solvers, masses, elasticity and supports of bodies."""
+"""Time integration, solvers, masses, joints, supports, forces and springs."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-from taichisoft.errors import MeshError, SceneError
-from taichisoft.mesh import divided_hexahedra
-from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
-from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftMaterial, Mass
-from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
-from taichisoft_sofa.components.joints import hold_joint, weigh_joint
-from taichisoft_sofa.components.regular_grids import divided, hexahedra_of
-from taichisoft_sofa.components.states import start_position
-from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, number, numbers, text
-from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.value_kinds import canonical
+from taichisoft.errors import SceneError
+from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, Mass
+from taichisoft_sofa.components.frames import (
+    FramePoses,
+    MotionTarget,
+    PointsTarget,
+    composed,
+    local_position,
+    start_values,
+)
+from taichisoft_sofa.components.mappings import weigh_joint
+from taichisoft_sofa.components.reading import (
+    STATE,
+    TOPOLOGIES,
+    computed,
+    described,
+    flag,
+    inputs_of,
+    is_given,
+    linked_state,
+    mapping_of,
+    nearest,
+    node_of,
+    number,
+    numbers,
+    text,
+)
+from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.tree.component import Component, component, unused
+from taichisoft_sofa.tree.value_kinds import (
+    ABOVE_0,
+    BOOL,
+    BOOLS,
+    FROM_0,
+    INDICES,
+    INTEGER,
+    LINK,
+    SCALAR,
+    VECTOR,
+    ValueKind,
+    canonical,
+    vectors,
+)
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft
-
-# SOFA's energies of hyperelastic materials, the native laws of the same moduli at rest, and how far they differ.
-#
-# Energies are by volume [kPa], of principal stretches a, b, c. SOFA's are those of its folder hyperelastic/material
-# since pull request 4603 of 2024; before, the second parameter of NeoHookean was a bulk modulus, and is Lame's lambda
-# now.
-
-STRETCH = 1.3
-"""At which the pull of a bar is compared [-]."""
-STEP = 1e-4
-"""Step of the differences by which the pull is found [-]."""
-
-Energy = Callable[[np.ndarray], float]
-"""Energy [kPa] of principal stretches, shape (3,)."""
-
-
-@dataclass(frozen=True)
-class SofaMaterial:
-    """A material of SOFA with its native law.
-
-    Attributes:
-        law: the native law.
-        shear, dilation: Lame's mu and lambda at rest [kPa].
-        energy: SOFA's energy.
-        coefficients: of the native law, for laws that take them.
-    """
-
-    law: str
-    shear: float
-    dilation: float
-    energy: Energy
-    coefficients: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def ratio(self) -> float:
-        """Poisson's ratio at rest [-]; NaN without a positive shear modulus."""
-        return self.dilation / (2.0 * (self.dilation + self.shear)) if self.shear > 0.0 else np.nan
-
-    def pull_ratio(self) -> float:
-        """The pull of a bar that is free at its sides, at STRETCH, in SOFA over that of the native law [-]."""
-        return _pull(self.energy) / _pull(self._native)
-
-    def _native(self, stretches: np.ndarray) -> float:
-        volume = stretches.prod() - 1.0
-        by_volume = 0.5 * self.dilation * volume**2
-        first, second = (stretches**2).sum(), (stretches**2).prod() * (stretches**-2).sum()
-        by_first, by_second = first - 3.0 - 2.0 * volume + volume**2, second - 3.0 - 4.0 * volume
-        if self.law == "hooke":
-            strains = stretches - 1.0
-            return float(self.shear * (strains**2).sum() + 0.5 * self.dilation * strains.sum() ** 2)
-        if self.law == "neo-hookean":
-            return float(0.5 * self.shear * by_first + by_volume)
-        if self.law == "mooney-rivlin":
-            return float(self.coefficients["c10"] * by_first + self.coefficients["c01"] * by_second + by_volume)
-        mu, alpha = self.coefficients["mu1"], self.coefficients["alpha1"]
-        return float(mu / alpha * ((stretches**alpha).sum() - 3.0) + mu * (0.5 * volume**2 - volume) + by_volume)
-
-
-def _saint_venant(mu: float, lame: float) -> SofaMaterial:
-    def energy(s: np.ndarray) -> float:
-        strain = 0.5 * (s**2 - 1.0)
-        return float(0.5 * lame * strain.sum() ** 2 + mu * (strain**2).sum())
-
-    return SofaMaterial("hooke", mu, lame, energy)
-
-
-def _neo_hookean(mu: float, lame: float) -> SofaMaterial:
-    def energy(s: np.ndarray) -> float:
-        log = np.log(s.prod())
-        return float(0.5 * mu * ((s**2).sum() - 3.0) - mu * log + 0.5 * lame * log**2)
-
-    return SofaMaterial("neo-hookean", mu, lame, energy)
-
-
-def _stable_neo_hookean(mu: float, lame: float) -> SofaMaterial:
-    alpha = 1.0 + mu / (lame + mu)
-    return SofaMaterial(
-        "neo-hookean",
-        mu,
-        lame,
-        lambda s: float(0.5 * (mu * ((s**2).sum() - 3.0) + (lame + mu) * (s.prod() - alpha) ** 2)),
-    )
-
-
-def _mooney_rivlin(c1: float, c2: float, bulk: float) -> SofaMaterial:
-    def energy(s: np.ndarray) -> float:
-        j, first, second = s.prod(), (s**2).sum(), (s**2).prod() * (s**-2).sum()
-        shape = c1 * (first * j ** (-2 / 3) - 3.0) + c2 * (second * j ** (-4 / 3) - 3.0)
-        return float(shape + 0.5 * bulk * np.log(j) ** 2)
-
-    shear = 2.0 * (c1 + c2)
-    return SofaMaterial("mooney-rivlin", shear, bulk - 2.0 * shear / 3.0, energy, {"c10": c1, "c01": c2})
-
-
-def _ogden(mu: float, alpha: float, bulk: float) -> SofaMaterial:
-    def energy(s: np.ndarray) -> float:
-        j = s.prod()
-        return float(mu / alpha**2 * (j ** (-alpha / 3) * (s**alpha).sum() - 3.0) + 0.5 * bulk * np.log(j) ** 2)
-
-    if alpha == 0.0:
-        return SofaMaterial("ogden", np.nan, np.nan, energy)  # no law: it has no shear modulus
-    return SofaMaterial("ogden", 0.5 * mu, bulk - mu / 3.0, energy, {"mu1": mu / alpha, "alpha1": alpha})
-
-
-MATERIALS: dict[str, tuple[int, Callable[..., SofaMaterial]]] = {
-    "StVenantKirchhoff": (2, _saint_venant),
-    "NeoHookean": (2, _neo_hookean),
-    "StableNeoHookean": (2, _stable_neo_hookean),
-    "MooneyRivlin": (3, _mooney_rivlin),
-    "Ogden": (3, _ogden),
-}
-"""Number of parameters of each material of SOFA, and the material made of them."""
-
-
-def _pull(energy: Energy) -> float:
-    """dW/da [kPa] where the sides of a bar are free: the least energy over their stretch."""
-
-    def least(stretch: float) -> float:
-        found = minimize_scalar(
-            lambda side: energy(np.array([stretch, side, side])), bounds=(0.5, 1.2), options={"xatol": 1e-9}
-        )
-        return float(found.fun)
-
-    return (least(STRETCH + STEP) - least(STRETCH - STEP)) / (2.0 * STEP)
-
 
 HELD = 1e12
 """Stiffness for points fixed by a constraint [mN/mm]."""
 SPRING = 100.0
 """SOFA's default stiffness of rest shape springs [mN/mm]."""
 ENGINES = {"BoxROI", "SphereROI"}
-EQUAL = 0.01
-"""Difference of two laws that is not worth a line [%]."""
-COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "polar", "svd": "polar"}
 
 
+@component("FreeMotionAnimationLoop", solveVelocityConstraintFirst=unused(False))
+@component("DefaultAnimationLoop")
 def animation_loop(component: Component, draft: "SceneDraft") -> None:
     """Translate the animation loop: FreeMotionAnimationLoop solves constraints, the default loop does not."""
     draft.free_motion = component.type_name.startswith("FreeMotion")
 
 
+INTEGRATION = {
+    "rayleighStiffness": (SCALAR, 0.0, FROM_0),
+    "rayleighMass": (SCALAR, 0.0, FROM_0),
+    "firstOrder": BOOL,
+    "trapezoidalScheme": BOOL,
+}
+
+
+@component("EulerImplicitSolver", **INTEGRATION, vdamping=unused(0.0), solveConstraint=unused(False))
+@component("StaticSolver", **INTEGRATION, newton_iterations=INTEGER)
 def time_integration(component: Component, draft: "SceneDraft") -> None:
     """Translate implicit Euler with Rayleigh damping, or equilibrium, for the bodies in its node and below."""
     draft.solvers[id(node_of(component))] = component
@@ -169,16 +84,42 @@ def time_integration(component: Component, draft: "SceneDraft") -> None:
         draft.refuse(component, "trapezoidalScheme; only the implicit Euler method is there")
 
 
+@component(
+    *("SparseLDLSolver", "AsyncSparseLDLSolver", "SparseCholeskySolver", "SparseLUSolver", "EigenSimplicialLDLT"),
+    *("EigenSimplicialLLT", "EigenSparseLU", "EigenSparseQR", "BTDLinearSolver", "PrecomputedLinearSolver"),
+    *("CGLinearSolver2", "ParallelCGLinearSolver", "MinResLinearSolver", "PCGLinearSolver", "ShewchukPCGLinearSolver"),
+    "CholeskySolver",
+)
+@component("CGLinearSolver", threshold=(SCALAR, 1e-5, FROM_0))
 def linear_solver(component: Component, draft: "SceneDraft") -> None:
     """Accept any linear solver: the system is solved directly."""
     draft.linear_solvers[id(node_of(component))] = component
 
 
+@component(
+    *("LinearSolverConstraintCorrection", "GenericConstraintCorrection", "PrecomputedConstraintCorrection"),
+    regularizationTerm=unused(0.0),
+)
+@component(
+    "UncoupledConstraintCorrection",
+    regularizationTerm=unused(0.0),
+    compliance=unused(()),
+    defaultCompliance=unused(1e-5),
+)
 def constraint_correction(component: Component, draft: "SceneDraft") -> None:
     """Translate a constraint correction: contacts and actuators act on bodies with one."""
     draft.corrections[id(node_of(component))] = component
 
 
+@component(
+    "UniformMass",
+    totalMass=(SCALAR, 1.0, FROM_0),
+    vertexMass=VECTOR,
+    mass=VECTOR,
+    rayleighMass=unused(0.0),
+    compliance=unused(0.0),
+    handleTopologicalChanges=unused(False),
+)
 def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     """Translate equal masses of all points, mass and inertia of a rigid body, or inertia of a joint."""
     if (joint := draft.joint_of(component)) is not None:
@@ -207,6 +148,15 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
         body.mass = Mass(component, total=total)
 
 
+BY_VOLUME = {
+    "totalMass": (SCALAR, 1.0, ABOVE_0),
+    "massDensity": (VECTOR, (1.0,), ABOVE_0),
+    "rayleighMass": unused(0.0),
+}
+
+
+@component("MeshMatrixMass", **BY_VOLUME, lumping=BOOL)
+@component("DiagonalMass", **BY_VOLUME)
 def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
     """Translate a mass by volume, which each element distributes to its corners."""
     body = draft.body_of(component)
@@ -238,128 +188,23 @@ def _inertia(values: np.ndarray) -> np.ndarray | None:
     return None
 
 
-def young_modulus(component: Component, count: int) -> np.ndarray:
-    """Young's modulus of each tetrahedron of a force field [kPa], shape (count,).
-
-    Raises:
-        SceneError: the data is neither one number nor one per tetrahedron.
-    """
-    return _of_cells(component, "youngModulus", 5000.0, count)
-
-
-def _of_cells(component: Component, name: str, default: float, count: int, cells: str = "tetrahedra") -> np.ndarray:
-    values = numbers(component, name, default=[default])
-    if len(values) not in (1, count):
-        raise SceneError(f"{described(component)}: {name} has {len(values)} numbers for {count} {cells}")
-    return np.broadcast_to(values, count)
-
-
-def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
-    """Translate linear corotational elasticity of the tetrahedra of the nearest topology."""
-    body = draft.body_of(component)
-    if body is None:
-        return
-    method = text(component, "method", default="large").lower()
-    if method not in COROTATIONS:
-        draft.refuse(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
-        return
-    tetrahedra = _tetrahedra_of(component, draft)
-    count = len(tetrahedra)
-    if not count or not draft.has_points(component, tetrahedra, len(body.position)):
-        return
-    young, poisson = young_modulus(component, count), _of_cells(component, "poissonRatio", 0.45, count)
-    body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, COROTATIONS[method]))
-
-
-def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
-    """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
-    body = draft.body_of(component)
-    if body is None:
-        return
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_hexahedra)
-    hexahedra = hexahedra_of(topology)[0] if topology is not None else np.zeros((0, 8), dtype=np.int64)
-    if not len(hexahedra):
-        draft.refuse(component, "finds no hexahedra in a topology of its node or above")
-        return
-    if not draft.has_points(component, hexahedra, len(body.position)):
-        return
-    try:
-        tetrahedra = divided_hexahedra(body.position, hexahedra, described(component))
-    except MeshError as error:
-        raise SceneError(str(error)) from error
-    young, poisson = (
-        np.repeat(_of_cells(component, name, default, len(hexahedra), "hexahedra"), 6)
-        for name, default in (("youngModulus", 5000.0), ("poissonRatio", 0.45))
-    )
-    draft.depart(
-        f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
-        "in SOFA it turns on the whole"
-    )
-    body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, "polar", element="hexahedral"))
-
-
-def _has_hexahedra(topology: Component) -> bool:
-    return len(hexahedra_of(topology)[0]) > 0
-
-
-def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
-    """Translate a law of rubber for the tetrahedra of the nearest topology, by its moduli at rest."""
-    body = draft.body_of(component)
-    if body is None:
-        return
-    name, values = text(component, "materialName"), numbers(component, "ParameterSet")
-    if name not in MATERIALS:
-        draft.refuse(component, f"materialName '{name}'; known are: {', '.join(MATERIALS)}")
-        return
-    count, make = MATERIALS[name]
-    if len(values) != count:
-        draft.refuse(component, f"ParameterSet = {values.tolist()}; {name} has {count} parameters")
-        return
-    made = make(*values.tolist())
-    if not -1.0 < made.ratio < 0.5:
-        draft.refuse(
-            component,
-            f"ParameterSet = {values.tolist()} makes a shear modulus of {made.shear:.3g} kPa, and a Poisson's ratio of "
-            f"{made.ratio:.3g}",
-        )
-        return
-    tetrahedra = _tetrahedra_of(component, draft)
-    if not len(tetrahedra) or not draft.has_points(component, tetrahedra, len(body.position)):
-        return
-    more = 100.0 * (made.pull_ratio() - 1.0)
-    if abs(more) > EQUAL:
-        draft.depart(
-            f"{component.getPathName()}: {name} is the law '{made.law}' of the same moduli at rest; SOFA's pulls by "
-            f"{abs(more):.1f} % {'more' if more > 0.0 else 'less'} where a bar is stretched by 30 %"
-        )
-    ratio, each = made.ratio, np.ones(len(tetrahedra))
-    moduli = (each * 2.0 * (1.0 + ratio) * made.shear, each * ratio)
-    body.materials.append(DraftMaterial(component, tetrahedra, *moduli, "polar", made.law, made.coefficients))
-
-
-def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
-    """Tetrahedra of the nearest topology with tetrahedra or hexahedra, shape (count, 4); without one, it is refused."""
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
-    tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
-    if not len(tetrahedra):
-        with_cells = topology or nearest(node_of(component), TOPOLOGIES, lambda one: len(hexahedra_of(one)[0]) > 0)
-        if with_cells is not None:
-            tetrahedra = divided(*hexahedra_of(with_cells), alternating=True)
-    if not len(tetrahedra):
-        draft.refuse(component, "finds no tetrahedra in a topology container of its node or above")
-    return tetrahedra
-
-
-def _has_tetrahedra(topology: Component) -> bool:
-    return len(computed(topology, "tetrahedra", 4)) > 0
-
-
+@component(
+    "RestShapeSpringsForceField",
+    points=(INDICES, (), FROM_0),
+    indices=(INDICES, (), FROM_0),
+    stiffness=(VECTOR, (), FROM_0),
+    angularStiffness=(VECTOR, (), FROM_0),
+    external_rest_shape=LINK,
+    external_points=(INDICES, (), FROM_0),
+    rayleighStiffness=unused(0.0),
+    isCompliance=unused(False),
+    activeDirections=unused(()),
+    mstate=unused(""),
+)
 def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     """Translate springs from points, or all of them, to rest positions or others; those of a joint hold its angle."""
     if (joint := draft.joint_of(component)) is not None:
-        hold_joint(component, joint)
+        joint.springs = component
         return
     body = draft.body_of(component)
     if body is None:
@@ -404,6 +249,21 @@ def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget |
     return PointsTarget(state, indices)
 
 
+def _forces(component: Component) -> ValueKind:
+    """Forces on points, or with torques on frames."""
+    state = nearest(node_of(component), {STATE}) if component.getContext() is not None else None
+    rigid = text(component, "template").startswith("Rigid") or (state is not None and is_rigid(state))
+    return vectors(6 if rigid else 3)
+
+
+@component(
+    "ConstantForceField",
+    indices=(INDICES, (), FROM_0),
+    points=(INDICES, (), FROM_0),
+    force=_forces,
+    forces=_forces,
+    totalForce=_forces,
+)
 def constant_forces(component: Component, draft: "SceneDraft") -> None:
     """Translate constant forces on points: one for each, the same for all, or shares of `totalForce`."""
     body = draft.body_of(component)
@@ -431,6 +291,13 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     body.forces.append(DraftForces(component, points, forces[:, :3]))
 
 
+@component(
+    "LinearMovementProjectiveConstraint",
+    indices=(INDICES, (0,), FROM_0),
+    keyTimes=VECTOR,
+    movements=vectors(3),
+    relativeMovements=(BOOL, True),
+)
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     """Translate points that are shifted in time from key to key, linearly."""
     body = draft.body_of(component)
@@ -455,6 +322,11 @@ def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     body.anchors.append(DraftAnchor(component, points, HELD, follows_rest=False, target=target))
 
 
+FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": BOOL, "fixedDirections": (BOOLS, (True, True, True))}
+
+
+@component("FixedProjectiveConstraint", **FIXED, activate_projectVelocity=unused(False))
+@component("PartialFixedProjectiveConstraint", **FIXED, projectVelocity=unused(False))
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
     """Translate points fixed along all or some axes."""
     body = draft.body_of(component)
@@ -489,3 +361,140 @@ def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> N
             f"{source.getPathName()}: selects its points once, at the start; SOFA repeats this whenever rest positions "
             "change (doUpdate)"
         )
+
+
+# Springs between two points, of one mechanical object or of two.
+
+STIFFNESS, DAMPING = 100.0, 5.0
+"""SOFA's defaults of springs that are given one by one [mN/mm] and [mN s/mm]."""
+MOST = 500
+"""Largest number of springs of a scene: each is a row of the constraint solver."""
+CELLS = {"lines": ("edges", 2), "triangles": ("triangles", 3), "quads": ("quads", 4)}
+CELLS |= {"tetrahedra": ("tetrahedra", 4), "tetras": ("tetrahedra", 4), "cubes": ("hexahedra", 8)}
+"""Kinds of cells whose corners springs of a mesh join, with their number of corners."""
+
+
+@component(
+    "StiffSpringForceField",
+    "SpringForceField",
+    object1=LINK,
+    object2=LINK,
+    spring=VECTOR,
+    springs=VECTOR,
+    indices1=(INDICES, (), FROM_0),
+    indices2=(INDICES, (), FROM_0),
+    lengths=(VECTOR, (), FROM_0),
+    length=(VECTOR, (), FROM_0),
+    stiffness=(VECTOR, (STIFFNESS,), FROM_0),
+    damping=(VECTOR, (DAMPING,), FROM_0),
+    noCompression=BOOL,
+)
+def single_springs(component: "Component", draft: "SceneDraft") -> None:
+    """Translate springs that are listed: by `spring`, rows of two indices, stiffness, damping and length at rest, or by
+    `indices1` and `indices2`."""
+    ends = _ends(component)
+    rows = numbers(component, "spring", "springs")
+    if rows.size % 5:
+        raise SceneError(f"{described(component)}: spring has {rows.size} numbers; they are not rows of five")
+    rows = rows.reshape(-1, 5)
+    if not len(rows):
+        first, second = (numbers(component, f"indices{end}").astype(np.int64) for end in (1, 2))
+        if len(first) != len(second):
+            raise SceneError(f"{described(component)}: indices1 has {len(first)} points, indices2 {len(second)}")
+        lengths = numbers(component, "lengths", "length")
+        if len(lengths) not in (len(first), 1):
+            lengths = np.array([]) if not len(lengths) else lengths[:1]
+        given = np.broadcast_to(lengths, len(first)) if len(lengths) else np.full(len(first), np.nan)
+        each = (number(component, "stiffness", default=STIFFNESS), number(component, "damping", default=DAMPING))
+        rows = np.column_stack([first, second, *(np.full(len(first), value) for value in each), given])
+    damped = False
+    for one, other, stiffness, damping, length in rows.tolist():
+        damped |= damping > 0.0
+        _add(component, draft, ends, (int(one), int(other)), stiffness, length)
+    _note_damping(component, draft, damped)
+
+
+@component(
+    "MeshSpringForceField",
+    object1=LINK,
+    object2=LINK,
+    topology=LINK,
+    noCompression=BOOL,
+    **{f"{cells}{what}": (SCALAR, 0.0, FROM_0) for cells in CELLS for what in ("Stiffness", "Damping")},
+    stiffness=(SCALAR, 0.0, FROM_0),
+    damping=(SCALAR, 0.0, FROM_0),
+)
+def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
+    """Translate springs along edges and across cells of a topology; their stiffness is by relative stretch."""
+    ends = _ends(component)
+    link = text(component, "topology")
+    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES)
+    if topology is None:
+        draft.refuse(component, "finds no topology in its node or above")
+        return
+    done: set[tuple[int, int]] = set()
+    damped = False
+    for name, (kind, corners) in CELLS.items():
+        modulus = number(component, f"{name}Stiffness", "stiffness", default=0.0)
+        damped |= number(component, f"{name}Damping", "damping", default=0.0) > 0.0
+        for cell in computed(topology, kind, corners).tolist() if modulus > 0.0 else ():
+            for pair in combinations(cell, 2):
+                if (key := (min(pair), max(pair))) not in done:
+                    done.add(key)
+                    _add(component, draft, ends, key, modulus, np.nan, relative=True)
+    _note_damping(component, draft, damped)
+
+
+def _ends(component: "Component") -> "tuple[Component, Component]":
+    """The mechanical objects of the first and the second points: linked ones, else the one of the node."""
+    own, found = nearest(node_of(component), {STATE}), []
+    for name in ("object1", "object2"):
+        links = component.linked_all(name) if is_given(component, name) else []
+        state = linked_state(component, *links[0]) if links else own
+        if state is None:
+            raise SceneError(f"{described(component)}: finds no MechanicalObject in its node or above")
+        found.append(state)
+    return found[0], found[1]
+
+
+def _add(
+    component: "Component",
+    draft: "SceneDraft",
+    ends: "tuple[Component, Component]",
+    points: tuple[int, int],
+    stiffness: float,
+    length: float,
+    relative: bool = False,
+) -> None:
+    """Add a spring; without a length it is at rest, and with a relative stiffness that is by relative stretch."""
+    places = []
+    for state, point in zip(ends, points, strict=True):
+        if not draft.has_points(component, np.array([point]), len(start_position(state))):
+            return
+        places.append(_place(state, point))
+    distance = float(np.linalg.norm(places[1] - places[0]))
+    if distance == 0.0:
+        draft.refuse(component, f"joins points {points[0]} and {points[1]} at one place; a spring needs a length here")
+        return
+    if len(draft.springs) == MOST:
+        draft.refuse(component, f"makes more than {MOST} springs; elements of a mesh are the way to have so many")
+    if len(draft.springs) >= MOST or stiffness <= 0.0:
+        return
+    rest = distance if np.isnan(length) else length
+    modulus = stiffness * distance if not relative else stiffness
+    pushes = not flag(component, "noCompression", False)
+    draft.springs.append(DraftSpring(component, ends, points, modulus, distance - rest, pushes))
+
+
+def _place(state: "Component", point: int) -> np.ndarray:
+    """Place of a point at the start [mm], also of one that is given in the axes of a frame."""
+    mapping, local = mapping_of(state), local_position(state)[[point], :3]
+    if mapping is not None and canonical(mapping.type_name) == "RigidMapping":
+        local = composed(FramePoses(start_values).of(inputs_of(mapping)[0])[:1], local)
+    found: np.ndarray = local[0]
+    return found
+
+
+def _note_damping(component: "Component", draft: "SceneDraft", damped: bool) -> None:
+    if damped:
+        draft.depart(f"{component.getPathName()}: its springs have no damping of their own here")

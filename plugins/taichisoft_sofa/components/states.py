@@ -1,15 +1,29 @@
-"""Initial positions and velocities of mechanical objects."""
+"""Mechanical objects: their positions and velocities at the start."""
 
 import contextlib
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, inputs_of, nearest, node_of
-from taichisoft_sofa.components.loaded_mesh import multiply_quaternions, placed, quaternion
-from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
+from taichisoft_sofa.components.meshes import multiply_quaternions, placed, quaternion
+from taichisoft_sofa.components.reading import (
+    LOADERS,
+    STATE,
+    TOPOLOGIES,
+    computed,
+    described,
+    in_node,
+    inputs_of,
+    is_given,
+    nearest,
+    node_of,
+    number,
+    numbers,
+    text,
+    vector,
+)
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
@@ -118,3 +132,21 @@ def start_velocity(state: "Component") -> np.ndarray:
         )
     found: np.ndarray = rows[0]
     return found
+
+
+def state_position(state: "Component") -> np.ndarray:
+    if (width := width_of(state)) not in WIDTHS:  # such a state has no effect here, but its scene may read it
+        return np.reshape(_given(state, "position"), (-1, max(width, 1)))
+    return start_position(state)
+
+
+def rest_position(state: "Component") -> np.ndarray:
+    given = state.findData("rest_position")
+    if given is not None and given.is_set():
+        return np.reshape(given.given(), (-1, max(width_of(state), 1)))
+    return state_position(state)
+
+
+def _given(state: "Component", name: str) -> Any:
+    data = state.findData(name)
+    return np.zeros(0) if data is None else data.given()

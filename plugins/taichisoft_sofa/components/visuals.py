@@ -8,14 +8,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.contact_components import surface_triangles
-from taichisoft_sofa.components.graph import LOADERS, TOPOLOGIES, in_node, independent_state, node_of
-from taichisoft_sofa.components.loaded_mesh import placed, split_quads
-from taichisoft_sofa.components.loaders import read_loader
+from taichisoft_sofa.components.meshes import placed, read_loader, split_quads
+from taichisoft_sofa.components.reading import (
+    LOADERS,
+    TOPOLOGIES,
+    computed,
+    described,
+    flag,
+    in_node,
+    independent_state,
+    node_of,
+    number,
+    text,
+    value_of,
+    vector,
+)
+from taichisoft_sofa.components.reading import numbers as numbers_of
 from taichisoft_sofa.components.states import is_rigid, width_of
-from taichisoft_sofa.components.typed_values import computed, described, flag, number, text, value_of, vector
-from taichisoft_sofa.components.typed_values import numbers as numbers_of
-from taichisoft_sofa.tree.value_kinds import WrongValue, numbers
+from taichisoft_sofa.components.topologies import surface_triangles
+from taichisoft_sofa.tree.component import component, without_effect
+from taichisoft_sofa.tree.value_kinds import ANY, BOOL, TEXT, WrongValue, fixed, numbers
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft
@@ -35,6 +47,16 @@ NAMED = {
 """Colours by name."""
 
 
+@component(
+    "OglModel",
+    "VisualModel",
+    color=ANY,
+    filename=TEXT,
+    fileMesh=TEXT,
+    fileTopology=TEXT,
+    **dict.fromkeys(("scale", "scale3d", "rotation", "translation"), ANY),  # of a picture alone: any value is valid
+    **without_effect("transformation"),
+)
 def visual_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate the colour of a body, and the shape of one that is rigid; its opacity has no effect."""
     draft.visuals.append(component)
@@ -53,9 +75,9 @@ def visual_model(component: "Component", draft: "SceneDraft") -> None:
 def visible_shapes(components: "Sequence[Component]") -> list[tuple[np.ndarray, np.ndarray]]:
     """Points [mm] and triangles of the visual models whose shape can be read; a picture without it is no mistake."""
     found = []
-    for component in components:
+    for model in components:
         with contextlib.suppress(SceneError):
-            if len((shape := _shape(component))[1]):
+            if len((shape := _shape(model))[1]):
                 found.append(shape)
     return found
 
@@ -78,6 +100,7 @@ def _shape(component: "Component") -> tuple[np.ndarray, np.ndarray]:
     return placed(points, scale.tolist(), turn.tolist(), shift.tolist()), triangles
 
 
+@component("BackgroundSetting", color=ANY)
 def background(component: "Component", draft: "SceneDraft") -> None:
     """Translate the background colour; an image has no effect."""
     colour = _colour(component, draft)
@@ -85,11 +108,13 @@ def background(component: "Component", draft: "SceneDraft") -> None:
         draft.appearance["background"] = colour
 
 
+@component("OglSceneFrame", draw=(BOOL, True))
 def axes(component: "Component", draft: "SceneDraft") -> None:
     """Show the axes in a corner of pictures."""
     draft.appearance["frame"] = flag(component, "draw", True)
 
 
+@component("Camera", "InteractiveCamera", position=fixed(3), lookAt=fixed(3))
 def camera(component: "Component", draft: "SceneDraft") -> None:
     """Translate the camera, if the scene gives `position` and `lookAt`."""
     eye, target = numbers_of(component, "position"), numbers_of(component, "lookAt")

@@ -5,12 +5,11 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.frames import FramePoses, bases_of, start_values
-from taichisoft_sofa.components.graph import STATE, mapping_of
+from taichisoft_sofa.components.reading import STATE, described, flag, mapping_of, number, numbers
 from taichisoft_sofa.components.states import is_rigid, width_of
-from taichisoft_sofa.components.typed_values import described, flag, number, numbers
+from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import Joint, Translation
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.loading import SceneTree
 from taichisoft_sofa.tree.value_kinds import POINT, canonical
 
 SPRING = 100.0

@@ -12,17 +12,16 @@ from taichisoft.base import matrices_from_quaternions
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.mechanics import State, embed
+from taichisoft_sofa.components.contact import CONSTRAINT_SOLVERS
 from taichisoft_sofa.components.frames import base_frames, composed, index_pairs, relative
-from taichisoft_sofa.components.graph import STATE, independent_state, inputs_of, mapping_of, node_of
-from taichisoft_sofa.components.other_data import CONSTRAINT_SOLVERS
+from taichisoft_sofa.components.reading import STATE, described, independent_state, inputs_of, mapping_of, node_of
 from taichisoft_sofa.components.states import is_rigid, start_position
-from taichisoft_sofa.components.typed_values import described
 from taichisoft_sofa.controller.driven_frames import DrivenFrames, JointMotion
+from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.translation.rigid_bodies import rigid_parts
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.loading import SceneTree
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from taichisoft.base import warn_caller
 from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
-from taichisoft_sofa.components.graph import STATE
+from taichisoft_sofa.components.reading import STATE
 from taichisoft_sofa.components.states import keep_start_position
 from taichisoft_sofa.controller.driven_frames import DrivenFrames
 from taichisoft_sofa.controller.reads import RunValues
 from taichisoft_sofa.controller.writes import SceneWrites
+from taichisoft_sofa.loading import SceneTree, load_tree
 from taichisoft_sofa.translation.translate import translate
-from taichisoft_sofa.tree.loading import SceneTree, load_tree
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:

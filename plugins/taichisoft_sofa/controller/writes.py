@@ -8,19 +8,19 @@ import numpy as np
 
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.actuator_components import VOLUME, is_driven_by_force, value_type
+from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftMaterial
-from taichisoft_sofa.components.dynamics import young_modulus
+from taichisoft_sofa.components.force_fields import young_modulus
 from taichisoft_sofa.components.frames import base_frames
-from taichisoft_sofa.components.typed_values import described, flag, is_given, number
-from taichisoft_sofa.components.without_effect import is_without_effect
+from taichisoft_sofa.components.known_components import is_without_effect
+from taichisoft_sofa.components.reading import described, flag, is_given, number
 from taichisoft_sofa.controller.driven_frames import DrivenFrames
+from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.translation.soft_bodies import add_moduli
 from taichisoft_sofa.tree.base import TreeObject
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.loading import SceneTree
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.value_kinds import canonical, numbers
 

@@ -11,14 +11,14 @@ import numpy as np
 
 import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
-from taichisoft_sofa.components.contact_components import distances_of, friction_of
+from taichisoft_sofa.components.contact import distances_of, friction_of
 from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.components.frames import FramePoses, start_values
-from taichisoft_sofa.components.graph import node_of, upwards
+from taichisoft_sofa.components.reading import node_of, upwards
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.components.anchor_targets import AnchorTarget
     from taichisoft_sofa.components.draft import DraftBody
+    from taichisoft_sofa.components.frames import AnchorTarget
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 
@@ -169,6 +169,7 @@ class Translation:
         departures: differences from SOFA, one line each.
         understood: number of components of each type that were translated.
         ignored: number of components of each type without effect on the motion.
+        not_read: names of data that the scene writes and nothing reads, by type of component.
         refused: components or values that cannot be translated, one line each.
     """
 
@@ -186,6 +187,7 @@ class Translation:
     departures: list[str] = field(default_factory=list)
     understood: dict[str, int] = field(default_factory=dict)
     ignored: dict[str, int] = field(default_factory=dict)
+    not_read: dict[str, dict[str, None]] = field(default_factory=dict)
     refused: list[str] = field(default_factory=list)
 
     def add_frame(self, name: str, state: "Component", index: int) -> None:
@@ -193,6 +195,11 @@ class Translation:
         self.driven[name] = state, index
         pivot = FramePoses(start_values).of(state)[index, :3].tolist()
         self.tables.setdefault("frames", {})[name] = {"pivot": pivot}
+
+    @property
+    def data_not_read(self) -> str:
+        """Data that the scene writes and nothing reads, after the types of their components; "" without any."""
+        return ", ".join(f"{kind} ({', '.join(names)})" for kind, names in sorted(self.not_read.items()))
 
     @property
     def is_static(self) -> bool:

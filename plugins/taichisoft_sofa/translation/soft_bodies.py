@@ -9,12 +9,11 @@ import numpy as np
 
 from taichisoft.mesh import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scene import lame_parameters
-from taichisoft_sofa.components.actuator_components import PRESSURE, is_driven_by_force, value_type
-from taichisoft_sofa.components.anchor_targets import DrivenFrameTarget, MotionTarget
+from taichisoft_sofa.components.air_and_cables import PRESSURE, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
-from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.frames import DrivenFrameTarget, MotionTarget
+from taichisoft_sofa.components.reading import TOPOLOGIES, computed, flag, is_given, nearest, node_of, number, vector
 from taichisoft_sofa.components.states import start_velocity
-from taichisoft_sofa.components.typed_values import computed, flag, is_given, number, vector
 from taichisoft_sofa.translation.parts import SoftPart, Translation, actuator_names, clean, collides, unique
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical

@@ -1,8 +1,7 @@
 """Translation of a scene graph to a scene, part by part, with remarks and refusals."""
 
 import difflib
-import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +9,20 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles
-from taichisoft_sofa.components import computed as computed
-from taichisoft_sofa.components.anchor_targets import PointsTarget
-from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
-from taichisoft_sofa.components.frames import FramePoses, base_frames, composed, local_position, start_values
-from taichisoft_sofa.components.graph import independent_state, node_of
-from taichisoft_sofa.components.joints import check_joints
+from taichisoft_sofa.components.frames import (
+    FramePoses,
+    PointsTarget,
+    base_frames,
+    composed,
+    local_position,
+    start_values,
+)
+from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
+from taichisoft_sofa.components.mappings import check_joints
+from taichisoft_sofa.components.reading import described, flag, independent_state, node_of
 from taichisoft_sofa.components.states import start_position
-from taichisoft_sofa.components.typed_values import described, flag
 from taichisoft_sofa.components.visuals import visible_shapes
-from taichisoft_sofa.components.without_effect import instead_of, is_without_effect
 from taichisoft_sofa.translation.parts import Joint, Translation, body_names, clean, collides, contact_table
 from taichisoft_sofa.translation.rigid_bodies import (
     add_obstacle,
@@ -35,13 +37,14 @@ from taichisoft_sofa.translation.rigid_bodies import (
     parts_of_bodies,
 )
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
-from taichisoft_sofa.tree.component import OF_COMPONENTS
+from taichisoft_sofa.tree.base import misspelt
+from taichisoft_sofa.tree.component import names_of
 from taichisoft_sofa.tree.scene_controller import OwnComponent
-from taichisoft_sofa.tree.value_kinds import Declared, canonical, declared
+from taichisoft_sofa.tree.value_kinds import Declared, canonical
 
 if TYPE_CHECKING:
+    from taichisoft_sofa.loading import SceneTree
     from taichisoft_sofa.tree.component import Component
-    from taichisoft_sofa.tree.loading import SceneTree
     from taichisoft_sofa.tree.node import Node
 
 # Springs between points as native cables that stretch, push as well as pull, and are held at their rest length.
@@ -179,8 +182,8 @@ def is_placed(body: DraftBody, solver: "Component | None") -> bool:
 def driven_frames(draft: "SceneDraft") -> list[DraftFrame]:
     """Frames that become bodies of their own; surfaces on frames that a soft body moves are given to that body."""
     parts, found = parts_of_bodies(draft), []
-    for key in parts.keys() & draft.bodies.keys():
-        if (own := draft.bodies[key]).rigid and (own.surfaces or own.shapes):
+    for key, own in draft.bodies.items():  # in the order of the tree
+        if key in parts and own.rigid and (own.surfaces or own.shapes):
             frame = DraftFrame(own.state, 0, own.surfaces, own.colours, own.shapes)
             draft.frames.setdefault((key, 0), frame)
     for frame in draft.frames.values():
@@ -264,29 +267,27 @@ def _joined(shapes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np
     return points, np.vstack([np.zeros((0, 3), dtype=np.int64), *triangles])
 
 
-# Data of a scene without effect: data with an effect in SOFA only, and unknown data.
+# Data of a scene without effect: data with an effect in SOFA only, and data that nothing here reads.
 
 LONGEST = 60
 """Largest number of characters of a value in a line."""
 
 
-def remarks(component: "Component") -> Iterator[str]:
-    """One line for each data of the scene without effect, unless it has no effect in SOFA either."""
-    known = {**OF_COMPONENTS, **declared(component.type_name)}
+def _note_data(component: "Component", draft: SceneDraft, translation: Translation) -> None:
+    """List the data of the scene that nothing reads; misspelt ones, and those with an effect in SOFA, one by one."""
+    names = names_of(component.type_name)
     for name, data in component.data_by_name.items():
         if not data.is_set() or data.is_own():
             continue
-        if name not in known:
-            said = f"{described(component)}: {name} = {_shown(data.written_text())}"
-            yield f"{said}: no such data is known here{_hint(component.type_name, name)}"
-        elif known[name].unused and not _is_default(data.given(), known[name]):
-            yield f"{described(component)}: {name} = {_shown(data.written_text())} has no effect here"
-
-
-@functools.cache
-def _hint(type_name: str, name: str) -> str:
-    near = difflib.get_close_matches(name, [*OF_COMPONENTS, *declared(type_name)], n=1)
-    return f"; did you mean '{near[0]}'?" if near else ""
+        known = component.declared_data(name)
+        line = f"{described(component)}: {name} = {_shown(data.written_text())}"
+        if known is None:
+            if meant := misspelt(name, names):
+                draft.depart(f"{line} is not read here; did you mean '{meant}'?")
+            else:
+                translation.not_read.setdefault(component.type_name, {})[name] = None
+        elif known.unused and not _is_default(data.given(), known):
+            draft.depart(f"{line} has no effect here")
 
 
 def _is_default(value: Any, known: Declared) -> bool:
@@ -337,7 +338,7 @@ def refuse_unknown(component: "Component") -> str:
     """Reason for which a component of a type that is not known here is refused."""
     kind = component.type_name
     purpose = next((what for ending, what in PURPOSES.items() if kind.endswith(ending)), "an unknown purpose")
-    near = difflib.get_close_matches(kind, UNDERSTOOD, n=1, cutoff=0.9)  # a misspelt name, not another component
+    near = difflib.get_close_matches(kind, known_types(), n=1, cutoff=0.9)  # a misspelt name, not another component
     hint = f"; did you mean '{near[0]}'?" if near else ""
     return f"{described(component)}: is not known here; it would be needed for {purpose}{hint}"
 
@@ -433,13 +434,12 @@ def _is_active(node: "Node") -> bool:
 def _gather(component: "Component", draft: SceneDraft, translation: Translation) -> None:
     """Add a component to the draft."""
     kind = component.type_name
-    contribute = UNDERSTOOD.get(kind) or UNDERSTOOD.get(canonical(kind))
-    if contribute is not None:
+    known = known_types().get(canonical(kind))
+    if known is not None:
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
         try:
-            contribute(component, draft)
-            for line in remarks(component):
-                draft.depart(line)
+            known.translate(component, draft)
+            _note_data(component, draft, translation)
         except SceneError as error:
             draft.refused.append(str(error))
     elif is_without_effect(kind):

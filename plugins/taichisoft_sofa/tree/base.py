@@ -1,8 +1,10 @@
 """Base class of components and nodes: name, data, and access to data by attributes."""
 
+import difflib
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 from itertools import count
 from typing import Any, Protocol, Self
 
@@ -63,7 +65,7 @@ def _first_above(node: Branch, names: list[str], owner: Any) -> Any:
 def _descend(place: Any, names: list[str], owner: Any) -> Any:
     """Resolve a list of names from a node; for the last name, components take precedence over nodes."""
     for index, name in enumerate(names):
-        if place is None or not hasattr(place, "own_object"):
+        if place is None or not hasattr(type(place), "own_object"):
             return None
         if name in ("", "."):
             continue
@@ -82,6 +84,17 @@ def _neighbour(node: Branch, owner: Any, offset: int) -> Any:
     objects = list(node.objects)
     here = next((index for index, item in enumerate(objects) if item is owner), len(objects))
     return objects[here + offset] if 0 <= here + offset < len(objects) else None
+
+
+ALIKE = 0.8
+"""Similarity from which on a name is taken for a misspelt one [-]."""
+
+
+@cache
+def misspelt(name: str, known: tuple[str, ...]) -> str | None:
+    """The known name that is meant by a misspelt one, or None; a longer name with a known one in it is another."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=ALIKE)
+    return near[0] if near and near[0] != name and not name.startswith(near[0]) and not name.endswith(near[0]) else None
 
 
 # Data of every component and node.
@@ -136,10 +149,6 @@ class TreeObject(ABC):
     @abstractmethod
     def has_known_data(self) -> bool:
         """Whether all data of this type are declared, so that any other name is an error."""
-
-    def computed_by(self, _data: Data) -> Callable[[], Any] | None:
-        """Function that computes a data from other data, or None."""
-        return None
 
     def findData(self, name: str) -> Data | None:
         """A data by name, or None."""
@@ -286,7 +295,7 @@ class TreeObject(ABC):
 
     def missing_attribute(self, name: str) -> str:
         """Message about a missing attribute."""
-        known = sorted({*self.data_by_name, *COMMON, *self.known_names()})
+        known = sorted({*self.data_by_name, *COMMON, *self.known_names()} - {name})
         return f"{self.described()} has no '{name}'; {nearest(name, known, 'there are')}"
 
     def known_names(self) -> list[str]:

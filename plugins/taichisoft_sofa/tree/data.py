@@ -108,7 +108,8 @@ class Owner(Protocol):
     def getPathName(self) -> str: ...
     def described(self) -> str: ...
     def declared_data(self, name: str) -> Declared | None: ...
-    def computed_by(self, data: "Data") -> Callable[[], Any] | None: ...
+    def has_known_data(self) -> bool: ...
+    def missing_attribute(self, name: str) -> str: ...
     def linked_data(self, path: str, same_name: str) -> "Data | None": ...
 
 
@@ -214,9 +215,9 @@ class Data(Arithmetic):
         if self.provider is not None and self.revision == self._taken:
             return self._provide(self.provider)
         if not self._overrides and not self._computing:
-            compute = self.owner.computed_by(self)
-            if compute is not None:
-                return self._compute(compute)
+            known = self._declared()
+            if known is not None and known.compute is not None:
+                return self._compute(known.compute)
         return self.given()
 
     def given(self) -> Any:
@@ -233,6 +234,8 @@ class Data(Arithmetic):
         elif self.is_set():
             return self._convert(self._written)
         known = self._declared()
+        if known is None and self.owner.has_known_data():
+            raise SceneError(self.owner.missing_attribute(self.name))
         if known is None or known.default is None:
             return self.kind.empty()
         return self._convert(known.default)
@@ -476,12 +479,12 @@ class Data(Arithmetic):
             self._provided = moment, provider()
         return self._provided[1]
 
-    def _compute(self, compute: Callable[[], Any]) -> Any:
+    def _compute(self, compute: Callable[[Any], Any]) -> Any:
         """Computed value, cached until a data of the owner is written."""
         if self._computed is None or self._computed[0] != self.owner.data_revision:
             self._computing = True
             try:
-                self._computed = self.owner.data_revision, self._convert(compute())
+                self._computed = self.owner.data_revision, self._convert(compute(self.owner))
             finally:
                 self._computing = False
         return self._computed[1]

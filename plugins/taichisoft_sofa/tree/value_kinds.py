@@ -1,7 +1,7 @@
 """Kinds of values of data: conversion from text, numbers and lists."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -104,53 +104,51 @@ class Declared:
         default: value without a written one; None: the kind's.
         bounds: range of valid numbers; unlimited for data added by a scene.
         unused: whether the data affects the motion of bodies in SOFA, but not here.
+        compute: makes the value of other data of the component, unless a controller writes it.
     """
 
     kind: KindOf
     default: Any = None
     bounds: Bounds | None = FINITE
     unused: bool = False
+    compute: Callable[[Any], Any] | None = None
 
 
-# Declared data of each type of component, by name.
-KINDS: dict[str, dict[str, Declared]] = {}
-# Other names of a type: {"EulerImplicit": "EulerImplicitSolver"}.
-ALIASES: dict[str, str] = {}
-
-
-def declare(type_name: str, /, **data: "KindOf | tuple[Any, ...]") -> None:
-    """Declare data of a type of component: `box=vectors(6)`, or with a default `youngModulus=(SCALAR, 5000)`.
-
-    Bounds of the numbers may follow the default: `youngModulus=(SCALAR, 5000, ABOVE_0)`.
-    """
-    known = KINDS.setdefault(canonical(type_name), {})
-    for name, declared in data.items():
-        known[name] = Declared(*declared) if isinstance(declared, tuple) else Declared(declared)
-
-
-def declare_unused(type_name: str, /, **defaults: Any) -> None:
-    """Declare data of a type that affect the motion of bodies in SOFA but not here, with SOFA's defaults."""
-    known = KINDS.setdefault(canonical(type_name), {})
-    for name, default in defaults.items():
-        kind = {bool: BOOL, int: INTEGER, float: SCALAR, tuple: VECTOR}.get(type(default), TEXT)
-        known[name] = Declared(kind, default, unused=True)
-
-
-def declare_without_effect(type_name: str, names: str) -> None:
-    """Declare data of a type for drawing or the solution of equations, for which any value is valid."""
-    known = KINDS.setdefault(canonical(type_name), {})
-    for name in names.split():
-        known.setdefault(name, Declared(ANY))
+ALIASES = {
+    "EulerImplicit": "EulerImplicitSolver",
+    "CollisionResponse": "RuleBasedContactManager",
+    "DefaultContactManager": "RuleBasedContactManager",
+    "DefaultPipeline": "CollisionPipeline",
+    "FixedConstraint": "FixedProjectiveConstraint",
+    "PartialFixedConstraint": "PartialFixedProjectiveConstraint",
+    "GenericConstraintSolver": "BlockGaussSeidelConstraintSolver",
+    "FreeMotionMasterSolver": "FreeMotionAnimationLoop",
+    "LinearMovementConstraint": "LinearMovementProjectiveConstraint",
+    "Sphere": "SphereCollisionModel",
+    "SphereModel": "SphereCollisionModel",
+    "SphereSet": "SphereCollisionModel",
+    "RegularGrid": "RegularGridTopology",
+    "SparseGrid": "SparseGridTopology",
+    "HexahedralFEMForceField": "HexahedronFEMForceField",
+    "RigidRigidMapping": "RigidMapping",
+    "Mesh": "MeshTopology",
+    "MeshObjLoader": "MeshOBJLoader",
+    "Triangle": "TriangleCollisionModel",
+    "TriangleModel": "TriangleCollisionModel",
+    "TriangleSet": "TriangleCollisionModel",
+    "Line": "LineCollisionModel",
+    "LineModel": "LineCollisionModel",
+    "LineSet": "LineCollisionModel",
+    "Point": "PointCollisionModel",
+    "PointModel": "PointCollisionModel",
+    "PointSet": "PointCollisionModel",
+}
+"""Present names of types of components, by those of older versions of SOFA."""
 
 
 def canonical(type_name: str) -> str:
     """Present name of a type of component, given any of its names."""
     return ALIASES.get(type_name, type_name)
-
-
-def declared(type_name: str) -> Mapping[str, Declared]:
-    """Declared data of a type of component by name; empty for an undeclared type."""
-    return KINDS.get(canonical(type_name), {})
 
 
 def numbers(value: Any, dtype: type = float, bools: bool = False) -> NDArray[Any]:
@@ -177,7 +175,7 @@ def numbers(value: Any, dtype: type = float, bools: bool = False) -> NDArray[Any
     if isinstance(value, list | tuple | np.ndarray):
         parts = [numbers(item, dtype, bools) for item in value]
         return np.concatenate(parts) if parts else np.empty(0, dtype)
-    if hasattr(value, "array"):
+    if hasattr(type(value), "array"):
         return numbers(value.array(), dtype, bools)
     raise WrongValue(f"{value!r} is not a number")
 

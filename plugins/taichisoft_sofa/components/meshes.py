@@ -1,12 +1,15 @@
-"""Data computed by loaders and topology containers: transformed points, and cells."""
+"""Meshes of SOFA's loaders: readers of their files, and their transformation."""
 
 import contextlib
 import functools
 import io
 import itertools
+import math
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +17,127 @@ import numpy as np
 
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.mesh import existing_file, is_msh41, read_msh41, unreadable
-from taichisoft_sofa.components.graph import LOADERS, in_node, node_of
-from taichisoft_sofa.components.loaded_mesh import LoadedMesh, no_cells, placed_by_loader
-from taichisoft_sofa.components.regular_grids import mapped_cells
-from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
+from taichisoft_sofa.components.reading import LOADERS, described, node_of, number, text, vector
+from taichisoft_sofa.tree.component import component, derived, unused, without_effect
 from taichisoft_sofa.tree.modules import running
+from taichisoft_sofa.tree.value_kinds import SCALAR, TEXT, Declared, fixed, index_rows, vectors
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
+
+# Scale, rotation and translation as SOFA's loaders and mechanical objects apply them, to the last bit.
+#
+# Rotations are about the fixed x, y and z axes, in this order. The last bit matters if a box selects nodes on its
+# faces.
+
+
+def rotation_matrix(degrees: Sequence[float]) -> np.ndarray:
+    """Matrix (3, 3) of rotations about the x, y and z axes [degrees], by way of a quaternion as in SOFA."""
+    x, y, z, w = quaternion(degrees)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (z * x + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (z * z + x * x), 2 * (y * z - x * w)],
+            [2 * (z * x - y * w), 2 * (y * z + x * w), 1 - 2 * (y * y + x * x)],
+        ]
+    )
+
+
+def quaternion(degrees: Sequence[float]) -> tuple[float, float, float, float]:
+    """Unit quaternion (x, y, z, w) of rotations about the x, y and z axes [degrees]."""
+    halves = [angle * math.pi / 180.0 / 2.0 for angle in degrees]
+    (cx, cy, cz), (sx, sy, sz) = map(math.cos, halves), map(math.sin, halves)
+    return (
+        sx * cy * cz - cx * sy * sz,
+        cx * sy * cz + sx * cy * sz,
+        cx * cy * sz - sx * sy * cz,
+        cx * cy * cz + sx * sy * sz,
+    )
+
+
+def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> np.ndarray:
+    """Quaternion (x, y, z, w) of a rotation by `second`, then by `first`."""
+    a, b = np.array(first[:3]), np.array(second[:3])
+    return np.array([*(first[3] * b + second[3] * a + np.cross(a, b)), first[3] * second[3] - a @ b])
+
+
+def placed(
+    points: np.ndarray, scale: Sequence[float], rotation: Sequence[float], translation: Sequence[float]
+) -> np.ndarray:
+    """Points (count, 3) [mm] scaled, then rotated [degrees], then translated [mm]."""
+    return _transformed(points, rotation_matrix(rotation) * np.asarray(scale), translation)
+
+
+def placed_by_loader(
+    points: np.ndarray, scale: Sequence[float], rotation: Sequence[float], translation: Sequence[float]
+) -> np.ndarray:
+    """Points transformed as by a loader: when it reads the file, and again at its initialisation.
+
+    The second time it first inverts the first transformation, with round-off errors: a node of a rotated mesh that
+    should lie on the plane z = 0 may lie 1e-30 below it, outside a box that ends there.
+    """
+    matrix = rotation_matrix(rotation) * np.asarray(scale)
+    if (matrix == np.eye(3)).all() and not np.any(translation):
+        return points
+    inverse = _inverse(matrix)
+    back = [-((row[0] * translation[0] + row[1] * translation[1]) + row[2] * translation[2]) for row in inverse]
+    once = _transformed(points, matrix, translation)
+    return _transformed(_transformed(once, inverse, back), matrix, translation)
+
+
+def _transformed(points: np.ndarray, matrix: np.ndarray, shift: Sequence[float]) -> np.ndarray:
+    x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
+    return np.column_stack([((row[0] * x + row[1] * y) + row[2] * z) + s for row, s in zip(matrix, shift, strict=True)])
+
+
+def _inverse(m: np.ndarray) -> np.ndarray:
+    """Inverse by cofactors, with the round-off errors of SOFA instead of those by a factorisation."""
+    determinant = (
+        m[0, 0] * m[1, 1] * m[2, 2]
+        + m[1, 0] * m[2, 1] * m[0, 2]
+        + m[2, 0] * m[0, 1] * m[1, 2]
+        - m[0, 0] * m[2, 1] * m[1, 2]
+        - m[1, 0] * m[0, 1] * m[2, 2]
+        - m[2, 0] * m[1, 1] * m[0, 2]
+    )
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = (m[a, c] * m[b, d] - m[b, c] * m[a, d]) / determinant
+    return inverse
+
+
+def no_cells(corners: int) -> np.ndarray:
+    """An empty array of cells, shape (0, corners)."""
+    return np.zeros((0, corners), dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class LoadedMesh:
+    """Points and cells in the order of the file.
+
+    Attributes:
+        points: positions [mm], shape (point_count, 3).
+        edges: point indices, shape (edge_count, 2).
+        triangles: point indices, shape (triangle_count, 3).
+        quads: point indices, shape (quad_count, 4).
+        tetrahedra: point indices, shape (tetrahedron_count, 4).
+        hexahedra: point indices, shape (hexahedron_count, 8).
+    """
+
+    points: np.ndarray
+    edges: np.ndarray = field(default_factory=lambda: no_cells(2))
+    triangles: np.ndarray = field(default_factory=lambda: no_cells(3))
+    quads: np.ndarray = field(default_factory=lambda: no_cells(4))
+    tetrahedra: np.ndarray = field(default_factory=lambda: no_cells(4))
+    hexahedra: np.ndarray = field(default_factory=lambda: no_cells(8))
+
+
+def split_quads(quads: np.ndarray) -> np.ndarray:
+    """Split each quad in two triangles, shape (2 * quad_count, 3)."""
+    return quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+
 
 # Stand-ins, with the same names and sizes, for meshes of SOFA itself that scenes use.
 
@@ -279,35 +395,42 @@ def loader_position(loader: "Component") -> np.ndarray:
     return placed_by_loader(read_loader(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())
 
 
-def source_of(component: "Component") -> "Component | None":
-    """The component of `src`, else the loader in the container's node; None if the container reads a file itself."""
-    link = text(component, "src")
-    if link:
-        return component.linked("src")
-    if text(component, "filename", "fileTopology"):
-        return None
-    return in_node(node_of(component), LOADERS)
+TRANSFORMED = {
+    "scale": (SCALAR, 1.0),
+    "scale3d": (fixed(3), (1.0, 1.0, 1.0)),
+    "rotation": fixed(3),
+    "translation": fixed(3),
+}
+"""Data of components that scale, turn and shift points."""
+TURNED_AGAIN = {"rotation2": fixed(3), "translation2": fixed(3)}
 
 
-def container_position(container: "Component") -> np.ndarray:
-    """Points of a topology container [mm], shape (count, 3)."""
-    if is_given(container, "position"):
-        return numbers(container, "position").reshape(-1, 3)
-    source = source_of(container)
-    if source is not None:
-        return computed(source, "position", 3)
-    return loader_position(container) if text(container, "filename", "fileTopology") else np.zeros((0, 3))
+def cells_by(compute: Callable[..., np.ndarray]) -> dict[str, Declared]:
+    """The data of every kind of cell, under all names, computed by a function of the component and the kind."""
+    return {
+        name: derived(index_rows(corners), partial(compute, kind=kind))
+        for kind, corners in CORNERS.items()
+        for name in (kind, *OTHER_NAMES.get(kind, ()))
+    }
 
 
-def container_cells(container: "Component", kind: str) -> np.ndarray:
-    """Cells of a topology container: the cells of its source, or what a topological mapping makes of others."""
-    for name in (kind, *OTHER_NAMES.get(kind, ())):
-        if is_given(container, name):
-            return numbers(container, name).astype(np.int64).reshape(-1, CORNERS[kind])
-    if (mapped := mapped_cells(container, kind)) is not None:
-        return mapped
-    source = source_of(container)
-    if source is not None:
-        return computed(source, kind, CORNERS[kind])
-    own = text(container, "filename", "fileTopology")
-    return getattr(read_loader(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
+def _loader_cells(loader: "Component", kind: str) -> np.ndarray:
+    cells: np.ndarray = getattr(read_loader(loader), kind)
+    return cells
+
+
+@component(
+    *LOADERS,
+    filename=TEXT,
+    fileMesh=TEXT,
+    fileTopology=TEXT,
+    **TRANSFORMED,
+    **TURNED_AGAIN,
+    position=derived(vectors(3), loader_position),
+    **cells_by(_loader_cells),
+    transformation=unused(""),
+    flipNormals=unused(False),
+    **without_effect("triangulate fillMesh"),
+)
+def accept_loader(component: "Component", draft: object) -> None:
+    """Accept a loader, which other components read."""

@@ -7,11 +7,27 @@ import trimesh
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from taichisoft_sofa.components.contact_components import surface_triangles
 from taichisoft_sofa.components.draft import DraftCable, DraftCavity
-from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
-from taichisoft_sofa.components.loaded_mesh import split_quads
-from taichisoft_sofa.components.typed_values import flag, numbers, text
+from taichisoft_sofa.components.meshes import split_quads
+from taichisoft_sofa.components.reading import TOPOLOGIES, flag, nearest, node_of, numbers, text
+from taichisoft_sofa.components.topologies import surface_triangles
+from taichisoft_sofa.tree.component import component, without_effect
+from taichisoft_sofa.tree.value_kinds import (
+    ABOVE_0,
+    BOOL,
+    FROM_0,
+    INDICES,
+    INTEGER,
+    LIMIT,
+    LIMIT_FROM_0,
+    LINK,
+    SCALAR,
+    TEXT,
+    VECTOR,
+    fixed,
+    index_rows,
+    vectors,
+)
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft
@@ -92,6 +108,20 @@ def is_driven_by_force(cable: "Component") -> bool:
     return text(cable, "valueType", default="displacement") in ("force", "1")
 
 
+VALUE = {"value": (VECTOR, (0.0,)), "valueIndex": (INTEGER, 0, FROM_0)}
+
+
+@component(
+    "SurfacePressureConstraint",
+    **VALUE,
+    valueType=(TEXT, PRESSURE),
+    triangles=index_rows(3),
+    quads=index_rows(4),
+    flipNormal=BOOL,
+    **dict.fromkeys(("minPressure", "maxPressure", "minVolumeGrowth", "maxVolumeGrowth"), (SCALAR, 0.0, LIMIT)),
+    **dict.fromkeys(("maxPressureVariation", "maxVolumeGrowthVariation"), (SCALAR, 0.0, LIMIT_FROM_0)),
+    **dict.fromkeys(("pressure", "initialCavityVolume", "cavityVolume", "volumeGrowth"), SCALAR),
+)
 def cavity(component: "Component", draft: "SceneDraft") -> None:
     """Translate a closed surface with a pressure on its walls."""
     body = draft.body_of(component)
@@ -117,6 +147,24 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
     body.cavities.append(DraftCavity(component, points, walls))
 
 
+@component(
+    "CableConstraint",
+    **VALUE,
+    valueType=(TEXT, "displacement"),
+    indices=(INDICES, (0,), FROM_0),
+    pullPoint=fixed(3),
+    hasPullPoint=(BOOL, True),
+    **dict.fromkeys(("minForce", "maxForce", "maxPositiveDisp", "maxNegativeDisp"), (SCALAR, 0.0, LIMIT)),
+    maxDispVariation=(SCALAR, 0.0, LIMIT_FROM_0),
+    cableInitialLength=(SCALAR, 0.0, FROM_0),
+    **dict.fromkeys(("cableLength", "displacement", "force"), SCALAR),
+    **dict.fromkeys(("eqForce", "eqDisp"), VECTOR),
+    method=(TEXT, "point"),
+    centers=vectors(3),
+    radii=(VECTOR, (1.0,), ABOVE_0),
+    surfaceTopology=LINK,
+    **without_effect("drawPullPoint"),
+)
 def cable(component: "Component", draft: "SceneDraft") -> None:
     """Translate a cable through points of a body, or to areas of its surface."""
     body = draft.body_of(component)

@@ -1,4 +1,28 @@
-"""Types of components without effect on the motion of a scene."""
+"""The components that are known: modules with translations, and types without effect on the motion of a scene."""
+
+from taichisoft_sofa.components import (
+    air_and_cables,
+    contact,
+    dynamics,
+    engines,
+    force_fields,
+    mappings,
+    meshes,
+    topologies,
+    visuals,
+)
+from taichisoft_sofa.tree.component import TYPES, ComponentType, register
+
+MODULES = (dynamics, meshes, topologies, mappings, engines, force_fields, contact, air_and_cables, visuals)
+"""Modules with functions that translate components, see `tree.component.component`."""
+
+
+def known_types() -> dict[str, ComponentType]:
+    """The types that are translated, by their present names."""
+    if not TYPES:
+        register(*MODULES)
+    return TYPES
+
 
 PLUGINS_AND_SETTINGS = """
     RequiredPlugin AddDataRepository AddPluginRepository AddResourceRepository SofaDefaultPathSetting PluginRepository

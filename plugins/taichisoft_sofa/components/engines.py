@@ -1,19 +1,49 @@
-"""ROI engines: selection of points and cells inside boxes and spheres."""
+"""Engines: selections of points and cells in boxes and spheres, and lists made of other data."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
-from taichisoft_sofa.components.loaders import CORNERS
+from taichisoft_sofa.components.meshes import CORNERS, placed
+from taichisoft_sofa.components.reading import (
+    LOADERS,
+    STATE,
+    TOPOLOGIES,
+    computed,
+    described,
+    flag,
+    in_node,
+    is_given,
+    nearest,
+    node_of,
+    number,
+    numbers,
+    text,
+    vector,
+)
 from taichisoft_sofa.components.states import width_of
-from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, numbers
-from taichisoft_sofa.tree.value_kinds import canonical
+from taichisoft_sofa.tree.component import component, derived, without_effect
+from taichisoft_sofa.tree.value_kinds import (
+    ANY,
+    BOOL,
+    FROM_0,
+    INDICES,
+    SCALAR,
+    TEXT,
+    VECTOR,
+    canonical,
+    fixed,
+    index_rows,
+    vectors,
+)
 
 if TYPE_CHECKING:
+    from taichisoft_sofa.components.draft import SceneDraft
     from taichisoft_sofa.tree.component import Component
 
 # Points and cells inside the boxes and spheres of SOFA's ROI engines.
@@ -170,3 +200,133 @@ def cell_indices(engine: "Component", kind: str) -> np.ndarray:
 def cells_in(engine: "Component", kind: str) -> np.ndarray:
     """The cells inside, as point indices, shape (count, corners)."""
     return engine_cells(engine, kind)[cell_indices(engine, kind)]
+
+
+SELECTION = {
+    "position": vectors(3),
+    "strict": (BOOL, True),
+    "doUpdate": (BOOL, True),
+    **{kind: index_rows(corners) for kind, corners in CORNERS.items()},
+    "indices": derived(INDICES, point_indices),
+    "pointsInROI": derived(vectors(3), lambda engine: engine_points(engine)[point_indices(engine)]),
+    "nbIndices": derived(ANY, lambda engine: len(point_indices(engine))),
+    **{name: derived(INDICES, partial(cell_indices, kind=kind)) for name, kind in INDICES_OF.items()},
+    **{name: derived(index_rows(CORNERS[kind]), partial(cells_in, kind=kind)) for name, kind in CELLS_IN.items()},
+    **without_effect("computeTriangles computeTrianglesInROI triAngle trianglesOutIndices"),
+    **without_effect("trianglesOutROI tetrahedraOutROI hexahedraOutROI"),
+}
+"""Data that are read of every engine that selects, and those that it makes."""
+
+
+@component("BoxROI", **SELECTION, box=vectors(6), orientedBox=vectors(10))
+@component("SphereROI", **SELECTION, centers=vectors(3), radii=(VECTOR, (), FROM_0))
+def accept_selection(component: "Component", draft: "SceneDraft") -> None:
+    """Accept an engine, and record points whose selection differs from SOFA's by round-off."""
+    lost = lost_to_round_off(component)
+    if len(lost):
+        draft.depart(
+            f"{component.getPathName()}: point {lost[0]} lies on a face of the box; in SOFA the round-off of a zero "
+            "decides, against it"
+        )
+
+
+# Engines that compute data of a scene from other data: places, lists of indices and values.
+
+
+def transformed_points(engine: "Component") -> np.ndarray:
+    """TransformEngine: points scaled, then rotated, then translated [mm], or, inverse, the other way round."""
+    points = numbers(engine, "input_position").reshape(-1, 3)
+    scale = vector(engine, "scale", default=(1.0, 1.0, 1.0))
+    shift = vector(engine, "translation", default=(0.0, 0.0, 0.0))
+    turn = numbers(engine, "rotation", default=(0.0, 0.0, 0.0))
+    if len(turn) == 4:  # a quaternion
+        turn = Rotation.from_quat(turn).as_euler("xyz", degrees=True)
+    if len(turn) != 3:
+        raise SceneError(
+            f"{described(engine)}: rotation has {len(turn)} numbers; three angles or a quaternion are needed"
+        )
+    if not flag(engine, "inverse", False):
+        return placed(points, scale.tolist(), turn.tolist(), shift.tolist())
+    back: np.ndarray = Rotation.from_euler("xyz", turn, degrees=True).inv().apply(points - shift) / scale
+    return back
+
+
+def mapped_values(engine: "Component") -> np.ndarray:
+    """IndexValueMapper: values, with another one at some indices; where there are none yet, the default value."""
+    values, indices = numbers(engine, "inputValues"), numbers(engine, "indices").astype(np.int64)
+    if len(indices) and indices.max() >= len(values):
+        rest = np.full(int(indices.max()) + 1 - len(values), number(engine, "defaultValue", default=1.0))
+        values = np.concatenate([values, rest])
+    if len(indices) and indices.min() < 0:
+        raise SceneError(f"{described(engine)}: indices has {int(indices.min())}; they count from 0")
+    values[indices] = number(engine, "value", default=0.0)
+    return values
+
+
+def chosen_values(engine: "Component") -> np.ndarray:
+    """ValuesFromIndices: the values at some indices."""
+    return _rows(engine, numbers(engine, "in"), 1).ravel()
+
+
+def chosen_points(engine: "Component") -> np.ndarray:
+    """PointsFromIndices: the points at some indices [mm]."""
+    return _rows(engine, numbers(engine, "position"), 3)
+
+
+def _rows(engine: "Component", values: np.ndarray, width: int) -> np.ndarray:
+    rows, indices = values.reshape(-1, width), numbers(engine, "indices").astype(np.int64)
+    outside = indices[(indices < 0) | (indices >= len(rows))]
+    if len(outside):
+        raise SceneError(f"{described(engine)}: names row {int(outside[0])}; there are {len(rows)}, from 0 on")
+    return rows[indices]
+
+
+SETS: dict[str, Any] = {
+    "union": np.union1d,
+    "intersection": np.intersect1d,
+    "difference": np.setdiff1d,
+    "symmetric_difference": np.setxor1d,
+}
+
+
+def merged_set(engine: "Component") -> np.ndarray:
+    """MergeSets: what `op` makes of two sets of indices."""
+    operation = text(engine, "op", default="union").lower()
+    if operation not in SETS:
+        raise SceneError(f"{described(engine)}: op '{operation}'; valid: {', '.join(SETS)}")
+    merged: np.ndarray = SETS[operation](
+        numbers(engine, "in1").astype(np.int64), numbers(engine, "in2").astype(np.int64)
+    )
+    return merged
+
+
+CHOSEN = (INDICES, (), FROM_0)
+
+
+@component(
+    "TransformEngine",
+    input_position=vectors(3),
+    translation=fixed(3),
+    rotation=VECTOR,
+    scale=(fixed(3), (1.0, 1.0, 1.0)),
+    inverse=BOOL,
+    output_position=derived(vectors(3), transformed_points),
+)
+@component(
+    "IndexValueMapper",
+    inputValues=VECTOR,
+    indices=CHOSEN,
+    value=SCALAR,
+    defaultValue=(SCALAR, 1.0),
+    outputValues=derived(VECTOR, mapped_values),
+)
+@component("ValuesFromIndices", indices=CHOSEN, out=derived(VECTOR, chosen_values), **{"in": VECTOR})
+@component(
+    "PointsFromIndices",
+    position=vectors(3),
+    indices=CHOSEN,
+    indices_position=derived(vectors(3), chosen_points),
+)
+@component("MergeSets", in1=INDICES, in2=INDICES, op=(TEXT, "union"), out=derived(INDICES, merged_set))
+def accept_engine(component: "Component", draft: "SceneDraft") -> None:
+    """Accept an engine, whose result other components read."""

@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Any
 
 from taichisoft.errors import ControllerFailed, SceneError, TaichisoftError
+from taichisoft_sofa.components.known_components import known_types
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.modules import SceneModules
 from taichisoft_sofa.tree.node import Node
@@ -34,6 +35,7 @@ class SceneTree:
     """
 
     def __init__(self, path: Path, python_path: Sequence[Path], data_path: Sequence[Path] = ()) -> None:
+        known_types()
         self.path = path
         self.root = Node("root")
         self._modules = SceneModules(path.parent, python_path, data_path)

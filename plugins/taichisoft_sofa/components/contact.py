@@ -1,0 +1,222 @@
+"""Contact: pipeline, response, planes and collision surfaces."""
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import trimesh
+
+from taichisoft.errors import SceneError
+from taichisoft_sofa.components.draft import DraftBody, DraftPlane, DraftSurface
+from taichisoft_sofa.components.reading import (
+    TOPOLOGIES,
+    described,
+    flag,
+    nearest,
+    node_of,
+    number,
+    numbers,
+    text,
+    vector,
+)
+from taichisoft_sofa.components.topologies import surface_triangles
+from taichisoft_sofa.tree.component import component, unused, without_effect
+from taichisoft_sofa.tree.value_kinds import ABOVE_0, ANY, BOOL, FROM_0, INDICES, SCALAR, TEXT, VECTOR, fixed
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.components.draft import SceneDraft
+    from taichisoft_sofa.tree.component import Component
+
+DEFAULT_FRICTION = 0.8
+"""Default friction coefficient of SOFA's frictional contacts [-]."""
+WITHOUT_FRICTION = "PenalityContactForceField"
+"""SOFA's default response."""
+
+
+@component("CollisionPipeline")
+def pipeline(component: "Component", draft: "SceneDraft") -> None:
+    """The pipeline of contacts."""
+    draft.pipeline["pipeline"] = component
+
+
+@component(
+    *("BruteForceBroadPhase", "BruteForceDetection", "IncrSAP", "DirectSAP", "ParallelBruteForceBroadPhase"),
+    **without_effect("box"),
+)
+def broad_phase(component: "Component", draft: "SceneDraft") -> None:
+    """The broad phase of contacts."""
+    draft.pipeline["broad phase"] = component
+
+
+@component("BVHNarrowPhase", "ParallelBVHNarrowPhase")
+def narrow_phase(component: "Component", draft: "SceneDraft") -> None:
+    """The narrow phase of contacts, for which any stands."""
+
+
+@component(
+    "RuleBasedContactManager",
+    response=(TEXT, WITHOUT_FRICTION),
+    responseParams=TEXT,
+    default=TEXT,
+    rules=unused(""),
+    variables=unused(""),
+)
+def response(component: "Component", draft: "SceneDraft") -> None:
+    """The response to contacts, with their friction."""
+    draft.pipeline["response"] = component
+
+
+@component(
+    *("LocalMinDistance", "MinProximityIntersection", "NewProximityIntersection", "DiscreteIntersection"),
+    alarmDistance=(SCALAR, 1.0, ABOVE_0),
+    contactDistance=(SCALAR, 0.5, FROM_0),
+)
+def distance(component: "Component", draft: "SceneDraft") -> None:
+    """The distances at which contacts begin."""
+    draft.pipeline["distance"] = component
+
+
+CONSTRAINT_SOLVERS = (
+    *("BlockGaussSeidelConstraintSolver", "ProjectedGaussSeidelConstraintSolver"),
+    *("UnbuiltGaussSeidelConstraintSolver", "NNCGConstraintSolver", "ImprovedJacobiConstraintSolver"),
+    "LCPConstraintSolver",
+)
+MEASURED = ("currentNumConstraints", "currentNumConstraintGroups", "currentIterations", "currentError")
+"""Data that scenes print, which have no value here."""
+SOLVER = {
+    "constraintForces": VECTOR,
+    "regularizationTerm": unused(0.0),
+    **dict.fromkeys(MEASURED, ANY),
+    **without_effect("computeConstraintForces"),
+}
+
+
+@component("LCPConstraintSolver", **SOLVER, mu=unused(0.6))
+@component(*CONSTRAINT_SOLVERS[:-1], **SOLVER)
+def constraint_solver(component: "Component", draft: "SceneDraft") -> None:
+    """The solver of constraints, for which any stands."""
+
+
+def friction_of(manager: "Component", draft: "SceneDraft") -> float:
+    """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA.
+
+    Raises:
+        SceneError: the coefficient is not a number of 0 or more.
+    """
+    sources = {name: text(manager, name) for name in ("responseParams", "response", "default")}
+    kind = (sources["response"] or sources["default"] or WITHOUT_FRICTION).partition("?")[0]
+    if "Friction" not in kind or kind.startswith("Frictionless"):
+        draft.depart(f"{described(manager)}: response '{kind}': surfaces touch without friction, and do not give way")
+        return 0.0
+    for name, source in sources.items():
+        if found := re.search(r"(?:^|[?&\s])mu\s*=\s*([^&\s]*)", source):
+            try:
+                friction = float(found[1])
+            except ValueError:
+                friction = -1.0
+            if not 0.0 <= friction < np.inf:
+                raise SceneError(f"{described(manager)}: {name} = '{source}': mu must be 0 or more")
+            return friction
+    return DEFAULT_FRICTION
+
+
+def distances_of(distance: "Component") -> tuple[float, float]:
+    """Alarm distance and contact distance [mm]."""
+    return number(distance, "alarmDistance", default=1.0), number(distance, "contactDistance", default=0.5)
+
+
+@component(
+    "PlaneForceField",
+    normal=(fixed(3), (0.0, 1.0, 0.0)),
+    planeNormal=(fixed(3), (0.0, 1.0, 0.0)),
+    d=SCALAR,
+    planeD=SCALAR,
+    bilateral=BOOL,
+    stiffness=(SCALAR, 500.0, FROM_0),
+    indices=unused(()),
+    localRange=unused(()),
+)
+def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
+    """Translate a plane that pushes the points of a body out of what is behind it."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    normal = vector(component, "normal", "planeNormal", default=(0.0, 1.0, 0.0))
+    length = float(np.linalg.norm(normal))
+    if length == 0.0:
+        draft.refuse(component, "normal = 0 0 0 has no direction")
+        return
+    if flag(component, "bilateral", False):
+        draft.refuse(component, "bilateral = true; planes push from one side here")
+        return
+    draft.planes.append(
+        DraftPlane(component, body, normal / length, number(component, "d", "planeD", default=0.0) / length)
+    )
+
+
+MODEL = {
+    "group": INDICES,
+    "selfCollision": BOOL,
+    "active": unused(True),
+    "contactResponse": unused(""),
+    "contactStiffness": unused(10.0),
+    **{name: unused(0.0) for name in ("proximity", "contactDistance", "contactFriction", "contactRestitution")},
+}
+"""Data of every collision model."""
+
+
+@component("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel", **MODEL)
+def collision_model(component: "Component", draft: "SceneDraft") -> None:
+    """Translate a collision model; all models of a node are one surface."""
+    body = draft.carrier_of(component)
+    if body is None:
+        return
+    path = node_of(component).getPathName()
+    if path not in body.surfaces:
+        topology = nearest(node_of(component), TOPOLOGIES)
+        none = np.zeros((0, 3), dtype=np.int64)
+        triangles = none if topology is None else surface_triangles(topology)
+        groups = frozenset(numbers(component, "group").astype(int).tolist())
+        points = draft.points_of(component)
+        if not draft.has_points(component, triangles, len(points)):
+            return
+        body.surfaces[path] = DraftSurface(component, points, triangles, groups, False)
+    body.surfaces[path].self_collision |= flag(component, "selfCollision", False)
+
+
+# Collision spheres about the points of mechanical objects.
+
+FINEST, COARSEST = 2, 1
+"""Subdivisions of an icosahedron for a few spheres, and for many."""
+FEW = 20
+
+
+@component("SphereCollisionModel", **MODEL, radius=(SCALAR, 1.0, ABOVE_0), listRadius=(VECTOR, (), ABOVE_0))
+def sphere_model(component: "Component", draft: "SceneDraft") -> None:
+    """Translate spheres about points: a single one of a rigid body or point stays round, others become polyhedra."""
+    body = draft.carrier_of(component)
+    if body is None:
+        return
+    centres = draft.points_of(component)
+    each = numbers(component, "listRadius")
+    radii = each if len(each) else np.full(len(centres), number(component, "radius", default=1.0))
+    if len(radii) != len(centres):
+        draft.refuse(component, f"listRadius has {len(radii)} numbers for {len(centres)} points")
+        return
+    if not len(centres):
+        draft.refuse(component, "has no points to be the centres of its spheres")
+        return
+    ball = trimesh.creation.icosphere(subdivisions=FINEST if len(centres) <= FEW else COARSEST)
+    points = (centres[:, None] + radii[:, None, None] * np.array(ball.vertices)).reshape(-1, 3)
+    triangles = (np.arange(len(centres))[:, None, None] * len(ball.vertices) + np.array(ball.faces)).reshape(-1, 3)
+    groups = frozenset(numbers(component, "group").astype(int).tolist())
+    own = flag(component, "selfCollision", False)
+    spheres = np.column_stack([centres, radii])
+    surface = DraftSurface(component, points, triangles, groups, own, spheres=spheres)
+    body.surfaces[f"{node_of(component).getPathName()} {component.getName()}"] = surface
+    moves_as_one = not isinstance(body, DraftBody) or body.rigid or len(body.position) == 1
+    if len(centres) > 1 or not moves_as_one:
+        draft.depart(
+            f"{component.getPathName()}: each sphere is a polyhedron of {len(ball.faces)} triangles, which deforms "
+            "with a soft body"
+        )

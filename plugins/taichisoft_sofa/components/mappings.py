@@ -1,0 +1,149 @@
+"""Mechanical objects, and the mappings and joints by which they follow others."""
+
+from typing import TYPE_CHECKING
+
+from taichisoft_sofa.components.frames import FramePoses, index_pairs, start_values
+from taichisoft_sofa.components.meshes import TRANSFORMED, TURNED_AGAIN
+from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of, numbers
+from taichisoft_sofa.components.states import is_rigid, rest_position, state_position, width_of
+from taichisoft_sofa.tree.component import component, derived, unused, without_effect
+from taichisoft_sofa.tree.value_kinds import (
+    BOOL,
+    FROM_0,
+    INDICES,
+    INTEGER,
+    LINK,
+    SCALAR,
+    TEXT,
+    VECTOR,
+    Declared,
+    ValueKind,
+    fixed,
+    vectors,
+)
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.components.draft import DraftJoint, SceneDraft
+    from taichisoft_sofa.tree.component import Component
+
+
+def _coordinates(state: "Component") -> ValueKind:
+    return vectors(max(width_of(state), 1))
+
+
+def _derivatives(state: "Component") -> ValueKind:
+    return vectors(6 if is_rigid(state) else max(width_of(state), 1))
+
+
+@component(
+    STATE,
+    position=derived(_coordinates, state_position),
+    rest_position=derived(_coordinates, rest_position),
+    velocity=_derivatives,
+    force=_derivatives,
+    externalForce=Declared(_derivatives, unused=True),
+    free_position=_coordinates,
+    free_velocity=_derivatives,
+    reset_position=_coordinates,
+    size=INTEGER,
+    **TRANSFORMED,
+    **TURNED_AGAIN,
+    **{f"{letter}{axis}": SCALAR for letter in "dr" for axis in "xyz"},
+    showObject=BOOL,
+    topology=LINK,
+    filename=TEXT,
+    **without_effect("freePosition restPosition reset_velocity"),
+)
+def mechanical_object(component: "Component", draft: "SceneDraft") -> None:
+    """Make a body of an independent mechanical object, or of points that are put together from several others."""
+    if draft.joint_of(component) is None and (
+        not draft.is_mapped(component) or (is_assembled(component) and not is_rigid(component))
+    ):
+        draft.body_of(component)
+
+
+# Mappings and the joints of articulated systems.
+
+MAPPING = {
+    **dict.fromkeys(("input", "input1", "input2", "output", "object1", "object2"), LINK),
+    "mapConstraints": unused(True),
+}
+"""Data of every mapping."""
+
+
+@component("BarycentricMapping", "IdentityMapping", **MAPPING)
+@component(
+    "RigidMapping",
+    **MAPPING,
+    index=INTEGER,
+    rigidIndexPerPoint=(INDICES, (), FROM_0),
+    globalToLocalCoords=BOOL,
+)
+@component("SkinningMapping", **MAPPING, nbRef=INDICES, indices=INDICES, weight=VECTOR)
+@component("SubsetMapping", **MAPPING, indices=(INDICES, (), FROM_0))
+@component("ArticulatedHierarchyContainer", filename=TEXT)
+@component(
+    "ArticulationCenter",
+    parentIndex=INTEGER,
+    childIndex=INTEGER,
+    posOnParent=fixed(3),
+    posOnChild=fixed(3),
+    articulationProcess=unused(0),
+    **without_effect("articulations"),
+)
+@component(
+    "Articulation",
+    translation=BOOL,
+    rotation=BOOL,
+    rotationAxis=(fixed(3), (1.0, 0.0, 0.0)),
+    articulationIndex=INTEGER,
+)
+def accept_mapping(component: "Component", draft: "SceneDraft") -> None:
+    """Accept a mapping or a part of a joint, by which points and frames follow others."""
+
+
+@component("ArticulatedSystemMapping", **MAPPING, indexInput2=INTEGER)
+def articulated_mapping(component: "Component", draft: "SceneDraft") -> None:
+    """Turn and shift frames by angles that springs hold to their rest position; soft bodies follow the frames."""
+    state = in_node(node_of(component), {STATE})
+    if state is None or not is_rigid(state):
+        draft.refuse(component, "turns nothing: there is no MechanicalObject of Rigid3 in its node")
+        return
+    joint = next((draft.joint_of(angles) for angles in inputs_of(component)[:1]), None)
+    if joint is None:
+        draft.refuse(component, "input1 must be a MechanicalObject of Vec1")
+        return
+    FramePoses(start_values).of(state)
+    joint.is_used = True
+
+
+@component("SubsetMultiMapping", **MAPPING, indexPairs=INDICES)
+def subset_mapping(component: "Component", draft: "SceneDraft") -> None:
+    """Put points or frames together from several mechanical objects: points on frames are rigid parts of a body."""
+    state = in_node(node_of(component), {STATE})
+    if state is None:
+        draft.refuse(component, "puts nothing together: there is no MechanicalObject in its node")
+    elif is_rigid(state):
+        FramePoses(start_values).of(state)
+    else:
+        index_pairs(component, len(inputs_of(component)))
+
+
+def weigh_joint(component: "Component", joint: "DraftJoint") -> None:
+    """Record the inertia of a joint: `vertexMass`, or a share of `totalMass`."""
+    each = numbers(component, "vertexMass", "mass")
+    total = numbers(component, "totalMass", default=[1.0])[0]
+    joint.mass = float(each[0]) if len(each) else float(total) / max(len(start_values(joint.state)), 1)
+
+
+def check_joints(draft: "SceneDraft") -> None:
+    """Refuse angles that no mapping uses, or that no springs hold; record that bodies do not turn the others."""
+    for joint in draft.joints.values():
+        if not joint.is_used:
+            draft.refuse(joint.state, "template 'Vec1'; known are Vec3 and Rigid3, and Vec1 for the angles of joints")
+        elif joint.springs is None:
+            draft.refuse(
+                joint.state, "turns freely; only angles that a RestShapeSpringsForceField holds are known here"
+            )
+        else:
+            draft.depart("joints: bodies do not turn them; in SOFA their springs give way by torque over stiffness")

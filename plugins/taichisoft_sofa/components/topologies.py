@@ -1,0 +1,366 @@
+"""Points and cells of topologies: containers, regular and sparse grids, and what mappings make of other cells."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import trimesh
+from scipy import ndimage
+
+from taichisoft.errors import SceneError
+from taichisoft.mesh import SIX_TETRAHEDRA, boundary_quads, boundary_triangles
+from taichisoft_sofa.components.meshes import (
+    CORNERS,
+    OTHER_NAMES,
+    TRANSFORMED,
+    cells_by,
+    loader_position,
+    no_cells,
+    read_loader,
+    split_quads,
+)
+from taichisoft_sofa.components.reading import (
+    LOADERS,
+    TOPOLOGIES,
+    computed,
+    described,
+    flag,
+    in_node,
+    is_given,
+    nearest,
+    node_of,
+    number,
+    numbers,
+    text,
+    vector,
+)
+from taichisoft_sofa.tree.component import component, derived, unused
+from taichisoft_sofa.tree.value_kinds import (
+    ABOVE_0,
+    ANY,
+    BOOL,
+    FROM_0,
+    INDICES,
+    INTEGER,
+    LINK,
+    SCALAR,
+    TEXT,
+    canonical,
+    fixed,
+    vectors,
+)
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.components.draft import SceneDraft
+    from taichisoft_sofa.tree.component import Component
+
+# Containers.
+
+
+def source_of(component: "Component") -> "Component | None":
+    """The component of `src`, else the loader in the container's node; None if the container reads a file itself."""
+    link = text(component, "src")
+    if link:
+        return component.linked("src")
+    if text(component, "filename", "fileTopology"):
+        return None
+    return in_node(node_of(component), LOADERS)
+
+
+def container_position(container: "Component") -> np.ndarray:
+    """Points of a topology container [mm], shape (count, 3)."""
+    if is_given(container, "position"):
+        return numbers(container, "position").reshape(-1, 3)
+    source = source_of(container)
+    if source is not None:
+        return computed(source, "position", 3)
+    return loader_position(container) if text(container, "filename", "fileTopology") else np.zeros((0, 3))
+
+
+def container_cells(container: "Component", kind: str) -> np.ndarray:
+    """Cells of a topology container: the cells of its source, or what a topological mapping makes of others."""
+    for name in (kind, *OTHER_NAMES.get(kind, ())):
+        if is_given(container, name):
+            return numbers(container, name).astype(np.int64).reshape(-1, CORNERS[kind])
+    if (mapped := mapped_cells(container, kind)) is not None:
+        return mapped
+    source = source_of(container)
+    if source is not None:
+        return computed(source, kind, CORNERS[kind])
+    own = text(container, "filename", "fileTopology")
+    return getattr(read_loader(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
+
+
+def surface_triangles(topology: "Component") -> np.ndarray:
+    """Triangles of a container, with quads split in two, shape (count, 3)."""
+    return np.vstack([computed(topology, "triangles", 3), split_quads(computed(topology, "quads", 4))])
+
+
+@component(
+    "MeshTopology",
+    "TetrahedronSetTopologyContainer",
+    "TriangleSetTopologyContainer",
+    "QuadSetTopologyContainer",
+    "HexahedronSetTopologyContainer",
+    "EdgeSetTopologyContainer",
+    "PointSetTopologyContainer",
+    filename=TEXT,
+    fileTopology=TEXT,
+    fileMesh=ANY,
+    nbPoints=(INTEGER, 0, FROM_0),
+    **TRANSFORMED,
+    position=derived(vectors(3), container_position),
+    **cells_by(container_cells),
+)
+def accept_container(component: "Component", draft: "SceneDraft") -> None:
+    """Accept a container of points and cells, which other components read."""
+
+
+# Cells that topological mappings make of others.
+
+
+def mapped_cells(container: "Component", kind: str) -> np.ndarray | None:
+    """Cells that a topological mapping in the node of a container makes of others; None without such a mapping."""
+    for mapping in node_of(container).objects:
+        if MADE.get(canonical(mapping.type_name)) == kind and _output_of(mapping) in (None, container):
+            source = input_of(mapping)
+            if mapping.type_name == "Tetra2TriangleTopologicalMapping":
+                return boundary_triangles(computed(source, "tetrahedra", 4))
+            if mapping.type_name == "Quad2TriangleTopologicalMapping":
+                return split_quads(computed(source, "quads", 4))
+            hexahedra, grid = hexahedra_of(source)
+            if mapping.type_name == "Hexa2QuadTopologicalMapping":
+                return boundary_quads(hexahedra)
+            return divided(hexahedra, grid, flag(mapping, "swapping", False))
+    return None
+
+
+MADE = {
+    "Tetra2TriangleTopologicalMapping": "triangles",
+    "Hexa2TetraTopologicalMapping": "tetrahedra",
+    "Hexa2QuadTopologicalMapping": "quads",
+    "Quad2TriangleTopologicalMapping": "triangles",
+}
+"""Cells that topological mappings make."""
+
+
+def _output_of(mapping: "Component") -> "Component | None":
+    output = mapping.linked("output") if text(mapping, "output") else None
+    return output if output is not None and canonical(getattr(output, "type_name", "")) in TOPOLOGIES else None
+
+
+def input_of(mapping: "Component") -> "Component":
+    """The topology of which a mapping makes cells: linked, or the nearest one above its node.
+
+    Raises:
+        SceneError: it leads to none.
+    """
+    link = text(mapping, "input")
+    parent = next(iter(node_of(mapping).parents), None)
+    found: Any = mapping.linked("input") if link else None if parent is None else nearest(parent, TOPOLOGIES)
+    if getattr(found, "type_name", "") == "Node":
+        found = in_node(found, TOPOLOGIES)
+    if found is None or canonical(found.type_name) not in TOPOLOGIES:
+        raise SceneError(f"{described(mapping)}: input '{link}' is not a container of cells")
+    return found
+
+
+@component(*MADE, input=LINK, output=LINK, flipNormals=unused(False), swapping=BOOL)
+def accept_topological_mapping(component: "Component", draft: "SceneDraft") -> None:
+    """Accept a mapping that makes cells of others; the container in its node has them."""
+
+
+# Regular grids.
+
+GRID = "RegularGridTopology"
+MOST_POINTS = 1_000_000
+"""Largest number of points of a grid."""
+
+MIRRORED = np.array([[1, 0, 3, 2, 5, 4, 7, 6], [3, 2, 1, 0, 7, 6, 5, 4], [4, 5, 6, 7, 0, 1, 2, 3]])
+"""Corners of a hexahedron with opposite ends of its edges along x, y or z exchanged."""
+
+
+def grid_size(grid: "Component") -> tuple[int, int, int]:
+    """Number of points of a grid along x, y and z: `n`, or `nx`, `ny` and `nz`.
+
+    Raises:
+        SceneError: a number is below 1, or there are too many points.
+    """
+    size = numbers(grid, "n", default=(2, 2, 2)).astype(int)
+    if not is_given(grid, "n"):
+        size = np.array([int(number(grid, name, default=2)) for name in ("nx", "ny", "nz")])
+    if len(size) != 3 or (size < 1).any() or np.prod(size.astype(float)) > MOST_POINTS:
+        raise SceneError(
+            f"{described(grid)}: n = {size.tolist()}: three numbers of 1 or more, of at most {MOST_POINTS} points"
+        )
+    return int(size[0]), int(size[1]), int(size[2])
+
+
+def grid_position(grid: "Component") -> np.ndarray:
+    """Points of a grid [mm], shape (count, 3), x fastest: `min` to `max`, or cells of `cellWidth`, and `p0`."""
+    size = grid_size(grid)
+    low, high = (
+        vector(grid, end, default=[number(grid, f"{axis}{end}", default=value) for axis in "xyz"])
+        for end, value in (("min", 0.0), ("max", 1.0))
+    )
+    width = number(grid, "cellWidth", default=0.0)
+    if width > 0.0:
+        high = low + width * (np.array(size) - 1)
+    axes = [
+        np.linspace(a, b, count) if count > 1 else np.array([a]) for a, b, count in zip(low, high, size, strict=True)
+    ]
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()]) + vector(grid, "p0", default=(0.0, 0.0, 0.0))
+
+
+def grid_cells(grid: "Component", kind: str) -> np.ndarray:
+    """Cells of a grid: hexahedra of one with three dimensions, quads of one with two, edges of one with one."""
+    size = grid_size(grid)
+    place = np.arange(np.prod(size)).reshape(size[::-1])  # [z, y, x]
+    long = [axis for axis, count in enumerate(size) if count > 1]
+    if kind == "hexahedra" and len(long) == 3:
+        ends = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+        corners = [place[k : size[2] - 1 + k, j : size[1] - 1 + j, i : size[0] - 1 + i].ravel() for i, j, k in ends]
+        return np.column_stack(corners)
+    flat = place.reshape([count for count in place.shape if count > 1])
+    if kind == "quads" and len(long) == 2:
+        return np.column_stack(
+            [flat[:-1, :-1].ravel(), flat[:-1, 1:].ravel(), flat[1:, 1:].ravel(), flat[1:, :-1].ravel()]
+        )
+    if kind == "edges" and len(long) == 1:
+        return np.column_stack([flat[:-1], flat[1:]])
+    return no_cells({"edges": 2, "triangles": 3, "quads": 4, "tetrahedra": 4, "hexahedra": 8}[kind])
+
+
+def divided(hexahedra: np.ndarray, grid: "Component | None", alternating: bool) -> np.ndarray:
+    """Six tetrahedra for each hexahedron, shape (6 * count, 4).
+
+    Args:
+        hexahedra: point indices, shape (count, 8).
+        grid: grid of the hexahedra, if it is one.
+        alternating: whether neighbours in a grid are divided like mirror images, so that the diagonals do not all point
+            the same way.
+    """
+    cells = hexahedra.copy()
+    if alternating:
+        # SOFA counts with these numbers where there is no grid.
+        nx, ny = (grid_size(grid)[0] - 1, grid_size(grid)[1] - 1) if grid is not None else (2, 1)
+        i = np.arange(len(cells))
+        for odd, corners in zip(((i % nx) % 2 == 0, (i // nx) % ny % 2, i // (nx * ny) % 2), MIRRORED, strict=True):
+            cells = np.where(np.asarray(odd, dtype=bool)[:, None], cells[:, corners], cells)
+    return cells[:, SIX_TETRAHEDRA].reshape(-1, 4)
+
+
+def hexahedra_of(topology: "Component") -> tuple[np.ndarray, "Component | None"]:
+    """Hexahedra of a topology, shape (count, 8), and the topology itself if it is a grid."""
+    cells = computed(topology, "hexahedra", 8)
+    return cells, topology if canonical(topology.type_name) == GRID else None
+
+
+GRID_SIZE = {
+    "n": (INDICES, (2, 2, 2), ABOVE_0),
+    **{f"n{axis}": (INTEGER, 2, ABOVE_0) for axis in "xyz"},
+    "min": fixed(3),
+    "cellWidth": (SCALAR, 0.0, FROM_0),
+}
+
+
+@component(
+    GRID,
+    **GRID_SIZE,
+    max=(fixed(3), (1.0, 1.0, 1.0)),
+    p0=fixed(3),
+    **{f"{axis}{end}": (SCALAR, value) for axis in "xyz" for end, value in (("min", 0.0), ("max", 1.0))},
+    position=derived(vectors(3), grid_position),
+    **cells_by(grid_cells),
+)
+def accept_grid(component: "Component", draft: "SceneDraft") -> None:
+    """Accept a grid of points and cells, which other components read."""
+
+
+# Sparse grids: the cells of a regular grid that a closed surface touches or encloses.
+
+SPARSE = "SparseGridTopology"
+MARGIN = 0.01
+"""By which the grid is larger than its surface at each end, as a share of its size, as in SOFA [-]."""
+PITCH = 0.3
+"""Largest distance of the points by which cells that the surface touches are found, over the edge of a cell [-]."""
+
+
+def sparse_position(grid: "Component") -> np.ndarray:
+    """Points of the cells [mm], shape (count, 3)."""
+    return _content(grid)[0]
+
+
+def sparse_cells(grid: "Component", kind: str) -> np.ndarray:
+    """The hexahedra; there are no other cells."""
+    if kind == "hexahedra":
+        return _content(grid)[1]
+    return no_cells({"edges": 2, "triangles": 3, "quads": 4, "tetrahedra": 4}[kind])
+
+
+def _content(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
+    if not hasattr(grid, "_sparse"):
+        grid._sparse = _make(grid)
+    found: tuple[np.ndarray, np.ndarray] = grid._sparse
+    return found
+
+
+def _surface(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
+    """Points [mm] and triangles of the surface: of a file, a source, or the data themselves."""
+    if text(grid, "fileTopology", "filename"):
+        mesh = read_loader(grid)
+        return loader_position(grid), np.vstack([mesh.triangles, split_quads(mesh.quads)])
+    if text(grid, "src"):
+        source = grid.linked("src")
+        return computed(source, "position", 3), surface_triangles(source)
+    quads = numbers(grid, "quads").astype(np.int64).reshape(-1, 4)
+    triangles = numbers(grid, "triangles").astype(np.int64).reshape(-1, 3)
+    return numbers(grid, "vertices", "position").reshape(-1, 3), np.vstack([triangles, split_quads(quads)])
+
+
+def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
+    points, triangles = _surface(grid)
+    if not len(triangles):
+        raise SceneError(f"{described(grid)}: has no surface of triangles; name a file with fileTopology, or a source")
+    low, high = (vector(grid, end, default=(0.0, 0.0, 0.0)) for end in ("min", "max"))
+    if not low.any() and not high.any():
+        size = np.ptp(points, axis=0)
+        low, high = points.min(axis=0) - MARGIN * size, points.max(axis=0) + MARGIN * size
+    count = np.array(grid_size(grid))
+    if (width := number(grid, "cellWidth", default=0.0)) > 0.0:
+        count = np.ceil((high - low) / width).astype(int) + 1
+    if (count < 2).any() or np.prod(count.astype(float)) > MOST_POINTS:
+        raise SceneError(
+            f"{described(grid)}: n = {count.tolist()}: 2 points or more along each axis, {MOST_POINTS} at most"
+        )
+    cell = (high - low) / (count - 1)
+    samples, _ = trimesh.remesh.subdivide_to_size(points, triangles, PITCH * cell.min(), max_iter=30)
+    touched = np.zeros(count - 1, dtype=bool)
+    place = np.floor((samples - low) / cell).astype(int)
+    inside = ((place >= 0) & (place < count - 1)).all(axis=1)
+    touched[tuple(place[inside].T)] = True
+    outside, _ = ndimage.label(np.pad(~touched, 1, constant_values=True))
+    kept = (outside != outside[0, 0, 0])[1:-1, 1:-1, 1:-1].transpose(2, 1, 0)  # [z, y, x]
+    at = np.arange(np.prod(count)).reshape(count[::-1])
+    ends = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    corners = [at[k : count[2] - 1 + k, j : count[1] - 1 + j, i : count[0] - 1 + i][kept] for i, j, k in ends]
+    used, hexahedra = np.unique(np.column_stack(corners), return_inverse=True)
+    x, y, z = used % count[0], used // count[0] % count[1], used // (count[0] * count[1])
+    return low + np.column_stack([x, y, z]) * cell, hexahedra.reshape(-1, 8)
+
+
+@component(
+    SPARSE,
+    **GRID_SIZE,
+    max=fixed(3),
+    filename=TEXT,
+    fileTopology=TEXT,
+    fileMesh=ANY,
+    src=TEXT,
+    **TRANSFORMED,
+    vertices=vectors(3),
+    position=derived(vectors(3), sparse_position),
+    **cells_by(sparse_cells),
+)
+def accept_sparse_grid(component: "Component", draft: "SceneDraft") -> None:
+    """Accept a grid of the cells that a surface touches or encloses, which other components read."""
