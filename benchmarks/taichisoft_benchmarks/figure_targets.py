@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
-from taichisoft_benchmarks.case_results import Figure, Results
+from taichisoft_benchmarks.case_results import RepeatedMetric, Results
 
 FILE = Path(__file__).with_name("figure_targets.toml")
 OURS = "taichisoft"
@@ -37,7 +37,7 @@ def targets_of(results: Results) -> Iterator[tuple[str, str, dict[str, str]]]:
             yield about["label"], f"{case}.{metric}", columns
 
 
-def figure_text(figure: Figure | None) -> str:
+def figure_text(figure: RepeatedMetric | None) -> str:
     """Median, with half the spread when it can be seen."""
     if figure is None:
         return NOTHING

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import median
 
-from taichisoft_benchmarks.case_results import CaseResult, Figure, Results
+from taichisoft_benchmarks.case_results import CaseResult, RepeatedMetric, Results
 from taichisoft_benchmarks.errors import BenchmarkError
 
 LEAST_NOISE = 0.05
@@ -67,7 +67,7 @@ def _compare_case(name: str, new: Results, old: Results) -> Iterator[Change]:
             yield _compare_figure(f"{name}.{metric}", figure, before.figures[metric], now, before)
 
 
-def _compare_figure(name: str, new: Figure, old: Figure, now: CaseResult, before: CaseResult) -> Change:
+def _compare_figure(name: str, new: RepeatedMetric, old: RepeatedMetric, now: CaseResult, before: CaseResult) -> Change:
     ratio = old.median / new.median if name.endswith(RATES) else new.median / old.median
     noise = new.spread / new.median + old.spread / old.median
     if name.endswith(TIMES):

@@ -12,7 +12,7 @@ from typing import Any
 
 from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.case_process import measure_in_process
-from taichisoft_benchmarks.case_results import CaseResult, Figure, Results, derive
+from taichisoft_benchmarks.case_results import CaseResult, RepeatedMetric, Results, derive
 from taichisoft_benchmarks.case_scenes import Meshes
 from taichisoft_benchmarks.cases import NamedCase
 from taichisoft_benchmarks.measures.measured import Measured
@@ -121,7 +121,9 @@ def _result(named: NamedCase, repetitions: Repetitions) -> CaseResult:
     measured, last = repetitions.measured, repetitions.measured[-1]
     return CaseResult(
         **about,
-        figures={metric: Figure.of([one.figures[metric] for one in measured]) for metric in measured[0].figures},
+        figures={
+            metric: RepeatedMetric.of([one.figures[metric] for one in measured]) for metric in measured[0].figures
+        },
         facts=last.facts,
         phases={phase: median(one.phases[phase] for one in measured) for phase in last.phases},
         calibration_ms=[round(value, 4) for value in repetitions.calibration],

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from taichisoft.base.rotations import matrices_from_quaternions
 from taichisoft.contact.model import Model
-from taichisoft.control.observation import Pair
+from taichisoft.control.figures import Pair
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.state import State
 from taichisoft.mesh.surface import vertex_normals

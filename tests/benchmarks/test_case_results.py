@@ -5,14 +5,14 @@ import json
 import pytest
 from made_results import case_of, results_of
 
-from taichisoft_benchmarks.case_results import Figure, derive, read_results, write_results
+from taichisoft_benchmarks.case_results import RepeatedMetric, derive, read_results, write_results
 from taichisoft_benchmarks.errors import BenchmarkError
 
 
 def test_a_figure_is_the_least_the_middle_and_the_spread_of_its_repetitions():
-    figure = Figure.of([3.0, 1.0, 1.5, 2.0])
+    figure = RepeatedMetric.of([3.0, 1.0, 1.5, 2.0])
     assert (figure.minimum, figure.median, figure.spread) == (1.0, 1.75, 2.0)
-    assert Figure.of([0.4]).spread == 0.0
+    assert RepeatedMetric.of([0.4]).spread == 0.0
 
 
 def test_results_survive_the_file(tmp_path):
