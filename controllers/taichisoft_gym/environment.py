@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +20,6 @@ from taichisoft.scene import RigidBodySettings, scene_from_dict
 from taichisoft_gym.actuation import Actuation, ArmTravel, Travel, scene_axes
 from taichisoft_gym.channels import (
     Channel,
-    ChannelGroup,
     action_values,
     box_of,
     finite,
@@ -30,7 +29,7 @@ from taichisoft_gym.channels import (
     whole_steps,
 )
 from taichisoft_gym.episode_start import Drawn, Randomisation
-from taichisoft_gym.observed_quantities import named_quantities
+from taichisoft_gym.observed_quantities import Quantity, make_group
 
 if TYPE_CHECKING:
     from taichisoft.running import Simulation
@@ -191,7 +190,6 @@ def _limits(scene: Scene) -> Iterator[tuple[str, str, float]]:
 
 Readings = np.ndarray | dict[str, np.ndarray]
 """An observation: numbers, or with `goals=True` a dictionary of observation, achieved_goal and desired_goal."""
-Quantity = str | Callable[[Any], ChannelGroup]
 
 
 class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
@@ -206,8 +204,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         actions: what actions drive: "pressure", "volume_growth", "valve", "cable_tension", "cable_pull"; of an actuator
             the first that it can be driven by. Empty: the usual one of every actuator.
         travel: range and speed of the base, or an `ArmTravel`; None: it stands still.
-        observations: what is observed, by the names of `observed_quantities.QUANTITIES`, or functions of the
-            environment that return a `ChannelGroup`.
+        observations: what is observed, by the names in `observed_quantities`, or functions of the environment that
+            return a `ChannelGroup`.
         goal_channels: name, unit and range of each number of a goal; empty: the task has no goal.
         goal_reach: range of "way to the target" in each direction.
         goal_options: names of options of `reset` that `begin` takes.
@@ -307,7 +305,9 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
         self.desired_goal = np.zeros(len(self.goal_channels))
         self.start_of_object = np.zeros(3)
-        self._quantities = named_quantities(self, self.observations, goals)
+        # Hindsight changes the goal, but not an observed way to it.
+        observed = [one for one in self.observations if not (goals and one == "way to the target")]
+        self._quantities = [make_group(self, one) for one in observed]
         self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
         self._space, self._goal_space = box_of(self.channels), box_of(self.goal_channels)
         self._goals, self._noise = goals, noise

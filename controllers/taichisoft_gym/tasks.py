@@ -12,7 +12,8 @@ from taichisoft.mechanics import State
 from taichisoft.scene import scene_to_toml
 from taichisoft_gym.actuation import AXES, Actuation, Travel
 from taichisoft_gym.channels import numbers, positive, symmetric
-from taichisoft_gym.environment import Quantity, SoftRobotEnvironment
+from taichisoft_gym.environment import SoftRobotEnvironment
+from taichisoft_gym.observed_quantities import Quantity
 
 # Reach-v0: a fingertip moves to a target and stays there.
 

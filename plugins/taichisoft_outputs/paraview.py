@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from taichisoft.base import atomic_file
+from taichisoft.control import FIGURES, In
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Plane, Stretches
 from taichisoft_outputs.drawing.stage import square_of_plane
@@ -144,7 +145,9 @@ def grid_makers(recording: Recording) -> dict[str, GridMaker]:
         actuators = recording.actuators.names_of(kind)
         walls = [surface for surface in recording.surfaces if surface.kind == kind.name]
         if walls:
-            columns = {figure.name: _named(figure) for figure in kind.measured if figure.recorded}
+            columns = {
+                one.name: _named(one) for one in FIGURES if one.per.kind is kind and In.RECORDING in one.recorded
+            }
             makers[kind.plural] = _surfaces(recording, walls, kind.name, actuators, columns)
         elif actuators and kind.drawn == "lines":
             makers[kind.plural] = _lines(recording, kind)
