@@ -23,11 +23,7 @@ def numbers(value: Any) -> np.ndarray:
 
 
 def action_values(action: Any, count: int) -> np.ndarray:
-    """Copy an action to numbers from -1 to 1, shape (count,).
-
-    Raises:
-        SceneError: it has another number of entries, or a value that is not finite.
-    """
+    """Copy an action to numbers from -1 to 1, shape (count,)."""
     asked = numbers(action)
     if asked.shape != (count,) or not np.isfinite(asked).all():
         raise SceneError(f"action {action!r}: must be {count} finite numbers from -1 to 1")
@@ -35,11 +31,7 @@ def action_values(action: Any, count: int) -> np.ndarray:
 
 
 def whole_steps(period: float, time_step: float) -> int:
-    """Time steps in a control period [s].
-
-    Raises:
-        SceneError: they are not a whole number, or none.
-    """
+    """Time steps in a control period [s]."""
     steps = round(period / time_step)
     if steps < 1 or abs(steps * time_step - period) > 1e-9:
         raise SceneError(f"control_period = {period:g} s: must be a whole multiple of the time step, {time_step:g} s")
@@ -47,22 +39,14 @@ def whole_steps(period: float, time_step: float) -> int:
 
 
 def share(name: str, value: Any) -> float:
-    """A number from 0 to 1; `name` begins the error.
-
-    Raises:
-        SceneError: it is none.
-    """
+    """A number from 0 to 1; `name` begins the error."""
     if isinstance(value, int | float) and 0.0 <= value <= 1.0:
         return float(value)
     raise SceneError(f"{name} = {value!r}: must be a number from 0 to 1")
 
 
 def finite(name: str, value: Any) -> float:
-    """A finite number; `name` begins the error.
-
-    Raises:
-        SceneError: it is none.
-    """
+    """A finite number; `name` begins the error."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -73,11 +57,7 @@ def finite(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """A finite number above zero; `name` begins the error.
-
-    Raises:
-        SceneError: it is none.
-    """
+    """A finite number above zero; `name` begins the error."""
     number = finite(name, value)
     if number <= 0.0:
         raise SceneError(f"{name} = {value!r}: must be above 0")
@@ -100,11 +80,7 @@ class Channel:
     high: float
 
     def __post_init__(self) -> None:
-        """Check the range.
-
-        Raises:
-            SceneError: it ends before it begins.
-        """
+        """Check the range."""
         if not self.low <= self.high:
             raise SceneError(f"channel '{self.name}': low = {self.low!r} must not be above high = {self.high!r}")
 
@@ -134,11 +110,7 @@ def box_of(channels: Sequence[Channel]) -> Box:
 
 
 def read_groups(groups: Sequence[ChannelGroup], seen: Observation) -> np.ndarray:
-    """The readings of all groups, one after the other.
-
-    Raises:
-        SceneError: a group reads something else than a finite number for each of its channels.
-    """
+    """The readings of all groups, one after the other."""
     readings = [numbers(group.read(seen)) for group in groups]
     for group, values in zip(groups, readings, strict=True):
         if values.shape != (len(group.channels),) or not np.isfinite(values).all():
@@ -148,11 +120,7 @@ def read_groups(groups: Sequence[ChannelGroup], seen: Observation) -> np.ndarray
 
 
 def saturated(values: np.ndarray, space: Box, name: str = "readings") -> np.ndarray:
-    """Clip values to the range of a space; `name` begins the error.
-
-    Raises:
-        SceneError: they are not as many as the space has.
-    """
+    """Clip values to the range of a space; `name` begins the error."""
     if np.shape(values) != space.shape:
         raise SceneError(f"{name} = {values!r}: must be an array of shape {space.shape}")
     return np.clip(values, space.low, space.high).astype(np.float32)

@@ -50,11 +50,7 @@ class EnvironmentPage:
     """A page in the browser, whose address is printed."""
 
     def __init__(self, simulation: "Simulation"):
-        """Serve the page.
-
-        Raises:
-            TaichisoftError: viser is not installed, or the page cannot be served.
-        """
+        """Serve the page."""
         self._folder = TemporaryDirectory(prefix="taichisoft-page-")
         self._output = make_output("web", self._folder.name)
         self._session = Session(simulation, FromOutside(), [self._output], duration=inf)
@@ -91,9 +87,6 @@ def changed_scene(
         friction: Coulomb's coefficient [-]; None: the scene's.
         pressure: lowest and highest pressure [kPa].
         pressure_rate: fastest change of a pressure [kPa/s].
-
-    Raises:
-        SceneError: an argument is not valid.
     """
     tables = scene.model_dump(mode="json", exclude_none=True)
     tables["limits"] |= {
@@ -132,9 +125,6 @@ def range_of_pressure(scene: Scene, asked: Any, usual: tuple[float, float]) -> t
         scene: scene, with limits for all and for each cavity.
         asked: lowest and highest pressure [kPa]; None: `usual` within the limits.
         usual: default lowest and highest pressure [kPa].
-
-    Raises:
-        SceneError: `asked` is not two rising numbers, or exceeds a limit.
     """
     low, high = usual if asked is None else _two_numbers(asked)
     for key, end, limit in _limits(scene):
@@ -151,11 +141,7 @@ def range_of_pressure(scene: Scene, asked: Any, usual: tuple[float, float]) -> t
 
 
 def rate_of_pressure(scene: Scene, asked: float | None) -> float:
-    """Fastest change of a pressure [kPa/s]: `asked`, or the default within the scene's limit if None.
-
-    Raises:
-        SceneError: `asked` exceeds the scene's limit.
-    """
+    """Fastest change of a pressure [kPa/s]: `asked`, or the default within the scene's limit if None."""
     limit = math.inf if scene.limits.pressure_rate is None else scene.limits.pressure_rate
     if asked is None:
         return min(USUAL_RATE, limit)

@@ -291,11 +291,7 @@ class Carry(GripperEnvironment):
 
 
 def distances(given: Any) -> tuple[float, float]:
-    """Shortest and longest distance of a target [mm].
-
-    Raises:
-        SceneError: they are none.
-    """
+    """Shortest and longest distance of a target [mm]."""
     both = numbers(given)
     if both.shape != (2,) or not 0.0 < both[0] <= both[1] < np.inf:
         raise SceneError(f"distance = {given!r}: must be a shortest and a longest distance [mm], above 0")

@@ -35,11 +35,7 @@ class CsvOutput(Output):
         self._warned: set[str] = set()
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Open the file, and take the names of the columns.
-
-        Raises:
-            TaichisoftError: the file cannot be made.
-        """
+        """Open the file, and take the names of the columns."""
         listed = [figure for figure in FIGURES if In.CSV in figure.recorded]
         self._figures = [(figure, figure.reader(model), figure.per.names(model)) for figure in listed]
         self._figures = [row for row in self._figures if row[2]]
@@ -49,11 +45,7 @@ class CsvOutput(Output):
         self._writer = csv.writer(self._file)
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """Write a row.
-
-        Raises:
-            TaichisoftError: the disk is full, or the like.
-        """
+        """Write a row."""
         assert self._file is not None
         with named_os_errors(self.path):
             if self._row_count == 0:
@@ -74,11 +66,7 @@ class CsvOutput(Output):
         self._restart_count += 1
 
     def end(self, outcome: str) -> None:
-        """Close the file; without any step it has the names of the columns only.
-
-        Raises:
-            TaichisoftError: the disk is full, or the like.
-        """
+        """Close the file; without any step it has the names of the columns only."""
         if self._file is None:
             return
         with named_os_errors(self.path), self._file:

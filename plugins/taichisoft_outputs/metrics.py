@@ -214,12 +214,7 @@ class MetricsOutput(Output):
             self._look_at_pressures(report)
 
     def end(self, outcome: str) -> None:
-        """Write metrics.json.
-
-        Raises:
-            GoalMissed: the run was completed, but its goal was not reached.
-            TaichisoftError: the file cannot be written.
-        """
+        """Write metrics.json."""
         self.metrics = self.figures(outcome)
         goal, completed = self._scene.goal, outcome == "completed"
         judged = goal is not None and self._figures.last is not None and (completed or outcome in ENDED_BY_USER)

@@ -531,9 +531,6 @@ def draw_plots(
     """Draw the panels called `only`, or all that there is something for; over time, or over the panel called `over`.
 
     With `columns_apart` each column is a picture of its own, so that a narrow page can put one below the other.
-
-    Raises:
-        PlotError: the format or panel is unknown, or nothing is to be drawn.
     """
     if format not in FORMATS:
         raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")

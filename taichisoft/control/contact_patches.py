@@ -141,11 +141,7 @@ class ContactPatches:
         return felt
 
     def check_tactile_arrays(self) -> None:
-        """Check that every tactile array has a part of the surface of its body.
-
-        Raises:
-            SceneError: one lies beside it.
-        """
+        """Check that every tactile array has a part of the surface of its body."""
         for body, start in zip(self._model.soft_bodies, self._start[:-1], strict=True):
             for name, table in body.settings.tactile.items():
                 corners, (low, high) = self._rest[body.surface.triangles + start], table.box

@@ -202,9 +202,6 @@ class RecordingOutput(Output):
             limit: most room of the recording [GB]: when half of it is full, the file becomes `recording-before.h5`, in
                 place of an older one, and another begins. None for `USUAL_LIMIT` in runs without an end, and none in
                 others.
-
-        Raises:
-            RecordingError: `every` is less than 1, or `limit` not positive.
         """
         if limit is not None and not limit > 0.0:
             raise RecordingError(f"--record-limit {limit:g}: must be a positive number of gigabytes")
@@ -220,11 +217,7 @@ class RecordingOutput(Output):
         self._steps_since_state = 0
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Write scene and bodies; the state before the first step becomes frame 0.
-
-        Raises:
-            RecordingError: the file cannot be written.
-        """
+        """Write scene and bodies; the state before the first step becomes frame 0."""
         self._model = model
         self._rows = RowMaker(model)
         self._slipping = Slipping(len(model.scene.soft_bodies), state)
@@ -233,11 +226,7 @@ class RecordingOutput(Output):
             self._before.unlink(missing_ok=True)
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """Take a step; the step before it is written if it is to be a frame.
-
-        Raises:
-            RecordingError: the file cannot be written.
-        """
+        """Take a step; the step before it is written if it is to be a frame."""
         self._write_or_skip_last()
         self._solver.add(report)
         self._slide = self._slide + self._slipping.add(state)
@@ -251,11 +240,7 @@ class RecordingOutput(Output):
         self._write_last(has_state=True)
 
     def end(self, outcome: str) -> None:
-        """Write the last step and how the run ended, and make an HDF5 file of it; the file is closed whatever happens.
-
-        Raises:
-            RecordingError: the file cannot be written.
-        """
+        """Write the last step and how the run ended, and make an HDF5 file of it; the file is closed whatever happens."""
         if self._file is None:
             return
         file, is_whole = self._file, False
@@ -377,11 +362,7 @@ class NeededRecording:
         self._before = self._stamp()
 
     def require(self, output: str) -> None:
-        """See that the recording is being written; to be called when the output begins.
-
-        Raises:
-            RecordingNeeded: no output has begun to write it.
-        """
+        """See that the recording is being written; to be called when the output begins."""
         if self._stamp() in (None, self._before):
             raise RecordingNeeded(f"output '{output}' needs the output 'recording' before it: recording,{output}")
 
