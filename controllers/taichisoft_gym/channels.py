@@ -24,10 +24,10 @@ def numbers(value: Any) -> np.ndarray:
 
 def action_values(action: Any, count: int) -> np.ndarray:
     """Copy an action to numbers from -1 to 1, shape (count,)."""
-    asked = numbers(action)
-    if asked.shape != (count,) or not np.isfinite(asked).all():
+    request = numbers(action)
+    if request.shape != (count,) or not np.isfinite(request).all():
         raise SceneError(f"action {action!r}: must be {count} finite numbers from -1 to 1")
-    return np.clip(asked, -1.0, 1.0)
+    return np.clip(request, -1.0, 1.0)
 
 
 def whole_steps(period: float, time_step: float) -> int:
@@ -38,22 +38,12 @@ def whole_steps(period: float, time_step: float) -> int:
     return steps
 
 
-def share(name: str, value: Any) -> float:
-    """A number from 0 to 1; `name` begins the error."""
-    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
-        return float(value)
-    raise SceneError(f"{name} = {value!r}: must be a number from 0 to 1")
-
-
-def finite(name: str, value: Any) -> float:
-    """A finite number; `name` begins the error."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise SceneError(f"{name} = {value!r}: must be a finite number")
-    return number
+def finite(name: str, value: Any, what: str = "a finite number", low: float = -np.inf, high: float = np.inf) -> float:
+    """A finite number from `low` to `high`; `name` begins the error, which says `what` it must be."""
+    number = numbers(value)
+    if number.shape != () or not (np.isfinite(number) and low <= number <= high):
+        raise SceneError(f"{name} = {value!r}: must be {what}")
+    return float(number)
 
 
 def positive(name: str, value: Any) -> float:
@@ -62,6 +52,11 @@ def positive(name: str, value: Any) -> float:
     if number <= 0.0:
         raise SceneError(f"{name} = {value!r}: must be above 0")
     return number
+
+
+def share(name: str, value: Any) -> float:
+    """A number from 0 to 1; `name` begins the error."""
+    return finite(name, value, "a number from 0 to 1", 0.0, 1.0)
 
 
 @dataclass(frozen=True)

@@ -240,7 +240,7 @@ class RecordingOutput(Output):
         self._write_last(has_state=True)
 
     def end(self, outcome: str) -> None:
-        """Write the last step and how the run ended, and make an HDF5 file of it; the file is closed whatever happens."""
+        """Write the last step and how the run ended, close the file in any case, and make an HDF5 file of it."""
         if self._file is None:
             return
         file, is_whole = self._file, False
