@@ -17,8 +17,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import taichisoft
+from taichisoft.control import FIGURES, In
 from taichisoft.running import hook_names, hookspecs
 from taichisoft.scene import actuators, file, key_descriptions, rigid_body, scene, sensor_settings, soft_body, table
+from taichisoft_controllers.step_in_progress import QUANTITIES, QuantityKind
 from taichisoft_sofa.components.known_components import IGNORED, known_types
 from taichisoft_sofa.tree.value_kinds import ALIASES
 
@@ -72,6 +74,24 @@ SOFA = f"""# Components of SOFA
 What becomes of the components of a SOFA scene; [sofa.md](../sofa.md) tells the rest. Names that components had in older
 versions are understood as well.
 """
+FIGURES_PAGE = f"""# Figures
+
+{NOTE}
+
+What is observed of a simulation. [Conditions](../controllers.md#conditions) of scripts can name all with a meaning, and
+brackets choose one of several. "The object" is that of the scene's goal; without a goal, forces are those on all rigid
+bodies, and `height`, `lift` and `speed` need a name if there are several. Forces are those of the step before.
+Columns of `run.csv` are called by name, what it is of and unit, datasets of recordings by the name, and metrics such as
+`final_pressures_kPa` by name and unit. An [observation](python.md) has radians instead of degrees. Rollouts and targets
+use the names of its attributes.
+"""
+WHERE = {
+    In.CSV: "CSV",
+    In.RECORDING: "recording",
+    In.PAGE: "page",
+    In.FINAL: "metrics (last)",
+    In.LARGEST: "metrics (largest)",
+}
 TABLES: dict[str, type[BaseModel]] = {
     "(top level)": scene.Scene,
     "[time]": scene.Time,
@@ -117,6 +137,7 @@ def pages() -> dict[str, str]:
         "python.md": _python_page(),
         "hooks.md": _hooks_page(),
         "scenes.md": _scenes_page(),
+        "figures.md": _figures_page(),
         "sofa.md": _sofa_page(),
     }
 
@@ -156,6 +177,21 @@ def _sofa_page() -> str:
     return _joined(
         [SOFA, "## Understood", table, "## Without effect", f"They are listed at the end of loading: {without}."]
     )
+
+
+def _figures_page() -> str:
+    head = ("name", "in brackets", "unit", "in a condition", "in", "plotted as", "attribute")
+    further = {one.name: QuantityKind(one.unit, "", "", one) for one in FIGURES if not one.meaning}
+    rows = [head, ("---",) * len(head), *(_figure_row(name, kind) for name, kind in {**QUANTITIES, **further}.items())]
+    return _joined([FIGURES_PAGE, "\n".join(f"| {' | '.join(cells)} |" for cells in rows)])
+
+
+def _figure_row(name: str, kind: QuantityKind) -> tuple[str, ...]:
+    figure, cells = kind.figure, (f"`{name}`", kind.key, kind.unit, kind.meaning)
+    if figure is None or name != figure.name:
+        return *cells, "", "", ""
+    where = ", ".join(WHERE[part] for part in figure.recorded)
+    return *cells, where, figure.drawn, "" if figure.in_model else f"`{figure.field}`"
 
 
 def _joined(parts: list[str]) -> str:

@@ -17,7 +17,7 @@ import typer
 from taichisoft.errors import nearest
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.pages import heading, row, run_program, svg_axes
-from taichisoft_benchmarks.results import CaseResult, Figure, Results, read_results
+from taichisoft_benchmarks.results import CaseResult, RepeatedMetric, Results, read_results
 
 MARKED = re.compile(r"<!-- bench:(\w+) -->\n(.*?)<!-- end -->", re.DOTALL)
 TARGETS = Path(__file__).with_name("figure_targets.toml")
@@ -73,7 +73,7 @@ def targets_of(results: Results) -> Iterator[tuple[str, str, dict[str, str]]]:
             yield about["label"], f"{case}.{metric}", columns
 
 
-def figure_text(figure: Figure | None) -> str:
+def figure_text(figure: RepeatedMetric | None) -> str:
     """Median, with half the spread when it can be seen."""
     if figure is None:
         return NOTHING

@@ -16,7 +16,7 @@ from taichisoft_benchmarks.errors import BenchmarkError
 FILE = "results.json"
 
 
-class Figure(Table):
+class RepeatedMetric(Table):
     """One metric of a case: a value per repetition, and their minimum, median and spread."""
 
     values: Annotated[list[Number], Field(min_length=1)]
@@ -26,7 +26,7 @@ class Figure(Table):
     """Difference of the largest and the smallest value."""
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> "Figure":
+    def of(cls, values: Sequence[float]) -> "RepeatedMetric":
         """The figure of these repetitions."""
         rounded = [float(f"{value:.6g}") for value in values]
         return cls(
@@ -47,7 +47,7 @@ class CaseResult(Table):
     kind: str
     threads: int
     """Number of threads; 0 is all cores."""
-    figures: dict[str, Figure] = Field(default_factory=dict)
+    figures: dict[str, RepeatedMetric] = Field(default_factory=dict)
     """Figures by metric; the end of a metric's name is its unit (_ms, _s, _mb), ratios have none."""
     facts: dict[str, Any] = Field(default_factory=dict)
     """Properties of the case that was measured: nodes, contacts, sweeps."""
@@ -190,7 +190,7 @@ def _compare_case(name: str, new: Results, old: Results) -> Iterator[Change]:
             yield _compare_figure(f"{name}.{metric}", figure, before.figures[metric], now, before)
 
 
-def _compare_figure(name: str, new: Figure, old: Figure, now: CaseResult, before: CaseResult) -> Change:
+def _compare_figure(name: str, new: RepeatedMetric, old: RepeatedMetric, now: CaseResult, before: CaseResult) -> Change:
     ratio = old.median / new.median if name.endswith(RATES) else new.median / old.median
     noise = new.spread / new.median + old.spread / old.median
     if name.endswith(TIMES):

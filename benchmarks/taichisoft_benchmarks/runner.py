@@ -20,7 +20,7 @@ from taichisoft_benchmarks.case_scenes import Meshes, scene_of
 from taichisoft_benchmarks.cases import Case, MeshingCase, NamedCase, StartCase
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.measures import Measured
-from taichisoft_benchmarks.results import CaseResult, Figure, Results, derive
+from taichisoft_benchmarks.results import CaseResult, RepeatedMetric, Results, derive
 
 
 @dataclass
@@ -125,7 +125,9 @@ def _result(named: NamedCase, repetitions: Repetitions) -> CaseResult:
     measured, last = repetitions.measured, repetitions.measured[-1]
     return CaseResult(
         **about,
-        figures={metric: Figure.of([each.figures[metric] for each in measured]) for metric in measured[0].figures},
+        figures={
+            metric: RepeatedMetric.of([each.figures[metric] for each in measured]) for metric in measured[0].figures
+        },
         facts=last.facts,
         phases={phase: median(each.phases[phase] for each in measured) for phase in last.phases},
         calibration_ms=[round(value, 4) for value in repetitions.calibration],

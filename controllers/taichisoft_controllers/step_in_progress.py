@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from taichisoft.base import COMPARISONS, ExpressionError, evaluate, parse, shown
-from taichisoft.control import Observation
+from taichisoft.control import BASE, FIGURES, OBJECTS, PAIRS, Figure, Observation, Subject
 from taichisoft.errors import ControllerFailed, SceneError, nearest
-from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind
-from taichisoft_controllers.model_names import actuators_called, called, fingers_called, object_called, pairs_called
+from taichisoft_controllers.model_names import actuators_called, called, object_called, pairs_called
 from taichisoft_controllers.script_targets import Way
 
 if TYPE_CHECKING:
@@ -57,20 +56,12 @@ class Condition:
     _tree: ast.expr
 
     def holds(self, values: Values) -> bool:
-        """Whether it is true for values of its quantities.
-
-        Raises:
-            ZeroDivisionError: it divides by zero.
-        """
+        """Whether it is true for values of its quantities."""
         return bool(evaluate(self._tree, {str(quantity): value for quantity, value in values.items()}))
 
 
 def read_condition(text: str, names: Sequence[str]) -> Condition:
-    """Understand a condition about quantities of the given names.
-
-    Raises:
-        SceneError: it is not in the language; one line that says what is wrong and what would be valid.
-    """
+    """Understand a condition about quantities of the given names."""
     if not text.strip():
         raise SceneError("is empty; an example of a condition is: contact_force > 60")
     try:
@@ -107,11 +98,7 @@ class _Reader:
         self._names = list(names)
 
     def check_truth(self, node: ast.expr) -> None:
-        """Check a part that is true or false.
-
-        Raises:
-            SceneError: it is a number, or nothing that a condition may have.
-        """
+        """Check a part that is true or false."""
         match node:
             case ast.BoolOp(_, parts):
                 for part in parts:
@@ -130,11 +117,7 @@ class _Reader:
                 raise SceneError(f"{self._show(node)} is a number; compare it with something, as in contact_force > 60")
 
     def check_number(self, node: ast.expr) -> None:
-        """Check a part that is a number.
-
-        Raises:
-            SceneError: it is true or false, or nothing that a condition may have.
-        """
+        """Check a part that is a number."""
         match node:
             case ast.Constant(int() | float() as value) if not isinstance(value, bool):
                 self._require(_is_finite(value), node, "a number must be finite")
@@ -194,174 +177,92 @@ def _is_finite(value: float) -> bool:
 
 Reading = Callable[[Observation, float], float]
 """A function of an observation and of the time since the script's step began [s], which gives a quantity's value."""
-Bind = Callable[["Model", str | None], Reading]
-Combine = Callable[[Sequence[float]], float]
 
 
 @dataclass(frozen=True)
 class QuantityKind:
-    """A row of the table of quantities.
+    """A quantity that conditions know.
 
     Attributes:
         unit: unit of its values.
         meaning: the meaning of the name without brackets.
-        bind: makes the reading for a key, or for None, of a model; raises SceneError when the key does not fit.
         key: what may stand in brackets, to have one of several; empty when nothing may.
+        figure: the figure of observations that it is; None for times.
     """
 
     unit: str
     meaning: str
-    bind: Bind
     key: str = ""
+    figure: Figure | None = None
+
+
+def _of(figure: Figure, meaning: str) -> QuantityKind:
+    return QuantityKind(figure.unit, meaning, figure.per.word, figure)
+
+
+OTHER_NAMES = {"normal_force": "contact_force"}
+
+QUANTITIES: Mapping[str, QuantityKind] = {
+    "time": QuantityKind("s", "time since the run began"),
+    "elapsed": QuantityKind("s", "time since this step of the script began"),
+    **{figure.name: _of(figure, figure.meaning + figure.per.all) for figure in FIGURES if figure.meaning},
+    **{
+        OTHER_NAMES[figure.name]: _of(figure, f"another name of `{figure.name}`")
+        for figure in FIGURES
+        if figure.name in OTHER_NAMES
+    },
+}
+"""Quantities by name. "The object" is that of the goal; without a goal it is all rigid bodies, or the only one."""
 
 
 def bind_quantity(quantity: Quantity, model: "Model") -> Reading:
-    """The function that reads a quantity while a model runs.
-
-    Raises:
-        SceneError: the model does not have the key in the brackets, or has nothing of the kind.
-    """
-    kind = QUANTITIES[quantity.name]
-    if quantity.key is not None and not kind.key:
+    """The function that reads a quantity while a model runs."""
+    kind, key = QUANTITIES[quantity.name], quantity.key
+    if key is not None and not kind.key:
         raise SceneError(f"{quantity}: nothing can stand in brackets behind {quantity.name}")
+    if kind.figure is None:
+        return (lambda seen, elapsed: seen.time) if quantity.name == "time" else (lambda seen, elapsed: elapsed)
     try:
-        return kind.bind(model, quantity.key)
+        return _reading(kind.figure, model, key)
     except SceneError as error:
         raise SceneError(f"{quantity}: {error}") from error
 
 
-def _actuators(kind: ActuatorKind, figure: ActuatorFigure) -> QuantityKind:
-    """The row of a figure of actuators."""
-    combine = sum if figure.total else _mean
-
-    def bind(model: "Model", key: str | None) -> Reading:
-        chosen = actuators_called(key, model.actuators.names_of(kind), kind.name)
-        return lambda seen, elapsed: combine([getattr(seen, figure.observed)[name] for name in chosen])
-
-    return QuantityKind(figure.unit, figure.meaning, bind, f"finger or {kind.name}")
-
-
-def _fingers(measure: Callable[[Observation, str], float], combine: Combine) -> Bind:
-    def bind(model: "Model", key: str | None) -> Reading:
-        chosen = fingers_called(key, model)
-        return lambda seen, elapsed: combine([measure(seen, name) for name in chosen])
-
-    return bind
-
-
-def _pairs(values: str, combine: Combine) -> Bind:
-    def bind(model: "Model", key: str | None) -> Reading:
-        chosen = pairs_called(key, model)
-        # Bodies that are far apart are not in an observation: nothing presses.
-        return lambda seen, elapsed: combine([getattr(seen, values).get(pair, 0.0) for pair in chosen])
-
-    return bind
-
-
-def _base(values: str, factor: float) -> Bind:
-    """A vector of the base: its length, or one of its coordinates."""
-
-    def bind(model: "Model", key: str | None) -> Reading:
-        if key is None:
-            return lambda seen, elapsed: factor * float(np.linalg.norm(getattr(seen, values)))
+def _reading(figure: Figure, model: "Model", key: str | None) -> Reading:
+    """What reads a figure of all that a condition means without a key, or of what it is of that is called `key`."""
+    read, chosen = figure.reader(model), _chosen(figure.per, model, key)
+    if figure.per is BASE and key is not None:
         axis = "xyz".index(called(key, ["x", "y", "z"], "axis")[0])
-        return lambda seen, elapsed: factor * float(getattr(seen, values)[axis])
+        return lambda seen, elapsed: float(figure.value(read(seen), "")[axis])
 
-    return bind
+    def reading(seen: Observation, elapsed: float) -> float:
+        values = read(seen)
+        numbers = [figure.value(values, name) for name in chosen]
+        return COMBINE[figure.combined]([float(np.linalg.norm(one)) for one in numbers] if figure.axes else numbers)
 
-
-def _frame(values: str, factor: float = 1.0) -> Bind:
-    """Of frames beside the base, or of those with a hinge: a number with its sign, or the length of a vector."""
-    of_hinges = values in ("frame_angles", "frame_moments")
-
-    def bind(model: "Model", key: str | None) -> Reading:
-        frames = model.scene.frames.items()
-        chosen = called(key, [name for name, one in frames if not of_hinges or one.hinge is not None], "frame")
-
-        def read(seen: Observation, elapsed: float) -> float:
-            found = [getattr(seen, values)[name] for name in chosen]
-            return factor * float(max(found if of_hinges else map(np.linalg.norm, found), key=abs))
-
-        return read
-
-    return bind
-
-
-def _height(model: "Model", key: str | None) -> Reading:
-    name, up = object_called(key, model), model.scene.up
-    return lambda seen, elapsed: float(seen.object_positions[name] @ up)
-
-
-def _lift(model: "Model", key: str | None) -> Reading:
-    name, height = object_called(key, model), _height(model, key)
-    (start,) = (float(body.start_position @ model.scene.up) for body in model.rigid_bodies if body.name == name)
-    return lambda seen, elapsed: height(seen, elapsed) - start
-
-
-def _speed(model: "Model", key: str | None) -> Reading:
-    name = object_called(key, model)
-    return lambda seen, elapsed: float(np.linalg.norm(seen.object_velocities[name]))
+    return reading
 
 
 def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
 
 
-def _bending_angle(seen: Observation, finger: str) -> float:
-    return math.degrees(seen.bending_angles[finger])
+def _largest(values: Sequence[float]) -> float:
+    return float(max(values, key=abs))
 
 
-def _tip_speed(seen: Observation, finger: str) -> float:
-    return float(np.linalg.norm(seen.tip_velocities[finger]))
+COMBINE: Mapping[str, Callable[[Sequence[float]], float]] = {"sum": sum, "mean": _mean, "max": _largest}
 
 
-ON_OBJECT = "of the soft bodies on the object"
-FINGER, OBJECT, PAIR, AXIS, FRAME = "finger", "rigid body", "pair of bodies", "x, y or z", "frame"
-
-QUANTITIES: Mapping[str, QuantityKind] = {
-    "time": QuantityKind("s", "time since the run began", lambda model, key: lambda seen, elapsed: seen.time),
-    "elapsed": QuantityKind(
-        "s", "time since this step of the script began", lambda model, key: lambda seen, elapsed: elapsed
-    ),
-    "contact_force": QuantityKind("mN", f"sum of the normal forces {ON_OBJECT}", _pairs("normal_forces", sum), PAIR),
-    "normal_force": QuantityKind("mN", "another name of `contact_force`", _pairs("normal_forces", sum), PAIR),
-    "friction_force": QuantityKind(
-        "mN", f"sum of the amounts of friction {ON_OBJECT}", _pairs("friction_forces", sum), PAIR
-    ),
-    "slip_speed": QuantityKind("mm/s", f"fastest sliding {ON_OBJECT}", _pairs("slip_speeds", max), PAIR),
-    "contact_count": QuantityKind("1", f"number of pressing contacts {ON_OBJECT}", _pairs("contact_counts", sum), PAIR),
-    **{
-        figure.name: _actuators(kind, figure)
-        for kind in ACTUATOR_KINDS
-        for figure in (*kind.drives, kind.value, kind.rate, *kind.figures)
-        if figure is not None
-    },
-    "bending_angle": QuantityKind(
-        "degrees", "turn of the tip against the base, mean of all fingers", _fingers(_bending_angle, _mean), FINGER
-    ),
-    "tip_speed": QuantityKind("mm/s", "speed of the fastest fingertip", _fingers(_tip_speed, max), FINGER),
-    "height": QuantityKind("mm", "coordinate of the object's centre of mass, upwards", _height, OBJECT),
-    "lift": QuantityKind("mm", "height of the object over its height at the start", _lift, OBJECT),
-    "speed": QuantityKind("mm/s", "speed of the object's centre of mass", _speed, OBJECT),
-    "base_translation": QuantityKind("mm", "distance of the base from its rest", _base("base_translation", 1.0), AXIS),
-    "base_force": QuantityKind("mN", "force on the base, its amount", _base("base_force", 1.0), AXIS),
-    "base_torque": QuantityKind(
-        "mN mm", "torque on the base about its pivot, its amount", _base("base_torque", 1.0), AXIS
-    ),
-    "frame_translation": QuantityKind(
-        "mm", "distance of the farthest frame from its rest", _frame("frame_translations"), FRAME
-    ),
-    "frame_force": QuantityKind("mN", "largest force on a frame, its amount", _frame("frame_forces"), FRAME),
-    "frame_torque": QuantityKind("mN mm", "largest torque on a frame about its pivot", _frame("frame_torques"), FRAME),
-    "frame_angle": QuantityKind(
-        "degrees", "largest angle of a hinge", _frame("frame_angles", math.degrees(1.0)), FRAME
-    ),
-    "frame_moment": QuantityKind("mN mm", "largest moment about a hinge", _frame("frame_moments"), FRAME),
-    "base_rotation": QuantityKind(
-        "degrees", "angle of the base's turn", _base("base_rotation", math.degrees(1.0)), AXIS
-    ),
-}
-"""Quantities by name. "The object" is that of the goal; without a goal it is all rigid bodies, or the only one."""
+def _chosen(per: Subject, model: "Model", key: str | None) -> Sequence[Any]:
+    """What a condition means by a key: the names of actuators, fingers, pairs and so on."""
+    if per.kind is not None:
+        return actuators_called(key, per.names(model), per.kind.name)
+    if per is PAIRS:
+        return pairs_called(key, model)
+    if per is OBJECTS:
+        return [object_called(key, model)]
+    return per.names(model) if per is BASE else called(key, per.names(model), per.word)
 
 
 # A step of a script that goes on: its way, the condition that it waits for, its rest.
@@ -380,9 +281,6 @@ class Waiting:
             text: the condition.
             timeout: time after which the run fails [s].
             where: the beginning of every error, which says where the condition stands.
-
-        Raises:
-            SceneError: it is not understood.
         """
         self._timeout = timeout
         self._key = f"{where}: until = {text!r}"
@@ -393,22 +291,14 @@ class Waiting:
         self._readings: dict[Quantity, Reading] = {}
 
     def reset(self, model: "Model") -> None:
-        """Find in a model what the condition names.
-
-        Raises:
-            SceneError: the model does not have it.
-        """
+        """Find in a model what the condition names."""
         try:
             self._readings = {quantity: bind_quantity(quantity, model) for quantity in self._condition.quantities}
         except SceneError as error:
             raise SceneError(f"{self._key}: {error}") from error
 
     def is_over(self, observation: Observation, elapsed: float) -> bool:
-        """Whether the condition is true, `elapsed` [s] after the waiting began.
-
-        Raises:
-            ControllerFailed: it is not, and the time is up; or it divides by zero.
-        """
+        """Whether the condition is true, `elapsed` [s] after the waiting began."""
         values = {quantity: read(observation, elapsed) for quantity, read in self._readings.items()}
         try:
             if self._condition.holds(values):
@@ -471,9 +361,6 @@ class StepInProgress:
 
         Returns:
             The time at which the step ended [s], or None while it goes on.
-
-        Raises:
-            ControllerFailed: the condition was not true in time.
         """
         elapsed = max(0.0, observation.time - self.begun)
         if self._waiting is None:

@@ -12,25 +12,17 @@ from taichisoft.base import extra, require
 if TYPE_CHECKING:
     from taichisoft_gym.actuation import ArmTravel, Travel
     from taichisoft_gym.channels import Channel, ChannelGroup
-    from taichisoft_gym.disturbances import Bias, Delayed, Dropout, Noise, Quantised, Sampled
     from taichisoft_gym.environment import SoftRobotEnvironment
-    from taichisoft_gym.sensors import Bending, Camera, ContactForces, Flows
     from taichisoft_gym.vector import SoftRobotVectorEnv
+    from taichisoft_gym.wrappers import Camera, Disturbed, Observed
 
 __all__ = [
     "ArmTravel",
-    "Bending",
-    "Bias",
     "Camera",
     "Channel",
     "ChannelGroup",
-    "ContactForces",
-    "Delayed",
-    "Dropout",
-    "Flows",
-    "Noise",
-    "Quantised",
-    "Sampled",
+    "Disturbed",
+    "Observed",
     "SoftRobotEnvironment",
     "SoftRobotVectorEnv",
     "Travel",
@@ -40,10 +32,9 @@ __getattr__, *_ = lazy_loader.attach(
     submod_attrs={
         "actuation": ["ArmTravel", "Travel"],
         "channels": ["Channel", "ChannelGroup"],
-        "disturbances": ["Bias", "Delayed", "Dropout", "Noise", "Quantised", "Sampled"],
         "environment": ["SoftRobotEnvironment"],
-        "sensors": ["Bending", "Camera", "ContactForces", "Flows"],
         "vector": ["SoftRobotVectorEnv"],
+        "wrappers": ["Camera", "Disturbed", "Observed"],
     },
 )
 EPISODES = {"Grasp": 120, "Reach": 30, "Carry": 200}

@@ -41,12 +41,7 @@ class ArmMotion:
     """
 
     def __init__(self, scene: Scene, travel: ArmTravel):
-        """Read the arm.
-
-        Raises:
-            SceneError: the scene has no arm, or the share is none.
-            PackageMissing: yourdfpy is not installed.
-        """
+        """Read the arm."""
         from taichisoft_arm.mounted_arm import ArmPlacement, MountedArm
 
         if scene.controller is None or scene.controller.name != "arm":
@@ -75,9 +70,6 @@ class ArmMotion:
             translation: of the base [mm], shape (3,).
             rotation: its rotation vector [rad], shape (3,).
             pivot: the base's pivot [mm], shape (3,).
-
-        Raises:
-            SceneError: the arm cannot bring the base there.
         """
         from taichisoft_arm.kinematics import solve
         from taichisoft_arm.mounted_arm import motion_of_base
@@ -156,11 +148,7 @@ class Travel:
     turning_speed: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the range.
-
-        Raises:
-            SceneError: an end or a speed makes no sense.
-        """
+        """Check the range."""
         low, high = numbers(self.low), numbers(self.high)
         if low.shape != (3,) or high.shape != (3,) or not (low <= high).all() or not np.isfinite(high - low).all():
             raise SceneError(f"travel: low = {self.low} and high = {self.high} must be 3 numbers each, low below high")
@@ -191,9 +179,6 @@ class Actuation:
             travel: range of the base, or the joints of its arm; None: the base stands still.
             drives: keys of `Control` that actions ask for, such as "cable_tension"; an actuator is driven by the first
                 of them that fits it, and by none if none does. Empty: the usual one of each.
-
-        Raises:
-            SceneError: the scene has neither a cavity nor a cable, or a drive is unknown or fits no actuator.
         """
         valid = [drive.asked for kind in ACTUATOR_KINDS for drive in kind.drives]
         for one in drives:

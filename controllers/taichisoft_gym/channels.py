@@ -23,65 +23,40 @@ def numbers(value: Any) -> np.ndarray:
 
 
 def action_values(action: Any, count: int) -> np.ndarray:
-    """Copy an action to numbers from -1 to 1, shape (count,).
-
-    Raises:
-        SceneError: it has another number of entries, or a value that is not finite.
-    """
-    asked = numbers(action)
-    if asked.shape != (count,) or not np.isfinite(asked).all():
+    """Copy an action to numbers from -1 to 1, shape (count,)."""
+    request = numbers(action)
+    if request.shape != (count,) or not np.isfinite(request).all():
         raise SceneError(f"action {action!r}: must be {count} finite numbers from -1 to 1")
-    return np.clip(asked, -1.0, 1.0)
+    return np.clip(request, -1.0, 1.0)
 
 
 def whole_steps(period: float, time_step: float) -> int:
-    """Time steps in a control period [s].
-
-    Raises:
-        SceneError: they are not a whole number, or none.
-    """
+    """Time steps in a control period [s]."""
     steps = round(period / time_step)
     if steps < 1 or abs(steps * time_step - period) > 1e-9:
         raise SceneError(f"control_period = {period:g} s: must be a whole multiple of the time step, {time_step:g} s")
     return steps
 
 
-def share(name: str, value: Any) -> float:
-    """A number from 0 to 1; `name` begins the error.
-
-    Raises:
-        SceneError: it is none.
-    """
-    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
-        return float(value)
-    raise SceneError(f"{name} = {value!r}: must be a number from 0 to 1")
-
-
-def finite(name: str, value: Any) -> float:
-    """A finite number; `name` begins the error.
-
-    Raises:
-        SceneError: it is none.
-    """
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise SceneError(f"{name} = {value!r}: must be a finite number")
-    return number
+def finite(name: str, value: Any, what: str = "a finite number", low: float = -np.inf, high: float = np.inf) -> float:
+    """A finite number from `low` to `high`; `name` begins the error, which says `what` it must be."""
+    number = numbers(value)
+    if number.shape != () or not (np.isfinite(number) and low <= number <= high):
+        raise SceneError(f"{name} = {value!r}: must be {what}")
+    return float(number)
 
 
 def positive(name: str, value: Any) -> float:
-    """A finite number above zero; `name` begins the error.
-
-    Raises:
-        SceneError: it is none.
-    """
+    """A finite number above zero; `name` begins the error."""
     number = finite(name, value)
     if number <= 0.0:
         raise SceneError(f"{name} = {value!r}: must be above 0")
     return number
+
+
+def share(name: str, value: Any) -> float:
+    """A number from 0 to 1; `name` begins the error."""
+    return finite(name, value, "a number from 0 to 1", 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -100,11 +75,7 @@ class Channel:
     high: float
 
     def __post_init__(self) -> None:
-        """Check the range.
-
-        Raises:
-            SceneError: it ends before it begins.
-        """
+        """Check the range."""
         if not self.low <= self.high:
             raise SceneError(f"channel '{self.name}': low = {self.low!r} must not be above high = {self.high!r}")
 
@@ -134,11 +105,7 @@ def box_of(channels: Sequence[Channel]) -> Box:
 
 
 def read_groups(groups: Sequence[ChannelGroup], seen: Observation) -> np.ndarray:
-    """The readings of all groups, one after the other.
-
-    Raises:
-        SceneError: a group reads something else than a finite number for each of its channels.
-    """
+    """The readings of all groups, one after the other."""
     readings = [numbers(group.read(seen)) for group in groups]
     for group, values in zip(groups, readings, strict=True):
         if values.shape != (len(group.channels),) or not np.isfinite(values).all():
@@ -148,11 +115,7 @@ def read_groups(groups: Sequence[ChannelGroup], seen: Observation) -> np.ndarray
 
 
 def saturated(values: np.ndarray, space: Box, name: str = "readings") -> np.ndarray:
-    """Clip values to the range of a space; `name` begins the error.
-
-    Raises:
-        SceneError: they are not as many as the space has.
-    """
+    """Clip values to the range of a space; `name` begins the error."""
     if np.shape(values) != space.shape:
         raise SceneError(f"{name} = {values!r}: must be an array of shape {space.shape}")
     return np.clip(values, space.low, space.high).astype(np.float32)

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,17 +20,17 @@ from taichisoft.scene import RigidBodySettings, scene_from_dict
 from taichisoft_gym.actuation import Actuation, ArmTravel, Travel, scene_axes
 from taichisoft_gym.channels import (
     Channel,
-    ChannelGroup,
     action_values,
     box_of,
     finite,
+    numbers,
     read_groups,
     saturated,
     share,
     whole_steps,
 )
 from taichisoft_gym.episode_start import Drawn, Randomisation
-from taichisoft_gym.observed_quantities import named_quantities
+from taichisoft_gym.observed_quantities import Quantity, make_group
 
 if TYPE_CHECKING:
     from taichisoft.running import Simulation
@@ -51,11 +51,7 @@ class EnvironmentPage:
     """A page in the browser, whose address is printed."""
 
     def __init__(self, simulation: "Simulation"):
-        """Serve the page.
-
-        Raises:
-            TaichisoftError: viser is not installed, or the page cannot be served.
-        """
+        """Serve the page."""
         self._folder = TemporaryDirectory(prefix="taichisoft-page-")
         self._output = make_output("web", self._folder.name)
         self._session = Session(simulation, FromOutside(), [self._output], duration=inf)
@@ -76,32 +72,17 @@ class EnvironmentPage:
 # The scene of an environment, with the changes by its arguments.
 
 
-def changed_scene(
-    scene: Scene,
-    object: Mapping[str, Any] | None,
-    friction: float | None,
-    pressure: tuple[float, float],
-    pressure_rate: float,
-) -> Scene:
-    """A scene with another object, friction or limits.
+USUAL_RATE = 300.0
+"""Default fastest change of a pressure [kPa/s]."""
 
-    Args:
-        scene: the scene.
-        object: keys of `[rigid_bodies.NAME]` that replace keys of the scene's object; a shape or surface replaces the
-            present one.
-        friction: Coulomb's coefficient [-]; None: the scene's.
-        pressure: lowest and highest pressure [kPa].
-        pressure_rate: fastest change of a pressure [kPa/s].
 
-    Raises:
-        SceneError: an argument is not valid.
+def changed_scene(scene: Scene, object: Any, friction: float | None, limits: Mapping[str, float]) -> Scene:
+    """A scene with other limits, another coefficient of friction, or other keys of its object.
+
+    A shape or surface in `object` replaces the present one.
     """
     tables = scene.model_dump(mode="json", exclude_none=True)
-    tables["limits"] |= {
-        "lowest_pressure": pressure[0],
-        "highest_pressure": pressure[1],
-        "pressure_rate": pressure_rate,
-    }
+    tables["limits"] |= limits
     if friction is not None:
         tables["contact"]["friction"] = friction
     if object is not None:
@@ -109,89 +90,50 @@ def changed_scene(
             raise SceneError(f"object = {object!r}: must be a dictionary of keys of a rigid body")
         if scene.main_object is None:
             raise SceneError("object: the scene has no rigid body to change")
-        bodies = tables["rigid_bodies"]
-        bodies[scene.main_object] = _changed_body(bodies[scene.main_object], object)
+        table = tables["rigid_bodies"][scene.main_object]
+        replaced = {key for keys in RigidBodySettings.alternatives if set(keys) & object.keys() for key in keys}
+        kept = {key: value for key, value in table.items() if key not in replaced}
+        tables["rigid_bodies"][scene.main_object] = {**kept, **object}
     return scene_from_dict(tables, "scene of the environment")
 
 
-def _changed_body(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Table of a body with changed keys; a key removes all keys that exclude it."""
-    replaced = {key for keys in RigidBodySettings.alternatives if set(keys) & changes.keys() for key in keys}
-    return {**{key: value for key, value in table.items() if key not in replaced}, **changes}
+def pressure_limits(
+    scene: Scene, pressure: Any, rate: float | None, usual: tuple[float, float]
+) -> tuple[float, float, float]:
+    """Pressures of the actions -1 and 1 [kPa] and their fastest change [kPa/s], within the limits of the scene.
 
-
-# Pressures of an environment's actions, within the scene's limits, beyond which an action would have no effect.
-
-USUAL_RATE = 300.0
-"""Default fastest change of a pressure [kPa/s]."""
-
-
-def range_of_pressure(scene: Scene, asked: Any, usual: tuple[float, float]) -> tuple[float, float]:
-    """Pressures of the actions -1 and 1 [kPa].
-
-    Args:
-        scene: scene, with limits for all and for each cavity.
-        asked: lowest and highest pressure [kPa]; None: `usual` within the limits.
-        usual: default lowest and highest pressure [kPa].
-
-    Raises:
-        SceneError: `asked` is not two rising numbers, or exceeds a limit.
+    Beyond these an action would have no effect. None stands for the usual ones, as far as the limits allow.
     """
-    low, high = usual if asked is None else _two_numbers(asked)
-    for key, end, limit in _limits(scene):
-        if asked is None:
-            low, high = (max(low, limit), high) if end == "lowest" else (low, min(high, limit))
-        elif low < limit if end == "lowest" else high > limit:
-            raise SceneError(
-                f"pressure = ({low:g}, {high:g}): goes beyond {key} = {limit:g} kPa of the scene; a part of every "
-                "action's range would do nothing"
-            )
-    if not low < high:
-        raise SceneError(f"pressure = ({low:g}, {high:g}): the first must be below the second [kPa]")
-    return low, high
-
-
-def rate_of_pressure(scene: Scene, asked: float | None) -> float:
-    """Fastest change of a pressure [kPa/s]: `asked`, or the default within the scene's limit if None.
-
-    Raises:
-        SceneError: `asked` exceeds the scene's limit.
-    """
-    limit = math.inf if scene.limits.pressure_rate is None else scene.limits.pressure_rate
-    if asked is None:
-        return min(USUAL_RATE, limit)
-    if asked > limit:
-        raise SceneError(f"pressure_rate = {asked:g}: goes beyond limits.pressure_rate = {limit:g} kPa/s of the scene")
-    return asked
-
-
-def _two_numbers(asked: Any) -> tuple[float, float]:
-    try:
-        low, high = (float(value) for value in asked)
-    except (TypeError, ValueError):
-        low = high = math.nan
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise SceneError(f"pressure = {asked!r}: must be a lowest and a highest pressure [kPa]")
-    return low, high
-
-
-def _limits(scene: Scene) -> Iterator[tuple[str, str, float]]:
-    """Key, end ("lowest" or "highest") and value [kPa] of all limits of pressures."""
+    ends = np.array(usual) if pressure is None else numbers(pressure)
+    if ends.shape != (2,) or not np.isfinite(ends).all():
+        raise SceneError(f"pressure = {pressure!r}: must be a lowest and a highest pressure [kPa]")
+    low, high = ends.tolist()
     tables: dict[str, Any] = {"limits": scene.limits}
     for name, body in scene.soft_bodies.items():
         tables |= {f"soft_bodies.{name}.cavities.{cavity}": table for cavity, table in body.cavities.items()}
     for key, table in tables.items():
-        for end in ("lowest", "highest"):
-            limit = getattr(table, f"{end}_pressure")
-            if limit is not None:
-                yield f"{key}.{end}_pressure", end, limit
+        for end, limit in (("lowest", table.lowest_pressure), ("highest", table.highest_pressure)):
+            if limit is None:
+                continue
+            if pressure is None:
+                low, high = (max(low, limit), high) if end == "lowest" else (low, min(high, limit))
+            elif low < limit if end == "lowest" else high > limit:
+                raise SceneError(
+                    f"pressure = ({low:g}, {high:g}): goes beyond {key}.{end}_pressure = {limit:g} kPa of the scene; a "
+                    "part of every action's range would do nothing"
+                )
+    if not low < high:
+        raise SceneError(f"pressure = ({low:g}, {high:g}): the first must be below the second [kPa]")
+    fastest = math.inf if scene.limits.pressure_rate is None else scene.limits.pressure_rate
+    if rate is not None and rate > fastest:
+        raise SceneError(f"pressure_rate = {rate:g}: goes beyond limits.pressure_rate = {fastest:g} kPa/s of the scene")
+    return low, high, min(USUAL_RATE, fastest) if rate is None else rate
 
 
 # Environments of one's own: a task is a class with a scene, actions, observations, a reward.
 
 Readings = np.ndarray | dict[str, np.ndarray]
 """An observation: numbers, or with `goals=True` a dictionary of observation, achieved_goal and desired_goal."""
-Quantity = str | Callable[[Any], ChannelGroup]
 
 
 class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
@@ -206,8 +148,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         actions: what actions drive: "pressure", "volume_growth", "valve", "cable_tension", "cable_pull"; of an actuator
             the first that it can be driven by. Empty: the usual one of every actuator.
         travel: range and speed of the base, or an `ArmTravel`; None: it stands still.
-        observations: what is observed, by the names of `observed_quantities.QUANTITIES`, or functions of the
-            environment that return a `ChannelGroup`.
+        observations: what is observed, by the names in `observed_quantities`, or functions of the environment that
+            return a `ChannelGroup`.
         goal_channels: name, unit and range of each number of a goal; empty: the task has no goal.
         goal_reach: range of "way to the target" in each direction.
         goal_options: names of options of `reset` that `begin` takes.
@@ -290,24 +232,26 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         read = scene if isinstance(scene, Scene) else load_scene(scene)
         if reduced is not None:
             read = with_reduced_bodies(read, Path(reduced), "reduced")
-        between = range_of_pressure(read, pressure, self.usual_pressure)
-        rate = rate_of_pressure(read, pressure_rate)
+        low, high, rate = pressure_limits(read, pressure, pressure_rate, self.usual_pressure)
+        limits = {"lowest_pressure": low, "highest_pressure": high, "pressure_rate": rate}
         if objects is not None and (object is not None or not isinstance(objects, Mapping) or not objects):
             raise SceneError("objects: must be changed keys of the object by at least one name, without object")
         changes = {"": object} if objects is None else objects
-        self.scenes = {name: changed_scene(read, one, friction, between, rate) for name, one in changes.items()}
+        self.scenes = {name: changed_scene(read, one, friction, limits) for name, one in changes.items()}
         self.scene = next(iter(self.scenes.values()))
         self.axes = scene_axes(self.scene)
         self._steps = whole_steps(control_period, self.scene.time.step)
         self.control_period = control_period
         self.difficulty = share("difficulty", difficulty)
         self.randomisation = Randomisation.from_mapping(randomisation)
-        self.actuation = Actuation(self.scene, between, self.travel, self.actions)
+        self.actuation = Actuation(self.scene, (low, high), self.travel, self.actions)
         self.action_channels = self.actuation.channels
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
         self.desired_goal = np.zeros(len(self.goal_channels))
         self.start_of_object = np.zeros(3)
-        self._quantities = named_quantities(self, self.observations, goals)
+        # Hindsight changes the goal, but not an observed way to it.
+        observed = [one for one in self.observations if not (goals and one == "way to the target")]
+        self._quantities = [make_group(self, one) for one in observed]
         self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
         self._space, self._goal_space = box_of(self.channels), box_of(self.goal_channels)
         self._goals, self._noise = goals, noise
@@ -414,8 +358,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             SceneError: the action has another number of entries than `action_space`, or a value that is not finite.
         """
         self._refuse_before_reset()
-        asked = action_values(action, len(self.action_channels))
-        control = self.actuation.control(asked, self.simulation, self.control_period)
+        request = action_values(action, len(self.action_channels))
+        control = self.actuation.control(request, self.simulation, self.control_period)
         diverged = {}
         try:
             for _ in range(self._steps):
@@ -423,8 +367,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         except SimulationDiverged as error:
             diverged = {"diverged": str(error)}
         seen = self.simulation.observe()
-        self.action_change = 0.0 if self._last_action is None else float(np.abs(asked - self._last_action).mean())
-        self._last_action = asked
+        self.action_change = 0.0 if self._last_action is None else float(np.abs(request - self._last_action).mean())
+        self._last_action = request
         self.update(seen.truth)
         stretch = max((self.simulation.report.stretch_over_law if self.simulation.report else {}).values(), default=0.0)
         info = {**self.information(seen.truth), "stretch_over_law": stretch, **diverged}

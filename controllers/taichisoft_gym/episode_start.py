@@ -75,11 +75,7 @@ class Randomisation:
 
     @classmethod
     def from_mapping(cls, ranges: "Randomisation | Mapping[str, Any] | None") -> Self:
-        """Make the ranges from a mapping with the same keys; None: no randomisation.
-
-        Raises:
-            SceneError: a key is unknown, or a range is not valid.
-        """
+        """Make the ranges from a mapping with the same keys; None: no randomisation."""
         if isinstance(ranges, cls):
             return ranges
         names = [field.name for field in fields(cls)]
@@ -89,11 +85,7 @@ class Randomisation:
         return cls(**dict(ranges or {}))  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            SceneError: a range is not valid.
-        """
+        """Check the ranges."""
         for name, range_ in (("friction", self.friction), ("mass", self.mass), ("modulus", self.modulus)):
             if range_ is not None and not _is_range(range_, zero_is_valid=name == "friction"):
                 raise SceneError(
@@ -177,11 +169,7 @@ class EpisodeStart:
         self._places = FreePlaces(self._model, self._start, name) if places and name is not None else None
 
     def begin(self, given: State | None, drawn: Drawn, draw_place: Callable[[], Drawn]) -> None:
-        """Set the simulation to a state that was given, or to the state at rest with what was drawn.
-
-        Raises:
-            SceneError: no free place was found, or something was drawn that the scene has not.
-        """
+        """Set the simulation to a state that was given, or to the state at rest with what was drawn."""
         for name in drawn:
             if name not in DRAWABLE:
                 raise SceneError(f"randomise() drew '{name}'; {nearest(name, DRAWABLE, 'there are')}")

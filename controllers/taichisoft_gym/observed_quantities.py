@@ -1,14 +1,11 @@
-"""Quantities by name, of which the observations of environments consist.
+"""Quantities by name, of which the observations of environments consist."""
 
-Each function takes a `SoftRobotEnvironment`, or an environment around it.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from taichisoft.control import Observation
+from taichisoft.control import BASE, FIGURES, PAIRS, Figure, Observation
 from taichisoft.errors import SceneError, nearest
 from taichisoft_gym.actuation import AXES, Travel
 from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
@@ -16,52 +13,48 @@ from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
 ARM_REACH = 1000.0
 """Way of a base that an arm carries, in each direction [mm]."""
 
-
-def by_finger(env: Any, name: str, unit: str, high: float, read: Callable[[Observation, str], float]) -> ChannelGroup:
-    """A channel "NAME FINGER" from 0 to `high` for each finger."""
-    fingers: tuple[str, ...] = env.get_wrapper_attr("fingers")
-    channels = tuple(Channel(f"{name} {finger}", unit, 0.0, high) for finger in fingers)
-    return ChannelGroup(channels, lambda seen: [read(seen, finger) for finger in fingers])
+Quantity = str | Callable[[Any], ChannelGroup]
+"""A name in QUANTITIES, or a function of an environment."""
 
 
-def contact_force(env: Any, highest: float = 5000.0) -> ChannelGroup:
-    """Normal force of each finger on the object [mN]."""
-    name = env.get_wrapper_attr("object")
-    return by_finger(
-        env, "contact force", "mN", highest, lambda seen, finger: seen.normal_forces.get((finger, name), 0.0)
-    )
+def _of_figure(env: Any, figure: Figure, name: str, highest: float | None = None) -> ChannelGroup:
+    """A figure of each finger, on the object if it is one of pairs; of each actuator; or of the base, in its axes."""
+    reach, unit = figure.reach if highest is None else highest, "rad" if figure.unit == "degrees" else figure.unit
+    if figure.per is BASE:
+        return ChannelGroup(symmetric(name, unit, reach, figure.axes), lambda seen: figure.values(seen)[""])
+    kind = figure.per.kind
+    names: Sequence[str] = env.fingers if kind is None else tuple(env.scene.actuators(kind.plural))
+    channels = tuple(Channel(f"{name} {one}", unit, 0.0 if kind is None else -reach, reach) for one in names)
+    keys: Sequence[Any] = [(one, env.object) for one in names] if figure.per is PAIRS else names
+    away = 0.0 if figure.per is PAIRS else np.nan
+
+    def read(seen: Observation) -> list[float]:
+        values = figure.values(seen)
+        return [values.get(key, away) for key in keys]
+
+    return ChannelGroup(channels, read)
 
 
-def slip(env: Any, highest: float = 100.0) -> ChannelGroup:
-    """Speed at which the object slides on each finger [mm/s]."""
-    name = env.get_wrapper_attr("object")
-    return by_finger(env, "slip", "mm/s", highest, lambda seen, finger: seen.slip_speeds.get((finger, name), 0.0))
+def _vector(
+    name: str,
+    unit: str,
+    reach: float,
+    whose: Callable[[Any], str],
+    of: Callable[[Observation], Mapping[str, np.ndarray]],
+) -> Callable[[Any], ChannelGroup]:
+    """A vector of one thing, to the right, to the front and up."""
+
+    def make(env: Any) -> ChannelGroup:
+        owner = whose(env)
+        return ChannelGroup(symmetric(name, unit, reach, AXES), lambda seen: env.axes @ of(seen)[owner])
+
+    return make
 
 
-def contact_pressure(env: Any, highest: float = 200.0) -> ChannelGroup:
-    """Highest pressure in the contact of each finger with the object [kPa]."""
-    name = env.get_wrapper_attr("object")
-    return by_finger(
-        env, "contact pressure", "kPa", highest, lambda seen, finger: seen.peak_pressures.get((finger, name), 0.0)
-    )
-
-
-def bending(env: Any) -> ChannelGroup:
-    """Bending angle of each finger [rad]."""
-    return by_finger(env, "bending", "rad", np.pi, lambda seen, finger: seen.bending_angles[finger])
-
-
-def flow(env: Any, highest: float = 200e3) -> ChannelGroup:
-    """Flow of air into each cavity [mm^3/s]."""
-    cavities = env.get_wrapper_attr("cavities")
-    channels = tuple(Channel(f"flow {cavity}", "mm^3/s", -highest, highest) for cavity in cavities)
-    return ChannelGroup(channels, lambda seen: [seen.flows[cavity] for cavity in cavities])
-
-
-def tactile(env: Any, highest: float = 1000.0) -> ChannelGroup:
+def _tactile(env: Any) -> ChannelGroup:
     """Force on each patch of all tactile arrays [mN]."""
-    sizes = {name: table.patch_count for name, table in env.get_wrapper_attr("scene").tactile_arrays.items()}
-    channels = [Channel(f"tactile {name} {i}", "mN", 0.0, highest) for name, n in sizes.items() for i in range(n)]
+    sizes = {name: table.patch_count for name, table in env.scene.tactile_arrays.items()}
+    channels = [Channel(f"tactile {name} {i}", "mN", 0.0, 1e3) for name, n in sizes.items() for i in range(n)]
     return ChannelGroup(
         tuple(channels), lambda seen: np.concatenate([seen.tactile[name].ravel() for name in sizes] or [np.zeros(0)])
     )
@@ -86,29 +79,6 @@ def _joints(env: Any) -> ChannelGroup:
     return ChannelGroup(arm.positions, read)
 
 
-def _of_object(env: Any) -> ChannelGroup:
-    return ChannelGroup(symmetric("object", "mm", 200.0, AXES), env.way_of_object)
-
-
-def _object_velocity(env: Any) -> ChannelGroup:
-    name = env.object
-    return ChannelGroup(
-        symmetric("object velocity", "mm/s", 1000.0, AXES), lambda seen: env.axes @ seen.object_velocities[name]
-    )
-
-
-def _tip(env: Any) -> ChannelGroup:
-    finger = env.finger
-    return ChannelGroup(symmetric("tip", "mm", 200.0, AXES), lambda seen: env.axes @ seen.tip_positions[finger])
-
-
-def _tip_velocity(env: Any) -> ChannelGroup:
-    finger = env.finger
-    return ChannelGroup(
-        symmetric("tip velocity", "mm/s", 1000.0, AXES), lambda seen: env.axes @ seen.tip_velocities[finger]
-    )
-
-
 def _way_to_goal(env: Any) -> ChannelGroup:
     channels = tuple(
         Channel(f"way to the target {one.name.rpartition(' ')[2]}", one.unit, -env.goal_reach, env.goal_reach)
@@ -117,49 +87,42 @@ def _way_to_goal(env: Any) -> ChannelGroup:
     return ChannelGroup(channels, lambda seen: env.desired_goal - env.achieved_goal(seen))
 
 
+OTHER_NAMES = {
+    "bending_angle": "bending",
+    "base_force_in_base": "wrist force",
+    "base_torque_in_base": "wrist torque",
+    "normal_force": "contact force",
+    "peak_pressure": "contact pressure",
+    "slip_speed": "slip",
+}
+"""Names of figures that differ from their own."""
+OF_FIGURES = {OTHER_NAMES.get(one.name, one.name.replace("_", " ")): one for one in FIGURES if one.reach}
 QUANTITIES: dict[str, Callable[[Any], ChannelGroup]] = {
     "actuators": lambda env: ChannelGroup(env.actuation.actuator_channels, env.actuation.read),
-    "tip": _tip,
-    "tip velocity": _tip_velocity,
-    "bending": bending,
-    "flow": flow,
+    "tip": _vector("tip", "mm", 200.0, lambda env: env.finger, lambda seen: seen.tip_positions),
+    "tip velocity": _vector("tip velocity", "mm/s", 1e3, lambda env: env.finger, lambda seen: seen.tip_velocities),
     "base": _of_base,
     "joints": _joints,
-    "wrist force": lambda env: ChannelGroup(
-        symmetric("wrist force", "mN", 1e4, "xyz"), lambda seen: seen.base_force_in_base
+    "object": lambda env: ChannelGroup(symmetric("object", "mm", 200.0, AXES), env.way_of_object),
+    "object velocity": _vector(
+        "object velocity", "mm/s", 1e3, lambda env: env.object, lambda seen: seen.object_velocities
     ),
-    "wrist torque": lambda env: ChannelGroup(
-        symmetric("wrist torque", "mN mm", 1e6, "xyz"), lambda seen: seen.base_torque_in_base
-    ),
-    "object": _of_object,
-    "object velocity": _object_velocity,
-    "contact force": contact_force,
-    "contact pressure": contact_pressure,
-    "slip": slip,
-    "tactile": tactile,
+    "tactile": _tactile,
     "way to the target": _way_to_goal,
 }
-"""Quantities by name; docs/environments.md lists them with units and ranges."""
+"""Quantities by name beside figures; docs/environments.md lists them with units and ranges."""
 
 
-def named_quantities(
-    env: Any, observations: Sequence[str | Callable[[Any], ChannelGroup]], goals: bool
-) -> list[ChannelGroup]:
-    """The channels of an environment by names in QUANTITIES, or functions of one's own.
-
-    With `goals` without the way to the target: hindsight would change the goal, but not this.
-
-    Raises:
-        SceneError: a name is unknown, or a function makes something else.
-    """
-    makers = []
-    for what in observations:
-        if isinstance(what, str) and what not in QUANTITIES:
-            raise SceneError(f"observations: there is no '{what}'; {nearest(what, list(QUANTITIES), 'there are')}")
-        if not (goals and what == "way to the target"):
-            makers.append(QUANTITIES[what] if isinstance(what, str) else what)
-    groups = [make(env) for make in makers]
-    for group in groups:
-        if not isinstance(group, ChannelGroup):
-            raise SceneError(f"observations: a function returned {group!r}: must be a ChannelGroup")
-    return groups
+def make_group(env: Any, quantity: Quantity, highest: float | None = None) -> ChannelGroup:
+    """The channels of a quantity in an environment; `highest` is the end of their range, of a figure."""
+    known = [*QUANTITIES, *OF_FIGURES]
+    if isinstance(quantity, str) and quantity not in known:
+        raise SceneError(f"observations: there is no '{quantity}'; {nearest(quantity, known, 'there are')}")
+    if quantity in OF_FIGURES:
+        return _of_figure(env, OF_FIGURES[str(quantity)], str(quantity), highest)
+    if highest is not None:
+        raise SceneError(f"highest = {highest!r}: '{quantity}' has its own range; there are: {', '.join(OF_FIGURES)}")
+    group = QUANTITIES[quantity](env) if isinstance(quantity, str) else quantity(env)
+    if not isinstance(group, ChannelGroup):
+        raise SceneError(f"observations: a function returned {group!r}: must be a ChannelGroup")
+    return group

@@ -12,7 +12,8 @@ from taichisoft.mechanics import State
 from taichisoft.scene import scene_to_toml
 from taichisoft_gym.actuation import AXES, Actuation, Travel
 from taichisoft_gym.channels import numbers, positive, symmetric
-from taichisoft_gym.environment import Quantity, SoftRobotEnvironment
+from taichisoft_gym.environment import SoftRobotEnvironment
+from taichisoft_gym.observed_quantities import Quantity
 
 # Reach-v0: a fingertip moves to a target and stays there.
 
@@ -290,11 +291,7 @@ class Carry(GripperEnvironment):
 
 
 def distances(given: Any) -> tuple[float, float]:
-    """Shortest and longest distance of a target [mm].
-
-    Raises:
-        SceneError: they are none.
-    """
+    """Shortest and longest distance of a target [mm]."""
     both = numbers(given)
     if both.shape != (2,) or not 0.0 < both[0] <= both[1] < np.inf:
         raise SceneError(f"distance = {given!r}: must be a shortest and a longest distance [mm], above 0")

@@ -1,19 +1,15 @@
 """The output "csv": a row of figures for every step, in run.csv, for pandas or a spreadsheet."""
 
 import csv
-from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-import numpy as np
-
 from taichisoft.base import named_os_errors, warn_caller
-from taichisoft.mechanics import ACTUATOR_KINDS
+from taichisoft.control import FIGURES, In, text_of
 from taichisoft.running import Output
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
-    from taichisoft.control import Pair
     from taichisoft.mechanics import State
     from taichisoft.step import StepReport
 
@@ -22,39 +18,12 @@ FILE_NAME = "run.csv"
 BUFFERED_STEPS = 50
 """Most rows that are kept in memory, which a killed run loses."""
 
-PAIR_UNITS = {
-    "normal_force": "mN",
-    "friction_force": "mN",
-    "slip_speed": "mm/s",
-    "contact_area": "mm^2",
-    "contact_area_error": "mm^2",
-    "peak_pressure": "kPa",
-    "peak_pressure_error": "kPa",
-}
-"""Columns of every pair of bodies; a report has them under the plural."""
-
-
-WRENCH_UNITS = {
-    "base_force": "mN",
-    "base_torque": "mN mm",
-    "base_force_in_base": "mN",
-    "base_torque_in_base": "mN mm",
-}
-"""Units of the fields of an observation with the wrench on the base."""
-FRAME_UNITS = {
-    "frame_translations": "mm",
-    "frame_rotations": "degrees",
-    "frame_forces": "mN",
-    "frame_torques": "mN mm",
-}
-"""Units of those of other frames, by name."""
-
 
 class CsvOutput(Output):
     """Writes a row for every step, with its time at its end.
 
-    Columns are named "quantity name [unit]"; the first row of names is written with the first step, which shows
-    which fingers have tips, and what signals the controller has.
+    Columns are named "figure name [unit]", in the order of `FIGURES`; the first row of names is written with the first
+    step, which shows what signals the controller has.
     """
 
     def __init__(self, folder: Path):
@@ -63,46 +32,26 @@ class CsvOutput(Output):
         self._writer: Any = None
         self._row_count = self._restart_count = 0
         self._signals: list[str] = []
-        self._fingers: list[str] = []
         self._warned: set[str] = set()
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Open the file, and take the names of the columns.
-
-        Raises:
-            TaichisoftError: the file cannot be made.
-        """
-        self._up = model.scene.up
-        # A run that is resumed counts on from where the scene has the bodies.
-        self._start = np.array([body.start_position for body in model.rigid_bodies]).reshape(-1, 3)
-        self._figures = [
-            (figure, name)
-            for kind in ACTUATOR_KINDS
-            for figure in kind.measured
-            if figure.recorded
-            for name in model.actuators.names_of(kind)
-        ]
-        self._objects = model.scene.objects
-        self._rows_of_objects = [list(model.scene.rigid_bodies).index(name) for name in self._objects]
-        self._frames = list(model.scene.frames)
-        self._pairs = pairs_with_objects(model)
+        """Open the file, and take the names of the columns."""
+        listed = [figure for figure in FIGURES if In.CSV in figure.recorded]
+        self._figures = [(figure, figure.reader(model), figure.per.names(model)) for figure in listed]
+        self._figures = [row for row in self._figures if row[2]]
         with named_os_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self.path.open("w", encoding="utf-8", newline="")
         self._writer = csv.writer(self._file)
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """Write a row.
-
-        Raises:
-            TaichisoftError: the disk is full, or the like.
-        """
+        """Write a row."""
         assert self._file is not None
         with named_os_errors(self.path):
             if self._row_count == 0:
-                self._signals, self._fingers = list(report.signals), list(report.observation.truth.tip_positions)
+                self._signals = list(report.signals)
                 self._writer.writerow(self._columns())
-            self._writer.writerow(self._row(state, report))
+            self._writer.writerow(self._row(report))
             self._row_count += 1
             if self._row_count % BUFFERED_STEPS == 0:
                 self._file.flush()
@@ -117,11 +66,7 @@ class CsvOutput(Output):
         self._restart_count += 1
 
     def end(self, outcome: str) -> None:
-        """Close the file; without any step it has the names of the columns only.
-
-        Raises:
-            TaichisoftError: the disk is full, or the like.
-        """
+        """Close the file; without any step it has the names of the columns only."""
         if self._file is None:
             return
         with named_os_errors(self.path), self._file:
@@ -129,49 +74,21 @@ class CsvOutput(Output):
                 self._writer.writerow(self._columns())
 
     def _columns(self) -> list[str]:
-        return [
-            "time [s]",
-            "restarts",
-            *(f"{figure.name} {name} [{figure.unit}]" for figure, name in self._figures),
-            *(f"tip_position {name} {axis} [mm]" for name in self._fingers for axis in "xyz"),
-            *(f"bending_angle {name} [degrees]" for name in self._fingers),
-            *(f"base_translation {axis} [mm]" for axis in "xyz"),
-            *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
-            *(f"{field} {axis} [{unit}]" for field, unit in WRENCH_UNITS.items() for axis in "xyz"),
-            *(
-                f"{field[:-1]} {name} {axis} [{unit}]"
-                for field, unit in FRAME_UNITS.items()
-                for name in self._frames
-                for axis in "xyz"
-            ),
-            *(f"position {name} {axis} [mm]" for name in self._objects for axis in "xyz"),
-            *(f"lift {name} [mm]" for name in self._objects),
-            *(f"{quantity} {'|'.join(pair)} [{unit}]" for quantity, unit in PAIR_UNITS.items() for pair in self._pairs),
-            *(f"signal {name}" for name in self._signals),
-            "clipped",
-        ]
+        columns = ["time [s]", "restarts"]
+        for figure, _, names in self._figures:
+            for name in names:
+                parts = [figure.name, text_of(name)] if name else [figure.name]
+                columns += [f"{' '.join([*parts, *axis])} [{figure.unit}]" for axis in figure.axes or [""]]
+        return [*columns, *(f"signal {name}" for name in self._signals), "clipped"]
 
-    def _row(self, state: "State", report: "StepReport") -> list[str]:
+    def _row(self, report: "StepReport") -> list[str]:
         seen = report.observation.truth
-        numbers = [
-            *(getattr(seen, figure.observed)[name] for figure, name in self._figures),
-            *(component for name in self._fingers for component in seen.tip_positions[name].tolist()),
-            *(float(np.degrees(seen.bending_angles[name])) for name in self._fingers),
-            *state.base_translation.tolist(),
-            *np.degrees(state.base_rotation).tolist(),
-            *(component for field in WRENCH_UNITS for component in getattr(seen, field).tolist()),
-            *(
-                component
-                for field, unit in FRAME_UNITS.items()
-                for name in self._frames
-                for component in _in_unit(getattr(seen, field)[name], unit).tolist()
-            ),
-            *state.rigid_position[self._rows_of_objects].ravel().tolist(),
-            *((state.rigid_position - self._start) @ self._up)[self._rows_of_objects].tolist(),
-        ]
-        for quantity in PAIR_UNITS:
-            values = getattr(seen, f"{quantity}s")  # pairs between which no contact was found are missing
-            numbers += [values.get(pair, 0.0) for pair in self._pairs]
+        numbers: list[float] = []
+        for figure, read, names in self._figures:
+            values = read(seen)
+            for name in names:
+                value = figure.value(values, name)
+                numbers += value.tolist() if figure.axes else [value]
         signals = (report.signals.get(name) for name in self._signals)
         return [
             _text(report.time),
@@ -180,22 +97,6 @@ class CsvOutput(Output):
             *("" if value is None else _text(value) for value in signals),
             "|".join(seen.clipped),  # no name contains this
         ]
-
-
-def pairs_with_objects(model: "Model") -> list["Pair"]:
-    """All pairs of a rigid body with any other body that it can touch, in the order of the scene.
-
-    Where there is none: of soft bodies with obstacles, which they then press. The recording has all others.
-    """
-    rigid = [body for body in model.rigid_bodies if body.collides or body.follows is None]
-    pairs: list[Pair] = [(body.name, other.name) for body in model.soft_bodies for other in rigid]
-    pairs += [(one.name, two.name) for one, two in combinations(rigid, 2) if None in (one.follows, two.follows)]
-    pairs += [(body.name, one.name) for body in rigid if body.follows is None for one in model.obstacles]
-    return pairs if rigid else [(body.name, one.name) for body in model.soft_bodies for one in model.obstacles]
-
-
-def _in_unit(values: np.ndarray, unit: str) -> np.ndarray:
-    return np.degrees(values) if unit == "degrees" else values
 
 
 def _text(value: float) -> str:

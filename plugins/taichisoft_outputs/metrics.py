@@ -10,8 +10,9 @@ import numpy as np
 
 from taichisoft import Scene
 from taichisoft.base import atomic_file, warn_caller
+from taichisoft.control import FIGURES, Figure, In, text_of
 from taichisoft.errors import GoalMissed
-from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorFigure, Stretches, spread
+from taichisoft.mechanics import Stretches, spread
 from taichisoft.running import Output, TrainingRange
 from taichisoft.scene import Goal
 from taichisoft_outputs.motion_figures import Slipping
@@ -19,6 +20,7 @@ from taichisoft_outputs.run_figures import LiftFigures, StepFigures
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
+    from taichisoft.control import Observation
     from taichisoft.mechanics import State
     from taichisoft.running import Session
     from taichisoft.step import StepReport
@@ -155,9 +157,6 @@ STRETCH_EVERY = 20
 ENDED_BY_USER = ("stopped", "interrupted")
 """Outcomes of runs that may have reached their goal, or would have, had they gone on."""
 
-FINAL = [figure for kind in ACTUATOR_KINDS for figure in kind.measured if figure.metric == "final"]
-"""Figures of actuators of which metrics have the last ones."""
-
 
 class MetricsOutput(Output):
     """Keeps a few figures up to date; writes and judges them at the end."""
@@ -170,10 +169,7 @@ class MetricsOutput(Output):
     def begin(self, model: "Model", state: "State") -> None:
         """Look up the object of the scene's goal."""
         self._scene = model.scene
-        figures = [(kind, figure) for kind in ACTUATOR_KINDS for figure in kind.measured]
-        self._watched = [
-            figure for kind, figure in figures if figure.metric == "largest" and model.actuators.names_of(kind)
-        ]
+        self._watched = [figure for figure in FIGURES if In.LARGEST in figure.recorded and figure.per.names(model)]
         self._soft = [
             (body.name, body.nodes, Stretches(body.rest_position, body.elements)) for body in model.soft_bodies
         ]
@@ -189,7 +185,7 @@ class MetricsOutput(Output):
         self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
         self._beyond_training = {name: 0.0 for name in self._training.names}
         self._beyond_validation = {name: (0.0, 0.0) for name in self._training.validated}
-        self._largest: dict[str, dict[str, float]] = {figure.observed: {} for figure in self._watched}
+        self._largest: list[dict[str, float]] = [{} for _ in self._watched]
         self._peak_pressures: dict[str, tuple[float, float]] = {}
         self._last_state = state
         self._slipping = Slipping(len(self._scene.soft_bodies), state)
@@ -209,21 +205,16 @@ class MetricsOutput(Output):
             force = self._normal_force(report, self._scene.soft_bodies)
             slide = self._slipping.add(state)[self._object]
             self._lift.add(state.base_translation, self._object_position(state), slide, force, report.converged)
-        for observed, largest in self._largest.items():
-            for name, value in getattr(report.observation.truth, observed).items():
-                largest[name] = max(largest.get(name, value), value, key=abs)
+        for figure, largest in zip(self._watched, self._largest, strict=True):
+            for name, value in figure.values(report.observation.truth).items():
+                largest[text_of(name)] = max(largest.get(text_of(name), value), value, key=abs)
         if self._figures.steps % STRETCH_EVERY == 0:
             self._look_at_stretches()
         if self._figures.steps % STRETCH_EVERY == 0 or self._goal_pressure is not None:
             self._look_at_pressures(report)
 
     def end(self, outcome: str) -> None:
-        """Write metrics.json.
-
-        Raises:
-            GoalMissed: the run was completed, but its goal was not reached.
-            TaichisoftError: the file cannot be written.
-        """
+        """Write metrics.json."""
         self.metrics = self.figures(outcome)
         goal, completed = self._scene.goal, outcome == "completed"
         judged = goal is not None and self._figures.last is not None and (completed or outcome in ENDED_BY_USER)
@@ -281,7 +272,7 @@ class MetricsOutput(Output):
                 "normal force of the fingers, mean while held": f"{m['mean_normal_force_mN']:.1f} mN",
             }
         for figure in self._watched:
-            actuator, value = max(m[_key(figure)].items(), key=lambda item: abs(item[1]))
+            actuator, value = max(m[figure.metric("largest")].items(), key=lambda item: abs(item[1]))
             rows[f"largest {figure.name}"] = f"{value:z.{figure.digits + 1}f} {figure.unit} ({actuator})"
         if self._peak_pressures:
             pair = max(self._peak_pressures, key=lambda pair: self._peak_pressures[pair])
@@ -360,15 +351,7 @@ class MetricsOutput(Output):
             return figures
         seen = self._figures.last.observation.truth
         return figures | {
-            **{_key(figure): dict(getattr(seen, figure.observed)) for figure in FINAL},
-            "final_tip_positions_mm": {name: tip.tolist() for name, tip in seen.tip_positions.items()},
-            "final_bending_angles_degrees": {
-                name: float(np.degrees(angle)) for name, angle in seen.bending_angles.items()
-            },
-            "final_normal_forces_mN": {"|".join(pair): force for pair, force in seen.normal_forces.items()},
-            "final_friction_forces_mN": {"|".join(pair): force for pair, force in seen.friction_forces.items()},
-            "final_contact_areas_mm2": {"|".join(pair): area for pair, area in seen.contact_areas.items()},
-            "final_contact_area_errors_mm2": {"|".join(pair): off for pair, off in seen.contact_area_errors.items()},
+            **{figure.metric("final"): _last(figure, seen) for figure in FIGURES if In.FINAL in figure.recorded},
             "peak_contact_pressures_kPa": {name: peak for name, (peak, _) in self._peak_pressures.items()},
             "peak_contact_pressure_errors_kPa": {name: off for name, (_, off) in self._peak_pressures.items()},
         }
@@ -423,7 +406,8 @@ class MetricsOutput(Output):
 
     def _actuator_metrics(self) -> dict[str, Any]:
         """The largest tension and pull of each cable, and the like, with its sign; nothing where there are none."""
-        return {_key(figure): self._largest[figure.observed] for figure in self._watched if self._figures.steps}
+        named = zip(self._watched, self._largest, strict=True)
+        return {figure.metric("largest"): largest for figure, largest in named if self._figures.steps}
 
     def _goal_metrics(self) -> dict[str, Any]:
         """Figures of the goal's object, and of what presses on it."""
@@ -467,9 +451,10 @@ class MetricsOutput(Output):
         )
 
 
-def _key(figure: ActuatorFigure) -> str:
-    """The name of a figure of actuators among the metrics, such as "final_pressures_kPa"."""
-    return f"{figure.metric}_{figure.name}s_{figure.unit.replace('^', '')}"
+def _last(figure: Figure, seen: "Observation") -> dict[str, Any]:
+    """The values of a figure in an observation, for JSON."""
+    values = figure.values(seen)
+    return {text_of(name): np.asarray(figure.value(values, name)).tolist() for name in values}
 
 
 def warn_of_late_motion(session: "Session") -> None:

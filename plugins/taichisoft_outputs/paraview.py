@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from taichisoft.base import atomic_file
+from taichisoft.control import FIGURES, In
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Plane, Stretches
 from taichisoft_outputs.drawing.stage import square_of_plane
@@ -55,11 +56,7 @@ class Grid:
 
 
 def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid; real numbers get single precision, all others keep their type. The file's folder is made.
-
-    Raises:
-        TaichisoftError: the file cannot be written.
-    """
+    """Write a grid; real numbers get single precision, all others keep their type. The file's folder is made."""
     points = np.concatenate([np.full(len(cells), cells.shape[1], dtype=np.int64) for cells in grid.cells])
     types = np.concatenate([np.full(len(cells), CELL_TYPES[cells.shape[1]], dtype=np.uint8) for cells in grid.cells])
     connectivity = np.concatenate([cells.astype(np.int64).ravel() for cells in grid.cells])
@@ -76,11 +73,7 @@ def write_vtu(path: Path, grid: Grid) -> None:
 
 
 def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
-    """Write the list that ParaView opens: times [s] and files, which are named relative to the list's folder.
-
-    Raises:
-        TaichisoftError: the file cannot be written.
-    """
+    """Write the list that ParaView opens: times [s] and files, which are named relative to the list's folder."""
     named = [(time, quoteattr(file.relative_to(path.parent).as_posix())) for time, file in files]
     _write(path, "Collection", [f'<DataSet timestep="{time:.12g}" part="0" file={name}/>' for time, name in named])
 
@@ -144,7 +137,9 @@ def grid_makers(recording: Recording) -> dict[str, GridMaker]:
         actuators = recording.actuators.names_of(kind)
         walls = [surface for surface in recording.surfaces if surface.kind == kind.name]
         if walls:
-            columns = {figure.name: _named(figure) for figure in kind.measured if figure.recorded}
+            columns = {
+                one.name: _named(one) for one in FIGURES if one.per.kind is kind and In.RECORDING in one.recorded
+            }
             makers[kind.plural] = _surfaces(recording, walls, kind.name, actuators, columns)
         elif actuators and kind.drawn == "lines":
             makers[kind.plural] = _lines(recording, kind)
@@ -305,9 +300,6 @@ def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> lis
 
     Returns:
         The .pvd files.
-
-    Raises:
-        TaichisoftError: a file cannot be written.
     """
     makers = grid_makers(recording)
     times = recording.times
@@ -325,12 +317,7 @@ def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> lis
 
 
 def chosen_frames(recording: Recording, every: int | None, times: Sequence[float] | None) -> list[int]:
-    """Frames to export, in the order of time: the nearest to `times` [s], or each `every`-th since the last start.
-
-    Raises:
-        ExportError: both are given, or `every` is not positive.
-        RecordingError: a time was not recorded.
-    """
+    """Frames to export, in the order of time: the nearest to `times` [s], or each `every`-th since the last start."""
     if times:
         if every is not None:
             raise ExportError("--every and --time choose frames in two ways; give one of them")

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.base import require
+from taichisoft.control import FIGURES, Figure, text_of
 from taichisoft.errors import TaichisoftError
-from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind, StateFigure, Stretches
+from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
 from taichisoft_outputs.motion_figures import last_at_rest
+from taichisoft_outputs.recording.layout import OF_PAIRS
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Picture
 
 # Panels of curves, drawn as small multiples in one picture.
 
@@ -82,17 +84,17 @@ def pieces(time: np.ndarray) -> list[tuple[int, int]]:
     return list(pairwise([0, *(np.flatnonzero(np.diff(time) < 0.0) + 1).tolist(), len(time)]))
 
 
-def draw_figure(panels: Sequence[Panel], bodies: Sequence[str], columns: int = COLUMNS) -> "Figure":
-    """A figure with all panels, in rows of so many columns; `bodies` get their colours in this order."""
+def draw_figure(panels: Sequence[Panel], bodies: Sequence[str], columns: int = COLUMNS) -> "Picture":
+    """A picture with all panels, in rows of so many columns; `bodies` get their colours in this order."""
     require("a plot", "matplotlib")
     import matplotlib
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Picture
 
     colours = {body: COLOURS[index % len(COLOURS)] for index, body in enumerate(bodies)}
     with matplotlib.rc_context(_style()):
         columns = min(columns, len(panels))
         rows = -(-len(panels) // columns)
-        figure = Figure(figsize=(columns * PANEL_SIZE[0], rows * PANEL_SIZE[1]), layout="constrained")
+        figure = Picture(figsize=(columns * PANEL_SIZE[0], rows * PANEL_SIZE[1]), layout="constrained")
         figure.get_layout_engine().set(w_pad=0.1, h_pad=0.04)  # type: ignore[union-attr, call-arg]
         grid = figure.subplots(rows, columns, squeeze=False)
         for axes, panel in zip(grid.flat, panels, strict=False):
@@ -102,8 +104,8 @@ def draw_figure(panels: Sequence[Panel], bodies: Sequence[str], columns: int = C
     return figure
 
 
-def figure_bytes(figure: "Figure", format: str) -> bytes:
-    """The figure as a "png" or "svg" file; equal figures give equal bytes."""
+def figure_bytes(figure: "Picture", format: str) -> bytes:
+    """The picture as a "png" or "svg" file; equal figures give equal bytes."""
     import matplotlib
 
     target = io.BytesIO()
@@ -296,11 +298,12 @@ class RunCurves:
         return Panel(TIME_AXIS, y_axis, curves)
 
 
-def _actuators(kind: ActuatorKind, figure: ActuatorFigure, run: RunCurves) -> Panel:
+def _of_actuators(figure: Figure, run: RunCurves) -> Panel:
     """A figure of all actuators of a kind, such as the pressures of the cavities."""
-    names = run.recording.actuators.names_of(kind)
-    values = figure.plot_factor * run.recording.column(figure.name)
-    return run.over_time(figure.plotted, values, names, [name.partition(".")[0] for name in names])
+    assert figure.per.kind is not None
+    names = run.recording.actuators.names_of(figure.per.kind)
+    values = figure.factor * run.recording.column(figure.name)
+    return run.over_time(figure.drawn, values, names, [name.partition(".")[0] for name in names])
 
 
 def bending(run: RunCurves) -> Panel:
@@ -390,12 +393,12 @@ def _tips_above(run: RunCurves) -> Panel:
     return _paths(run, first, along, second, across)
 
 
-def _forces(column: str, y_axis: str, run: RunCurves) -> Panel:
-    """Forces between the bodies that ever touched."""
-    values = run.recording.column(column)
+def _of_pairs(figure: Figure, run: RunCurves) -> Panel:
+    """A figure of the pairs of bodies that ever touched."""
+    values = run.recording.column(figure.name)
     touching = np.flatnonzero(values.any(axis=0))
     pairs = [run.recording.pairs[index] for index in touching]
-    return run.over_time(y_axis, values[:, touching], ["|".join(pair) for pair in pairs], [first for first, _ in pairs])
+    return run.over_time(figure.drawn, values[:, touching], [*map(text_of, pairs)], [first for first, _ in pairs])
 
 
 def _wrench(row: int, y_axis: str, run: RunCurves) -> Panel:
@@ -426,13 +429,11 @@ def _signal(column: int, run: RunCurves) -> Panel:
     return run.over_time(f"signal {name}", run.recording.column("signals")[:, [column]], [name], [""])
 
 
+PANEL_NAMES = {"peak_pressure": "contact-pressure"}
+"""Names of panels that differ from those of their figures."""
+
 PANELS: dict[str, Callable[[RunCurves], Panel]] = {
-    **{
-        figure.name: partial(_actuators, kind, figure)
-        for kind in ACTUATOR_KINDS
-        for figure in kind.measured
-        if figure.plotted
-    },
+    **{figure.name: partial(_of_actuators, figure) for figure in FIGURES if figure.per.kind and figure.drawn},
     "bending": bending,
     "tip-x": partial(_tip, 0),
     "tip-y": partial(_tip, 1),
@@ -441,10 +442,11 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "height": height,
     "tips-side": _tips_side,
     "tips-above": _tips_above,
-    "normal-force": partial(_forces, "normal_force", "normal force [mN]"),
-    "friction-force": partial(_forces, "friction_force", "friction force [mN]"),
-    "contact-area": partial(_forces, "contact_area", "area in contact [mm²]"),
-    "contact-pressure": partial(_forces, "peak_pressure", "highest contact pressure [kPa]"),
+    **{
+        PANEL_NAMES.get(figure.name, figure.name.replace("_", "-")): partial(_of_pairs, figure)
+        for figure in OF_PAIRS
+        if figure.drawn
+    },
     "slip": slip,
     "base-force": partial(_wrench, 0, "force on the base [mN]"),
     "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),
@@ -529,9 +531,6 @@ def draw_plots(
     """Draw the panels called `only`, or all that there is something for; over time, or over the panel called `over`.
 
     With `columns_apart` each column is a picture of its own, so that a narrow page can put one below the other.
-
-    Raises:
-        PlotError: the format or panel is unknown, or nothing is to be drawn.
     """
     if format not in FORMATS:
         raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")

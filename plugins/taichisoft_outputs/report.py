@@ -155,9 +155,6 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     Args:
         contents: what the page shows.
         folder: folder in which the page will lie, for links to what is too large to embed.
-
-    Raises:
-        OSError: a picture or video cannot be read.
     """
     recording, metrics = contents.recording, contents.metrics
     return render(
@@ -280,11 +277,7 @@ class ReportOutput(Output):
         self._began: float | None = None
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Note the time: what is older in the folder belongs to another run.
-
-        Raises:
-            RecordingNeeded: this run has no recording.
-        """
+        """Note the time: what is older in the folder belongs to another run."""
         self._recording.require("report")
         self._began = time.time()
 
@@ -295,9 +288,6 @@ class ReportOutput(Output):
         """Write the page, also of a run that failed, unless it was interrupted or has no recording.
 
         A recording of an earlier run may lie in the folder.
-
-        Raises:
-            ReportError: the page cannot be written.
         """
         if self._began is not None and outcome != "interrupted":
             write_report(self._recording.path, began=self._began)
@@ -310,10 +300,6 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
         recording: file of the recording.
         path: file of the report; report.html beside the recording when it is not given.
         began: time at which the run began, see `collect`.
-
-    Raises:
-        RecordingError: the recording does not exist.
-        ReportError: the page cannot be written, or a picture cannot be read.
     """
     path = path or recording.parent / FILE_NAME
     with read_recording(recording) as opened:

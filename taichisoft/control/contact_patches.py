@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from taichisoft.base.rotations import matrices_from_quaternions
 from taichisoft.contact.model import Model
-from taichisoft.control.observation import Pair
+from taichisoft.control.figures import Pair
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.state import State
 from taichisoft.mesh.surface import vertex_normals
@@ -141,11 +141,7 @@ class ContactPatches:
         return felt
 
     def check_tactile_arrays(self) -> None:
-        """Check that every tactile array has a part of the surface of its body.
-
-        Raises:
-            SceneError: one lies beside it.
-        """
+        """Check that every tactile array has a part of the surface of its body."""
         for body, start in zip(self._model.soft_bodies, self._start[:-1], strict=True):
             for name, table in body.settings.tactile.items():
                 corners, (low, high) = self._rest[body.surface.triangles + start], table.box

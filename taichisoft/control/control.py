@@ -150,11 +150,7 @@ class Slider:
     group: str = ""
 
     def __post_init__(self) -> None:
-        """Check the range.
-
-        Raises:
-            PluginError: it ends before it begins, or it has no step.
-        """
+        """Check the range."""
         if not (self.lowest <= self.highest and self.step > 0.0):
             raise PluginError(f"{self}: lowest must not be above highest, and step must be above 0")
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.control.figures import FIGURES, PAIRS, Pair
 from taichisoft.errors import TaichisoftError, nearest
 from taichisoft.mechanics.state import State
 
@@ -38,10 +39,6 @@ class LazyValues(Mapping[str, Any]):
     def __reduce__(self) -> tuple[Any, ...]:
         """Other processes get what was made: they have no renderer."""
         return dict, (dict(self._made),)
-
-
-Pair = tuple[str, str]
-"""Names of two bodies, in the scene's order."""
 
 
 @dataclass(frozen=True)
@@ -165,14 +162,15 @@ class Observation:
         return self if self.exact is None else self.exact
 
     def __getattr__(self, name: str) -> Any:
-        """A field at which nobody has looked yet, in an observation of a simulation: nobody looks at all of them.
+        """A figure that is worked out of others, or a field that is computed when it is first read.
 
-        `Observer` gives such an observation the function `_work_out`, which finds a field and others that come with it.
+        `Observer` gives an observation the function `_work_out`, which finds a field and others that come with it.
         """
-        work_out = vars(self).get("_work_out")
-        if work_out is None or name.startswith("_"):
-            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-        vars(self).update({**work_out(name), **vars(self)})
+        figure, work_out = DERIVED.get(name), vars(self).get("_work_out")
+        if figure is not None:
+            return figure.values(self)
+        if work_out is not None and not name.startswith("_"):
+            vars(self).update({**work_out(name), **vars(self)})
         if name not in vars(self):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
         return vars(self)[name]
@@ -184,13 +182,12 @@ class Observation:
 
 # Figures by name for rollouts, derivatives and targets: parts of an observation, such as "object_positions.cube".
 
-BY_PAIR = (
-    *("contact_counts", "normal_forces", "friction_forces", "slip_speeds"),
-    *("contact_areas", "contact_area_errors", "peak_pressures", "peak_pressure_errors"),
-)
+DERIVED = {figure.field: figure for figure in FIGURES if figure.of is not None}
+"""Figures that are worked out of fields of an observation."""
+BY_PAIR = {figure.field for figure in FIGURES if figure.per is PAIRS}
 """Bodies that are far apart are not in an observation: nothing presses, nothing slides."""
 OF_ANY_LENGTH = ("contact_points", "contact_forces", "clipped", "exact")
-KNOWN = tuple(one.name for one in fields(Observation) if one.name not in OF_ANY_LENGTH)
+KNOWN = (*(one.name for one in fields(Observation) if one.name not in OF_ANY_LENGTH), *DERIVED)
 OF_STATE = tuple(one.name for one in fields(State) if not one.name.startswith("contact_"))
 
 

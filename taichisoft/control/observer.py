@@ -2,7 +2,6 @@
 
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from threading import Lock
 from types import MappingProxyType
@@ -13,8 +12,9 @@ import numpy as np
 from taichisoft.base.rotations import rotation_from_vector
 from taichisoft.contact.model import Model
 from taichisoft.control.contact_patches import ContactPatches
+from taichisoft.control.figures import Pair
 from taichisoft.control.kernels.tip_motion import observe_tips
-from taichisoft.control.observation import LazyValues, Observation, Pair
+from taichisoft.control.observation import LazyValues, Observation
 from taichisoft.control.requests import clipped, observed_frames
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.actuator_kind import ActuatorFigure
@@ -113,31 +113,10 @@ def _centred(position: np.ndarray, name: str) -> np.ndarray:
 # The contacts of a state, summed up by pair of bodies.
 
 
-@dataclass(frozen=True)
-class ContactSummary:
-    """Figures by pair of bodies, in the scene's order ("finger1", "cube"), between which contacts were found.
-
-    Attributes:
-        counts: contacts that press.
-        normal_forces: sum of the normal forces [mN].
-        friction_forces: sum of the magnitudes of the friction forces [mN].
-        slip_speeds: fastest sliding of a contact that presses [mm/s].
-        points: middles of the contacts, the open ones too [mm], shape (count, 3).
-        forces: force on the second body in each of these [mN], shape (count, 3).
-    """
-
-    counts: dict[Pair, int] = field(default_factory=dict)
-    normal_forces: dict[Pair, float] = field(default_factory=dict)
-    friction_forces: dict[Pair, float] = field(default_factory=dict)
-    slip_speeds: dict[Pair, float] = field(default_factory=dict)
-    points: dict[Pair, np.ndarray] = field(default_factory=dict)
-    forces: dict[Pair, np.ndarray] = field(default_factory=dict)
-
-
-def summarise_contacts(model: Model, state: State) -> ContactSummary:
-    """Counts, forces and sliding in the step that led to `state`."""
+def summarise_contacts(model: Model, state: State) -> dict[str, Mapping[Pair, Any]]:
+    """The fields of an observation with counts, forces and sliding in the step that led to `state`."""
     if not len(state.contact_body_pair):
-        return ContactSummary()
+        return {name: MappingProxyType({}) for name in PARTS["contacts"]}
     forces = state.contact_impulse / model.scene.time.step
     along = np.einsum("cd,cd->c", forces, state.contact_normal)
     across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
@@ -146,14 +125,14 @@ def summarise_contacts(model: Model, state: State) -> ContactSummary:
     body_pair = state.contact_body_pair[order]
     start = np.flatnonzero(np.diff(body_pair, axis=0, prepend=-1).any(axis=1))
     names = [(model.body_names[first], model.body_names[second]) for first, second in body_pair[start]]
-    return ContactSummary(
-        counts=dict(zip(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64).tolist(), strict=True)),
-        normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),
-        friction_forces=dict(zip(names, np.add.reduceat(across[order], start).tolist(), strict=True)),
-        slip_speeds=dict(zip(names, np.maximum.reduceat(slip_speeds[order], start).tolist(), strict=True)),
-        points=_by_pair(names, state.contact_point[order], start),
-        forces=_by_pair(names, forces[order], start),
-    )
+    return {
+        "contact_counts": _numbers(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64)),
+        "contact_points": _by_pair(names, state.contact_point[order], start),
+        "contact_forces": _by_pair(names, forces[order], start),
+        "normal_forces": _numbers(names, np.add.reduceat(along[order], start)),
+        "friction_forces": _numbers(names, np.add.reduceat(across[order], start)),
+        "slip_speeds": _numbers(names, np.maximum.reduceat(slip_speeds[order], start)),
+    }
 
 
 def _by_pair(names: list[Pair], rows: np.ndarray, start: np.ndarray) -> dict[Pair, np.ndarray]:
@@ -168,7 +147,7 @@ def _by_pair(names: list[Pair], rows: np.ndarray, start: np.ndarray) -> dict[Pai
 # random numbers: as easy as 1, 2, 3), whose counter is the number of the sample: what a sensor remembers are its
 # samples, and a state that holds these goes on with the same bits.
 
-PLURALS = {"air_mass": "air_masses", "tactile": "tactile", "contact_area": "contact_areas"}
+PLURALS = {"air_mass": "air_masses", "tactile": "tactile"}
 IN_BASE = {"base_force": "base_force_in_base", "base_torque": "base_torque_in_base"}
 """Fields that follow from the measured one: a wrist sensor turns with the base."""
 
@@ -387,15 +366,7 @@ class Observer:
         }
 
     def _contacts(self, state: State) -> dict[str, Any]:
-        contacts = summarise_contacts(self._model, state)
-        return {
-            "contact_counts": MappingProxyType(contacts.counts),
-            "normal_forces": MappingProxyType(contacts.normal_forces),
-            "friction_forces": MappingProxyType(contacts.friction_forces),
-            "slip_speeds": MappingProxyType(contacts.slip_speeds),
-            "contact_points": contacts.points,
-            "contact_forces": contacts.forces,
-        }
+        return summarise_contacts(self._model, state)
 
     def _patches(self, state: State) -> dict[str, Any]:
         patches = self._contact_patches.patches(state)
@@ -466,5 +437,5 @@ def _by_name(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, np.ndar
     return dict(zip(names, values, strict=True))
 
 
-def _numbers(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, float]:
+def _numbers(names: Sequence[Any], values: np.ndarray) -> Mapping[Any, Any]:
     return MappingProxyType(dict(zip(names, values.tolist(), strict=True)))

@@ -78,11 +78,7 @@ def clipped(model: Model, state: State) -> tuple[str, ...]:
 
 
 def index_of(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
-    """Number of what is named in a control's dictionary `key`; `kind` is a word for it.
-
-    Raises:
-        ControlError: it does not exist.
-    """
+    """Number of what is named in a control's dictionary `key`; `kind` is a word for it."""
     if name not in names:
         raise ControlError(
             f"control.{key}: no {kind} is called {str(name)!r}; {nearest(str(name), list(names), 'there are')}"
@@ -91,11 +87,7 @@ def index_of(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
 
 
 def finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | float:
-    """A copy as finite floating-point numbers of a shape, () or (count,).
-
-    Raises:
-        ControlError: it is not.
-    """
+    """A copy as finite floating-point numbers of a shape, () or (count,)."""
     if not shape and type(value) is float and math.isfinite(value):
         return value
     array = as_array(value, key)
@@ -136,11 +128,7 @@ def frames_move(model: Model, state: State, control: Control) -> bool:
 
 
 def frame_requests(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
-    """What the frames are asked for, and how far they get in this step.
-
-    Raises:
-        ControlError: a frame is unknown, asked for in two ways, or for what it cannot do; or a value is not finite.
-    """
+    """What the frames are asked for, and how far they get in this step."""
     tables, time_step = model.scene.all_frames, model.scene.time.step
     request, velocity = state.frame_request.copy(), state.frame_velocity.copy()
     for row, (pose, rate) in enumerate(PARTS):
@@ -265,13 +253,7 @@ MAPPINGS = (*DRIVES, VALVE.asked, *FRAME_MAPPINGS, "pull_points", "anchor_positi
 
 
 def apply_control(model: Model, state: State, control: Control) -> State:
-    """The state with what `control` asks for; what it does not mention stays as it was asked for last.
-
-    Raises:
-        ControlError: no `Control`, a request that an actuator cannot follow, an unknown cavity, cable, soft body or
-            material, something driven in two ways, a value that is not a finite number, or a Young's modulus that is
-            not positive.
-    """
+    """The state with what `control` asks for; what it does not mention stays as it was asked for last."""
     if not isinstance(control, Control):
         raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
     for key in MAPPINGS:

@@ -1,5 +1,4 @@
 from .actuator_kind import UNLIMITED as UNLIMITED
-from .actuator_kind import ActuatorFigure as ActuatorFigure
 from .actuator_kind import ActuatorKind as ActuatorKind
 from .actuator_kind import ActuatorNames as ActuatorNames
 from .actuator_kind import Drive as Drive

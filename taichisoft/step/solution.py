@@ -8,7 +8,8 @@ import numpy as np
 
 from taichisoft.contact.constraint_rows import ActuatorRequests
 from taichisoft.contact.detection import ContactTable
-from taichisoft.control.observation import Observation, Pair
+from taichisoft.control.figures import Pair
+from taichisoft.control.observation import Observation
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.state import State
 

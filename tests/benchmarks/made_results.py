@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from taichisoft_benchmarks.results import CaseResult, Figure, Results
+from taichisoft_benchmarks.results import CaseResult, RepeatedMetric, Results
 
 
 def case_of(figures: dict[str, list[float]], **about: Any) -> CaseResult:
     """A measured case."""
     table = {"group": "finger", "title": "a finger", "kind": "steps", "threads": 0, "calibration_ms": [1.0, 1.0, 1.0]}
-    made = {metric: Figure.of(values) for metric, values in figures.items()}
+    made = {metric: RepeatedMetric.of(values) for metric, values in figures.items()}
     return CaseResult(**{**table, "facts": {"nodes": 626}, **about}, figures=made)
 
 

@@ -15,7 +15,7 @@ from taichisoft_benchmarks.cases import cases_from_dict
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.measures import Measured
 from taichisoft_benchmarks.pages import run_program
-from taichisoft_benchmarks.results import Figure, compare, derive, read_results, write_results
+from taichisoft_benchmarks.results import RepeatedMetric, compare, derive, read_results, write_results
 from taichisoft_benchmarks.runner import Answer, environment_of, measure_in_process
 
 CASES = """
@@ -195,9 +195,9 @@ def test_stopped_run_keeps_its_results(rounds):
 
 
 def test_figure_has_minimum_median_and_spread():
-    figure = Figure.of([3.0, 1.0, 1.5, 2.0])
+    figure = RepeatedMetric.of([3.0, 1.0, 1.5, 2.0])
     assert (figure.minimum, figure.median, figure.spread) == (1.0, 1.75, 2.0)
-    assert Figure.of([0.4]).spread == 0.0
+    assert RepeatedMetric.of([0.4]).spread == 0.0
 
 
 def test_results_survive_their_file(tmp_path):

@@ -14,7 +14,6 @@ from taichisoft.errors import ControllerFailed
 from taichisoft.scene import data_folder, key_descriptions
 from taichisoft_controllers.script_file import Keyframe, Step
 from taichisoft_controllers.scripted_controller import ScriptSettings, scripted_controller
-from taichisoft_controllers.step_in_progress import QUANTITIES
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "controllers.md"
 SECTION = re.split(r"^## ", DOCUMENT.read_text(encoding="utf-8").partition("\n## Scripted\n")[2], flags=re.MULTILINE)[0]
@@ -35,11 +34,6 @@ def controller(folder: Path, content: str, name: str = "script.toml", **settings
 def test_every_key_has_its_row(table: type[BaseModel]) -> None:
     rows = "\n".join(f"| `{key}` | {meaning} |" for key, meaning in key_descriptions(table).items())
     assert f"|---|---|\n{rows}\n\n" in SECTION
-
-
-def test_every_quantity_has_its_row() -> None:
-    rows = [f"| `{name}` | {kind.key} | {kind.unit} | {kind.meaning} |" for name, kind in QUANTITIES.items()]
-    assert "|---|---|---|---|\n" + "\n".join(rows) + "\n\n" in SECTION
 
 
 def test_every_toml_is_a_script(tmp_path: Path) -> None:

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft import Scene
+from taichisoft import Observation, Scene
 from taichisoft.mechanics import ActuatorNames
 from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput
 
 STEP = 0.01
+RUBBER = {"mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
 
 
 def model() -> Any:
@@ -21,6 +22,10 @@ def model() -> Any:
         scene=Scene.model_validate(
             {
                 "gravity": [-9810.0, 0.0, 0.0],
+                "soft_bodies": {
+                    "left": {"mesh": "m", "anchors": [{"group": "g"}], **RUBBER},
+                    "right": {"mesh": "m", **RUBBER},
+                },
                 "rigid_bodies": {name: {"box": [1.0, 1.0, 1.0], "mass": 1.0} for name in ("cube", "ball")},
             }
         ),
@@ -34,18 +39,15 @@ def model() -> Any:
     )
 
 
-def state(step: int) -> Any:
-    """After `step` steps: the cubes rise by 1 and 2 mm a step."""
-    return SimpleNamespace(
-        base_translation=np.array([0.1, 0.2, 0.3]) * step,
-        base_rotation=np.array([0.0, 0.0, np.pi / 180]) * step,
-        rigid_position=np.array([[5.0 + step, 1.0, 2.0], [7.0 + 2.0 * step, 3.0, 4.0]]),
-    )
-
-
 def report(step: int, **changes: Any) -> Any:
-    """Of the step that led to `state(step)`."""
+    """Of a step: the cubes rise by 1 and 2 mm in each."""
     seen: dict[str, Any] = {
+        "base_translation": np.array([0.1, 0.2, 0.3]) * step,
+        "base_rotation": np.array([0.0, 0.0, np.pi / 180]) * step,
+        "object_positions": {
+            "cube": np.array([5.0 + step, 1.0, 2.0]),
+            "ball": np.array([7.0 + 2.0 * step, 3.0, 4.0]),
+        },
         "pressures": {"left.air": 1.0 * step, "right.base": 2.0 * step, "right.tip": 3.0 * step},
         "volumes": {"left.air": 100.0, "right.base": 200.0, "right.tip": 300.0 + 1.0 / 3.0},
         "air_masses": {"left.air": 1e-7, "right.base": 2e-7, "right.tip": 3e-7 * step},
@@ -70,15 +72,15 @@ def report(step: int, **changes: Any) -> Any:
         "clipped": (),
     }
     signals = changes.pop("signals", {"set_point": 60.0, "error": -step})
-    observation = SimpleNamespace(truth=SimpleNamespace(**{**seen, **changes}))
+    observation = Observation(step * STEP, step, **{**seen, **changes})
     return SimpleNamespace(time=step * STEP, signals=signals, observation=observation)
 
 
 if __name__ == "__main__":
     endless = CsvOutput(Path(sys.argv[1]))
-    endless.begin(model(), state(0))
+    endless.begin(model(), None)  # type: ignore[arg-type]
     for number in count(1):
-        endless.record(state(number), report(number))
+        endless.record(None, report(number))  # type: ignore[arg-type]
         if number == 2 * BUFFERED_STEPS:
             print("ready", flush=True)
             sys.stdin.read()  # stand still until it is killed

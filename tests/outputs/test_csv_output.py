@@ -11,9 +11,10 @@ import csv_run
 import pytest
 
 from taichisoft import Scene
+from taichisoft.control import PAIRS
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.hooks import find
-from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput, pairs_with_objects
+from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -23,9 +24,9 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
 
 def made_up_run(folder: Path, steps: int, **changes: Any) -> list[dict[str, str]]:
     output = CsvOutput(folder)
-    output.begin(csv_run.model(), csv_run.state(1))
+    output.begin(csv_run.model(), None)
     for step in range(1, steps + 1):
-        output.record(csv_run.state(step), csv_run.report(step, **changes))
+        output.record(None, csv_run.report(step, **changes))
     output.end("completed")
     return rows_of(folder)
 
@@ -101,10 +102,10 @@ def test_what_the_limits_held_back_is_listed(tmp_path: Path) -> None:
 
 def test_a_run_that_is_started_anew_goes_on_in_the_same_file(tmp_path: Path) -> None:
     output = CsvOutput(tmp_path)
-    output.begin(csv_run.model(), csv_run.state(0))
-    output.record(csv_run.state(1), csv_run.report(1))
-    output.restart(csv_run.state(0))
-    output.record(csv_run.state(1), csv_run.report(1))
+    output.begin(csv_run.model(), None)
+    output.record(None, csv_run.report(1))
+    output.restart(None)
+    output.record(None, csv_run.report(1))
     output.end("completed")
     assert [(row["time [s]"], row["restarts"], row["lift cube [mm]"]) for row in rows_of(tmp_path)] == [
         ("0.01", "0", "1"),
@@ -114,11 +115,11 @@ def test_a_run_that_is_started_anew_goes_on_in_the_same_file(tmp_path: Path) -> 
 
 def test_a_signal_that_comes_late_has_no_column_and_that_is_said_once(tmp_path: Path) -> None:
     output = CsvOutput(tmp_path)
-    output.begin(csv_run.model(), csv_run.state(0))
-    output.record(csv_run.state(1), csv_run.report(1, signals={"error": 1.0}))
+    output.begin(csv_run.model(), None)
+    output.record(None, csv_run.report(1, signals={"error": 1.0}))
     with pytest.warns(UserWarning, match=r"run\.csv: no column for the signal 'late'") as warned:
         for step in (2, 3):
-            output.record(csv_run.state(step), csv_run.report(step, signals={"late": 2.0}))
+            output.record(None, csv_run.report(step, signals={"late": 2.0}))
     output.end("completed")
     assert len(warned) == 1
     assert [row["signal error"] for row in rows_of(tmp_path)] == ["1", "", ""]
@@ -179,5 +180,5 @@ def test_bodies_that_frames_carry_are_no_objects() -> None:
     carried = [SimpleNamespace(name=name, collides=name != "link", follows="base") for name in ("link", "palm")]
     cubes = [SimpleNamespace(name="cube", collides=True, follows=None)]
     around = {"soft_bodies": [SimpleNamespace(name="finger")], "obstacles": [SimpleNamespace(name="floor")]}
-    pairs = pairs_with_objects(SimpleNamespace(rigid_bodies=[*carried, *cubes], **around))  # type: ignore[arg-type]
+    pairs = PAIRS.names(SimpleNamespace(rigid_bodies=[*carried, *cubes], **around))  # type: ignore[arg-type]
     assert pairs == [("finger", "palm"), ("finger", "cube"), ("palm", "cube"), ("cube", "floor")]

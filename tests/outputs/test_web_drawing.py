@@ -56,7 +56,8 @@ def frame(time: float, height: float = 0.0) -> PageInstant:
     forces = {("left", "cube"): 3.0, ("cube", "right"): 2.0, ("cube", "floor"): 9.0, ("left", "ball"): 7.0}
     places, nothing = np.array([[99.0, 0.0, 0.0], [height, 0.0, 0.0]]), np.zeros((0, 3))
     wrench, peaks = np.arange(6.0).reshape(2, 3), {("left", "cube"): 0.25}
-    plotted = plotted_row(SCENE, [10.0 * time, 400.0 * time], forces, peaks, wrench, places)
+    by_pair = {"normal_force": forces, "peak_pressure": peaks}
+    plotted = plotted_row(SCENE, [10.0 * time, 400.0 * time], by_pair, wrench, places)
     signals = {"force": 5.0} if time else {}
     return PageInstant(time, None, {}, nothing, nothing, plotted, signals)
 
@@ -70,7 +71,8 @@ def test_curves_have_pressures_tensions_forces_of_the_fingers_and_the_height_fro
 
 def test_a_scene_without_rigid_bodies_has_pressures_only() -> None:
     alone = SCENE.model_copy(update={"rigid_bodies": {}, "goal": None})
-    row = plotted_row(alone, [4.0], {("left", "right"): 3.0}, {}, np.ones((2, 3)), np.zeros((0, 3)))
+    by_pair = {"normal_force": {("left", "right"): 3.0}, "peak_pressure": {}}
+    row = plotted_row(alone, [4.0], by_pair, np.ones((2, 3)), np.zeros((0, 3)))
     assert row.tolist() == [4.0, *[0.0] * 4, *[1.0] * 6, 0.0]
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from taichisoft.control import FIGURES, PAIRS, In
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind
 
@@ -84,6 +85,8 @@ COUNTS = {
     "contacts": "steps/contact_count",
 }
 """Groups that have any number of rows in a frame, and the quantity that counts them."""
+OF_PAIRS = [figure for figure in FIGURES if figure.per is PAIRS and In.RECORDING in figure.recorded]
+"""Figures with a column for each pair of bodies."""
 
 QUANTITIES = {
     "steps/time": RecordedQuantity("s", "time"),
@@ -108,11 +111,7 @@ QUANTITIES = {
     "steps/delayed_requests": RecordedQuantity("1 or kPa", "delayed_requests"),
     "steps/pull_point": RecordedQuantity("mm", "pull_point"),
     "steps/sensor_memory": RecordedQuantity("of the quantities", "sensor_memory"),
-    "steps/normal_force": RecordedQuantity("mN"),
-    "steps/friction_force": RecordedQuantity("mN"),
-    "steps/slip_speed": RecordedQuantity("mm/s"),
-    "steps/contact_area": RecordedQuantity("mm^2"),
-    "steps/peak_pressure": RecordedQuantity("kPa"),
+    **{f"steps/{figure.name}": RecordedQuantity(figure.unit) for figure in OF_PAIRS},
     "steps/slide": RecordedQuantity("mm"),
     "steps/signals": RecordedQuantity("of the controller"),
     **dict.fromkeys(COUNTS.values(), RecordedQuantity("1")),

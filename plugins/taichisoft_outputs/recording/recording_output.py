@@ -16,12 +16,19 @@ from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.running import Output
 from taichisoft_outputs.motion_figures import Slipping
 from taichisoft_outputs.recording.bodies import write_constants
-from taichisoft_outputs.recording.layout import CONTROLS, FILE_NAME, QUANTITIES, SIGNAL_COUNT, RecordingError, group_of
+from taichisoft_outputs.recording.layout import (
+    CONTROLS,
+    FILE_NAME,
+    OF_PAIRS,
+    QUANTITIES,
+    SIGNAL_COUNT,
+    RecordingError,
+    group_of,
+)
 from taichisoft_outputs.recording.recording_file import RunningFile, constants_image, finish
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
-    from taichisoft.control import ContactSummary, Observation, Pair
     from taichisoft.mechanics import Actuators, State
     from taichisoft.running import Session
     from taichisoft.step import StepReport
@@ -107,9 +114,8 @@ class RowMaker:
             frame: the frame.
             has_state: whether a run can go on from it without the steps before.
         """
-        contacts, solver, state, actuators = self._contacts(frame), frame.solver, frame.state, self._model.actuators
+        solver, state, actuators = frame.solver, frame.state, self._model.actuators
         coordinates = actuators.own_coordinates(state)
-        areas, peaks = self._patches(frame)
         rows = {path: self._of_state(path, frame, has_state) for path in QUANTITIES if QUANTITIES[path].state_field}
         memory = np.frombuffer(frame.controller.encode(), np.uint8)
         figures = {
@@ -123,11 +129,7 @@ class RowMaker:
                 for kind in ACTUATOR_KINDS
                 if kind.coordinate.observed
             },
-            "steps/normal_force": self._by_pair(contacts.normal_forces),
-            "steps/friction_force": self._by_pair(contacts.friction_forces),
-            "steps/slip_speed": self._by_pair(contacts.slip_speeds),
-            "steps/contact_area": self._by_pair(areas),
-            "steps/peak_pressure": self._by_pair(peaks),
+            **self._of_pairs(frame),
             "steps/slide": frame.slide,
             "steps/signals": self._signals(frame.report),
             "steps/max_penetration": float(solver.max_penetration),
@@ -149,24 +151,6 @@ class RowMaker:
             return values[None][: int(has_state)]
         return values.astype(np.float32) if QUANTITIES[path].single else values
 
-    def _contacts(self, frame: Frame) -> "Observation | ContactSummary":
-        if frame.report is not None:
-            return frame.report.observation.truth
-        from taichisoft.control import summarise_contacts
-
-        # A run that goes on from a recorded state begins with contacts and without a report.
-        return summarise_contacts(self._model, frame.state)
-
-    def _patches(self, frame: Frame) -> "tuple[Mapping[Pair, float], Mapping[Pair, float]]":
-        """Contact areas and highest pressures by pair."""
-        if frame.report is not None:
-            seen = frame.report.observation.truth
-            return seen.contact_areas, seen.peak_pressures
-        from taichisoft.control import ContactPatches
-
-        patches = ContactPatches(self._model).patches(frame.state)
-        return {pair: one.area for pair, one in patches.items()}, {pair: one.peak for pair, one in patches.items()}
-
     def _signals(self, report: "StepReport | None") -> np.ndarray:
         """The controller's signals in their columns; NaN where it has none."""
         row = np.full(SIGNAL_COUNT, np.nan)
@@ -182,12 +166,20 @@ class RowMaker:
                 )
         return row
 
-    def _by_pair(self, values: "Mapping[Pair, float]") -> np.ndarray:
-        """The values in their columns; a pair without a value has 0."""
-        row = np.zeros(len(self.pairs))
-        for pair, value in values.items():
-            row[self._pair_column[pair]] = value
-        return row
+    def _of_pairs(self, frame: Frame) -> dict[str, np.ndarray]:
+        """The figures of pairs in their columns; a pair without contacts has 0."""
+        seen, rows = None, {f"steps/{figure.name}": np.zeros(len(self.pairs)) for figure in OF_PAIRS}
+        if frame.report is not None:
+            seen = frame.report.observation.truth
+        elif len(frame.state.contact_body_pair):
+            from taichisoft.control import Observer
+
+            # A run that goes on from a recorded state begins with contacts and without a report.
+            seen = Observer(self._model).truth(frame.state)
+        for figure in OF_PAIRS if seen is not None else ():
+            for pair, value in figure.values(seen).items():
+                rows[f"steps/{figure.name}"][self._pair_column[pair]] = value
+        return rows
 
 
 BEFORE = "recording-before.h5"
@@ -210,9 +202,6 @@ class RecordingOutput(Output):
             limit: most room of the recording [GB]: when half of it is full, the file becomes `recording-before.h5`, in
                 place of an older one, and another begins. None for `USUAL_LIMIT` in runs without an end, and none in
                 others.
-
-        Raises:
-            RecordingError: `every` is less than 1, or `limit` not positive.
         """
         if limit is not None and not limit > 0.0:
             raise RecordingError(f"--record-limit {limit:g}: must be a positive number of gigabytes")
@@ -228,11 +217,7 @@ class RecordingOutput(Output):
         self._steps_since_state = 0
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Write scene and bodies; the state before the first step becomes frame 0.
-
-        Raises:
-            RecordingError: the file cannot be written.
-        """
+        """Write scene and bodies; the state before the first step becomes frame 0."""
         self._model = model
         self._rows = RowMaker(model)
         self._slipping = Slipping(len(model.scene.soft_bodies), state)
@@ -241,11 +226,7 @@ class RecordingOutput(Output):
             self._before.unlink(missing_ok=True)
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """Take a step; the step before it is written if it is to be a frame.
-
-        Raises:
-            RecordingError: the file cannot be written.
-        """
+        """Take a step; the step before it is written if it is to be a frame."""
         self._write_or_skip_last()
         self._solver.add(report)
         self._slide = self._slide + self._slipping.add(state)
@@ -259,11 +240,7 @@ class RecordingOutput(Output):
         self._write_last(has_state=True)
 
     def end(self, outcome: str) -> None:
-        """Write the last step and how the run ended, and make an HDF5 file of it; the file is closed whatever happens.
-
-        Raises:
-            RecordingError: the file cannot be written.
-        """
+        """Write the last step and how the run ended, close the file in any case, and make an HDF5 file of it."""
         if self._file is None:
             return
         file, is_whole = self._file, False
@@ -385,11 +362,7 @@ class NeededRecording:
         self._before = self._stamp()
 
     def require(self, output: str) -> None:
-        """See that the recording is being written; to be called when the output begins.
-
-        Raises:
-            RecordingNeeded: no output has begun to write it.
-        """
+        """See that the recording is being written; to be called when the output begins."""
         if self._stamp() in (None, self._before):
             raise RecordingNeeded(f"output '{output}' needs the output 'recording' before it: recording,{output}")
 

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.control import Pair
+from taichisoft.control import In, Pair
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind
+from taichisoft_outputs.recording.layout import OF_PAIRS
 from taichisoft_outputs.web.page_messages import PageInstant, PageScene
 
 WINDOW = 20.0
@@ -23,12 +24,14 @@ LABEL_WIDTH = 64
 
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
+ON_PAGE = [figure for figure in OF_PAIRS if In.PAGE in figure.recorded]
+"""Figures of soft bodies and the main object."""
+
 
 def plotted_row(
     scene: Scene,
     efforts: Sequence[float],
-    normal_forces: "Mapping[Pair, float]",
-    peak_pressures: "Mapping[Pair, float]",
+    by_pair: Mapping[str, Mapping[Pair, float]],
     base_wrench: np.ndarray,
     rigid_position: np.ndarray,
 ) -> np.ndarray:
@@ -37,19 +40,18 @@ def plotted_row(
     Args:
         scene: the scene of the run.
         efforts: of all actuators: pressures [kPa], tensions at pulled ends [mN].
-        normal_forces: normal force of each pair of bodies [mN].
-        peak_pressures: highest pressure in the contact of each pair [kPa].
+        by_pair: values of the figures of `ON_PAGE` by name and pair of bodies.
         base_wrench: force [mN] and torque [mN mm] on the base, shape (2, 3).
         rigid_position: centres of mass [mm], shape (rigid_count, 3).
 
     Returns:
-        Efforts [kPa] or [mN], force [mN] and highest pressure [kPa] of each soft body on the main object, force and
-        torque on the base, and the height of the object [mm].
+        Efforts [kPa] or [mN], the figures of each soft body on the main object, force and torque on the base, and the
+        height of the object [mm].
     """
     shown, bodies = scene.main_object, scene.soft_bodies
     contacts = []
-    for values in (normal_forces, peak_pressures):
-        of_pair = {frozenset(pair): value for pair, value in values.items()}
+    for figure in ON_PAGE:
+        of_pair = {frozenset(pair): value for pair, value in by_pair[figure.name].items()}
         contacts += [0.0 if shown is None else of_pair.get(frozenset((name, shown)), 0.0) for name in bodies]
     height = 0.0 if shown is None else rigid_position[list(scene.rigid_bodies).index(shown)] @ scene.up
     return np.array([*efforts, *contacts, *np.ravel(base_wrench), height])
@@ -112,8 +114,7 @@ class Curves:
         is_carried = any(body.anchors for body in content.scene.soft_bodies.values())
         groups: Iterable[tuple[str, Sequence[str], int]] = (
             *(_group(content, kind) for kind in ACTUATOR_KINDS),
-            (f"pressed on {shown} [mN]", pressing, len(soft)),
-            (f"highest pressure on {shown} [kPa]", pressing, len(soft)),
+            *((figure.drawn.replace(" [", f" on {shown} ["), pressing, len(soft)) for figure in ON_PAGE),
             ("force on the base [mN]", tuple("xyz") if is_carried else (), 3),
             ("torque on the base [mN mm]", tuple("xyz") if is_carried else (), 3),
             (f"{shown} lifted by [mm]", (shown,) if shown is not None else (), 1),

@@ -14,7 +14,7 @@ from taichisoft_outputs.drawing.surface_painter import cut_open
 from taichisoft_outputs.recording.layout import UNFINISHED
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.web.address import Address
-from taichisoft_outputs.web.curves import MOST_POINTS, plotted_row
+from taichisoft_outputs.web.curves import MOST_POINTS, ON_PAGE, plotted_row
 from taichisoft_outputs.web.page import SPEEDS, Page, clamped
 from taichisoft_outputs.web.page_messages import PageInstant, PageScene, lines_shown
 
@@ -22,11 +22,10 @@ INSTANTS_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
 """The file of a run that goes on is looked at again after so many seconds."""
 PLOTTED = (
-    "normal_force",
-    "peak_pressure",
     "frame_wrench",
     "rigid_position",
     *(kind.effort.name for kind in ACTUATOR_KINDS),
+    *(figure.name for figure in ON_PAGE),
 )
 """The quantities of a recording that `plotted_row` needs."""
 
@@ -206,15 +205,10 @@ def instant_of(recording: Recording, number: int) -> PageInstant:
     return PageInstant(time, recording.poses(number), lines, *recording.contacts(number), plotted)
 
 
-def _plotted_row(
-    recording: Recording,
-    forces: np.ndarray,
-    peaks: np.ndarray,
-    wrench: np.ndarray,
-    places: np.ndarray,
-    *efforts: np.ndarray,
-) -> np.ndarray:
-    forces_by_pair, peaks_by_pair = (dict(zip(recording.pairs, one.tolist(), strict=True)) for one in (forces, peaks))
-    return plotted_row(
-        recording.scene, np.concatenate(efforts).tolist(), forces_by_pair, peaks_by_pair, wrench[0], places
-    )
+def _plotted_row(recording: Recording, wrench: np.ndarray, places: np.ndarray, *columns: np.ndarray) -> np.ndarray:
+    efforts, of_pairs = columns[: len(ACTUATOR_KINDS)], columns[len(ACTUATOR_KINDS) :]
+    by_pair = {
+        figure.name: dict(zip(recording.pairs, values.tolist(), strict=True))
+        for figure, values in zip(ON_PAGE, of_pairs, strict=True)
+    }
+    return plotted_row(recording.scene, np.concatenate(efforts).tolist(), by_pair, wrench[0], places)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.base import Worker, WorkerLost, extra, require, warn_caller
-from taichisoft.control import ContactPatches, KeyEvent, Slider, summarise_contacts
+from taichisoft.control import KeyEvent, Observer, Slider
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import (
     ACTUATOR_KINDS,
@@ -23,7 +23,7 @@ from taichisoft.mechanics import (
 )
 from taichisoft.running import BINDINGS, Output
 from taichisoft_outputs.web.address import NOT_ENCRYPTED, Address, WebError, find_address
-from taichisoft_outputs.web.curves import plotted_row
+from taichisoft_outputs.web.curves import ON_PAGE, plotted_row
 from taichisoft_outputs.web.page_messages import (
     SHOWN_ONLY,
     LinesShown,
@@ -66,7 +66,7 @@ class PageLink:
         """Start the process and wait until it serves."""
         self._session = session
         self.newest: State = session.simulation.state
-        self._patches = ContactPatches(session.simulation.model)
+        self._observer = Observer(session.simulation.model)
         self._ended = threading.Event()
         self._worker = Worker("taichisoft_outputs.web.page_process:serve")
         try:
@@ -104,8 +104,8 @@ class PageLink:
             if newest is sent and time.monotonic() - last < SECONDS_BETWEEN_UNCHANGED:
                 continue
             sent, last = newest, time.monotonic()
-            self._worker.send(snapshot(self._session, newest, self._patches))
-        self._worker.send(snapshot(self._session, self.newest, self._patches))
+            self._worker.send(snapshot(self._session, newest, self._observer))
+        self._worker.send(snapshot(self._session, self.newest, self._observer))
 
     def _take_wishes(self) -> None:
         """Hand on what viewers want, until the page is gone."""
@@ -141,11 +141,11 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
     )
 
 
-def snapshot(session: "Session", state: "State", patches: ContactPatches | None = None) -> Snapshot:
-    """A run as it is now, in one of its states; `patches` of its model, if they are at hand."""
+def snapshot(session: "Session", state: "State", observer: Observer | None = None) -> Snapshot:
+    """A run as it is now, in one of its states, seen by an observer of its model if there is one already."""
     model, efforts = session.simulation.model, state.actuator_effort.tolist()
-    forces, report = summarise_contacts(model, state).normal_forces, session.simulation.report
-    peaks = {pair: one.peak for pair, one in (patches or ContactPatches(model)).patches(state).items()}
+    seen, report = (observer or Observer(model)).truth(state), session.simulation.report
+    by_pair = {figure.name: figure.values(seen) for figure in ON_PAGE}
     lines = {kind.name: _lines(model, kind, state) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
     return Snapshot(
         PageInstant(
@@ -154,7 +154,7 @@ def snapshot(session: "Session", state: "State", patches: ContactPatches | None 
             lines,
             state.contact_point,
             state.contact_impulse / model.scene.time.step,
-            plotted_row(model.scene, efforts, forces, peaks, state.frame_wrench[0], state.rigid_position),
+            plotted_row(model.scene, efforts, by_pair, state.frame_wrench[0], state.rigid_position),
             dict(report.signals) if report is not None else {},
         ),
         sliders=_sliders(session, state),
