@@ -19,12 +19,11 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import import_module
 from io import FileIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any, Self
+from typing import IO, Any, NamedTuple, Self
 
 from taichisoft.base.processes import PYTHON, how_it_ended
 from taichisoft.errors import TaichisoftError
@@ -221,8 +220,7 @@ def call_apart(
         return worker.receive(time_limit, meanwhile, every)
 
 
-@dataclass(frozen=True)
-class _Job:
+class _Job(NamedTuple):
     """The arguments of `Pool.submit`."""
 
     key: Any
@@ -259,13 +257,12 @@ class Pool:
             tries: how often a job is begun whose process is killed.
             done: called with key and answer of each job, from any thread; None: `next_done` returns them.
         """
-        self.closed = False
+        self.function, self.environment, self.tries, self.closed = function, environment, tries, False
+        self.jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._ended: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
-        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._done = done or (lambda key, answer: self._ended.put((key, answer)))
-        self._seat = function, environment, tries, self._jobs, self._end_job
-        self._seats: list[_Seat] = []
         self._count, self._pending = count, 0
+        self._seats: list[_Seat] = []
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
@@ -297,12 +294,18 @@ class Pool:
         with self._lock:
             self._pending += 1
             if len(self._seats) < min(self._pending, self._count):
-                self._seats.append(_Seat(*self._seat))
-        self._jobs.put(_Job(key, content, context, time_limit, is_wanted))
+                self._seats.append(_Seat(self))
+        self.jobs.put(_Job(key, content, context, time_limit, is_wanted))
 
     def next_done(self) -> tuple[Any, Any]:
         """Wait for a job to end; its key, and its value or the exception by which it failed (see `Worker.receive`)."""
         return self._ended.get()
+
+    def end_job(self, key: Any, answer: Any) -> None:
+        """Hand over the answer of a job."""
+        with self._lock:
+            self._pending -= 1
+        self._done(key, answer)
 
     def cancel(self, is_meant: Callable[[Any], bool]) -> None:
         """Tell the processes whose jobs have such keys that these are cancelled."""
@@ -313,31 +316,16 @@ class Pool:
         """Kill the processes; jobs that are not done fail."""
         self.closed = True
         for seat in self._seats:
-            seat.close()
-        for _ in self._seats:
-            self._jobs.put(None)
-
-    def _end_job(self, key: Any, answer: Any) -> None:
-        with self._lock:
-            self._pending -= 1
-        self._done(key, answer)
+            seat.kill()
+            self.jobs.put(None)
 
 
 class _Seat:
     """A process of a pool, and the thread that gives it one job after the other."""
 
-    def __init__(
-        self,
-        function: str,
-        environment: Mapping[str, str] | None,
-        tries: int,
-        jobs: "queue.SimpleQueue[_Job | None]",
-        done: Callable[[Any, Any], None],
-    ):
-        self._function, self._environment, self._tries = function, environment, tries
-        self._jobs, self._done = jobs, done
+    def __init__(self, pool: Pool):
+        self._pool = pool
         self._lock = threading.Lock()
-        self._closed = False
         self._worker: Worker | None = None
         self._context: Any = self  # that of no job
         self._running: _Job | None = None
@@ -349,9 +337,8 @@ class _Seat:
             if self._running is not None and self._worker is not None and is_meant(self._running.key):
                 self._worker.send(("cancel", id(self._running)))
 
-    def close(self) -> None:
+    def kill(self) -> None:
         with self._lock:
-            self._closed = True
             if self._worker is not None:
                 self._worker.process.kill()
 
@@ -363,18 +350,18 @@ class _Seat:
 
     def _serve_next(self) -> bool:
         """Wait for a job and do it; False after the last. Between two jobs nothing refers to the first."""
-        job = self._jobs.get()
+        job = self._pool.jobs.get()
         if job is None:
             return False
         try:
             answer = self._answer(job) if job.is_wanted() else None
         except Exception as error:  # also of a content that cannot be pickled
             answer = error
-        self._done(job.key, answer)
+        self._pool.end_job(job.key, answer)
         return True
 
     def _answer(self, job: _Job) -> Any:
-        for _ in range(self._tries - 1):
+        for _ in range(self._pool.tries - 1):
             try:
                 return self._ask(job)
             except WorkerLost as lost:
@@ -383,7 +370,9 @@ class _Seat:
         return self._ask(job)
 
     def _ask(self, job: _Job) -> Any:
-        worker = self._prepared(job.context)
+        worker = self._ready_worker()
+        if self._context is not job.context:
+            self._prepare(worker, job.context)
         with self._lock:
             worker.send(("job", (id(job), job.content)))
             self._running = job
@@ -393,27 +382,28 @@ class _Seat:
             with self._lock:
                 self._running = None
 
-    def _prepared(self, context: Any) -> Worker:
-        """The process, which has the context; a new one where it was lost."""
+    def _ready_worker(self) -> Worker:
+        """The process; a new one where it was lost."""
         with self._lock:
-            if self._closed:
+            if self._pool.closed:
                 raise WorkerLost("the pool was closed")
             if self._worker is not None and not self._worker.alive:
                 self._worker.end()
                 self._worker = None
             if self._worker is None:
-                self._worker, self._context = Worker("taichisoft.base.worker:_do_jobs", self._environment), self
-            worker = self._worker
-        if self._context is not context:
-            worker.send(("context", (self._function, context)))
-            try:
-                worker.receive(TIME_TO_START)
-            except WorkerSlow as slow:
-                raise WorkerLost(f"it did not start within {TIME_TO_START:g} s") from slow
-            except TaichisoftError as error:
-                raise WorkerLost(str(error)) from error
-            self._context = context
-        return worker
+                self._worker = Worker("taichisoft.base.worker:_do_jobs", self._pool.environment)
+                self._context = self
+            return self._worker
+
+    def _prepare(self, worker: Worker, context: Any) -> None:
+        worker.send(("context", (self._pool.function, context)))
+        try:
+            worker.receive(TIME_TO_START)
+        except WorkerSlow as slow:
+            raise WorkerLost(f"it did not start within {TIME_TO_START:g} s") from slow
+        except TaichisoftError as error:
+            raise WorkerLost(str(error)) from error
+        self._context = context
 
 
 class Link:
