@@ -45,7 +45,7 @@ def test_every_command_and_option_that_is_shown_exists(page: Path) -> None:
 
 
 OTHERS = {
-    "dask": "starts a cluster; tests/studies/test_sweep.py does so from Python",
+    "dask": "starts a cluster; tests/studies/test_workers.py does so from Python",
     "sbatch": "needs SLURM",
     "ruff": "is run by `make test`",
     "mypy": "is run by `make test`",

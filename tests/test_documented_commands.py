@@ -201,7 +201,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
     monkeypatch.setattr(training_plan, "PRESSES", 2)
     monkeypatch.setattr(shape_reduction, "ATTEMPTS", 1)
-    monkeypatch.setattr(workers, "dask_workers", workers_here)
+    monkeypatch.setattr(workers, "study_workers", workers_here)
     monkeypatch.setattr(web_output.WebOutput, "follow", lambda self, session: None)
     monkeypatch.setattr(recording_page.RecordingPage, "serve", lambda self: None)
 
@@ -252,11 +252,8 @@ def mesh_of_a_pad(geometry: Any, file: Path, size: Any = None, preset: str | Non
 
 
 @contextmanager
-def workers_here(cluster: Any, tasks: int, folder: Path) -> Iterator[Any]:
+def workers_here(cluster: Any, tasks: int) -> Iterator[Any]:
     """Workers that are this process."""
-    from taichisoft_studies.make_run import make_run
-    from taichisoft_studies.run_folder import RunJob
-    from taichisoft_studies.worker_task import MeshRun, do_mesh, make_variant
 
     class Here:
         count, about = 1, "here"
@@ -264,9 +261,8 @@ def workers_here(cluster: Any, tasks: int, folder: Path) -> Iterator[Any]:
         def __init__(self) -> None:
             self.done: list[tuple[str, Any]] = []
 
-        def submit(self, key: str, task: Any, text: str) -> None:
-            made = make_variant(MeshRun.from_json(text)) if task is do_mesh else make_run(RunJob.from_json(text))
-            self.done.append((key, made))
+        def submit(self, key: str, job: Any) -> None:
+            self.done.append((key, job.make()))
 
         def next_done(self) -> tuple[str, Any]:
             return self.done.pop()

@@ -21,7 +21,7 @@ LEFT_OUT = {
     "gym": {"gymnasium"},
     "site": {"furo", "myst_parser", "sphinx", "sphinx_copybutton"},
     "sofa": {"fissix"},
-    "studies": {"bokeh", "cmaes", "cryptography", "dask_jobqueue", "distributed", "optuna", "pandas", "pyarrow"},
+    "studies": {"cmaes", "distributed", "optuna", "pandas", "pyarrow"},
     "web": {"viser"},
 }
 """Import names of the packages that are not there, by the extra that brings them."""
@@ -32,9 +32,7 @@ COMMANDS = {
     "run pick-and-place": "arm",
     "study sweep gripper --vary contact.friction=0.2,0.3 -o out": "studies",
     "study optimise finger-tip-force -o out": "studies",
-    "study calibrate finger-tip-force -o out": "studies",
     "study report out": "studies",
-    "mesh sweep tutorial --vary body.width=18,20 -o out": "studies",
     "sofa convert old.py -o old.toml": "sofa",
     "run old.py": "sofa",
     "mesh tutorial -o out": "",

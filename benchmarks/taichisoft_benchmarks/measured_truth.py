@@ -32,7 +32,7 @@ from taichisoft_studies.least_squares import (
     read_measurement,
     scaled_differences,
 )
-from taichisoft_studies.make_run import make_run
+from taichisoft_studies.run_job import make_run
 from taichisoft_studies.refinement import (
     MESH_ORDER,
     changed,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.tolerance import tolerance_share
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,6 +45,8 @@ def reduce(
 
     What is finished stays in the folder: the same command goes on where it was interrupted.
     """
+    from taichisoft_reduction.validation import PICTURE, TABLE, WITHIN, tolerance_share
+
     wanted = tolerance_share("--tolerance", tolerance)
     if modes is not None and modes < 1:
         raise ReductionError(f"--modes {modes}: must be at least 1")
@@ -59,7 +60,6 @@ def reduce(
     from taichisoft.running import load_scene, locked_folder, print_line
     from taichisoft.runtime import available_cores
     from taichisoft_reduction.shape_reduction import Wishes, reduce_scene
-    from taichisoft_reduction.validation import PICTURE, TABLE, WITHIN
     from taichisoft_studies.study_commands import requested_plugins
 
     console = Console()

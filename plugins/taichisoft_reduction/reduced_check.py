@@ -12,9 +12,8 @@ from taichisoft.base import atomic_file
 from taichisoft.errors import SimulationDiverged
 from taichisoft_reduction.body_shapes import relative_motions
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.run_frames import RunFigures
-from taichisoft_reduction.tolerance import tolerance_share
-from taichisoft_reduction.validation import POSITION, UNITS, changes
+from taichisoft_reduction.training_run import RunFigures
+from taichisoft_reduction.validation import POSITION, UNITS, changes, tolerance_share
 
 FILE_NAME = "reduced_check.json"
 EVERY = 2
@@ -57,20 +56,12 @@ class ReducedCheckOutput(Output):
     """Gives the full model what the controller asks of the reduced one, and compares the two."""
 
     def __init__(self, folder: Path, tolerance: str | None = None):
-        """Compare to within a tolerance such as "1%" of the largest change; None: that of the files of modes.
-
-        Raises:
-            ReductionError: no such tolerance.
-        """
+        """Compare to within a tolerance such as "1%" of the largest change; None: that of the files of modes."""
         self._path = Path(folder) / FILE_NAME
         self._tolerance = None if tolerance is None else tolerance_share("--check-tolerance", tolerance)
 
     def begin(self, model: Model, state: State) -> None:
-        """Make the full model.
-
-        Raises:
-            ReductionError: no body is reduced.
-        """
+        """Make the full model."""
         modes = [body.modes for body in model.soft_bodies if body.modes is not None]
         if not modes:
             raise ReductionError("--reduced-check: no soft body of the scene is reduced; give --reduced FOLDER as well")
@@ -147,11 +138,7 @@ class ReducedCheckOutput(Output):
         return found
 
     def end(self, outcome: str) -> None:
-        """Write reduced_check.json.
-
-        Raises:
-            TaichisoftError: it cannot be written.
-        """
+        """Write reduced_check.json."""
         rows = [asdict(one) for one in self.partings()]
         found = {"tolerance": self._within, "problem": self._problem, "quantities": rows}
         with atomic_file(self._path, ReductionError) as partial:

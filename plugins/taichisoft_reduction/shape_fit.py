@@ -14,7 +14,7 @@ from taichisoft.mechanics import ELEMENT_KINDS, Modes
 from taichisoft_outputs.stress import DomainLaw, hooke_stress_parts, polar_rotations, rubber_stress_parts
 from taichisoft_reduction.body_shapes import BodyShape
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.run_request import RunResult
+from taichisoft_reduction.training_run import RunResult
 
 if TYPE_CHECKING:
     from taichisoft.mechanics import SoftBody
@@ -40,11 +40,7 @@ class Basis:
     """
 
     def __init__(self, displacements: np.ndarray, node_mass: np.ndarray):
-        """Decompose displacements [mm], shape (snapshot_count, node_count, 3), with node masses [kg], (node_count,).
-
-        Raises:
-            ReductionError: nothing moved in the training.
-        """
+        """Decompose displacements [mm], shape (snapshot_count, node_count, 3), with node masses [kg], (node_count,)."""
         self._displacements, self._mass = displacements, node_mass
         root = np.sqrt(node_mass)[:, None]
         weighted = (displacements * root).reshape(len(displacements), -1)
@@ -405,9 +401,6 @@ class ShapeFit:
             tolerance: largest error over the largest displacement [-].
             modes: number of modes; None: as many as the tolerance needs.
             lag: how far ahead along the velocities forces are taken, with Rayleigh's damping [s].
-
-        Raises:
-            ReductionError: the training has too few different states.
         """
         self._body, self._tolerance = body, tolerance
         snapshots = np.concatenate([np.zeros((0, len(body.rest_position), 3)), *displacements])

@@ -17,10 +17,9 @@ from taichisoft.errors import TaichisoftError
 from taichisoft.scene import scene_from_toml, scene_to_toml
 from taichisoft_reduction.body_shapes import BodyShape, RelativeMotion, body_shapes, shape_key
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.run_pool import ONE_THREAD, RunPool
-from taichisoft_reduction.run_request import Ranges, RunResult, TrainingRun, actuator_ranges
 from taichisoft_reduction.shape_fit import displacements_of
-from taichisoft_reduction.training_plan import TrainingPlan
+from taichisoft_reduction.training_plan import Ranges, TrainingPlan, actuator_ranges
+from taichisoft_reduction.training_run import ONE_THREAD, RunResult, TrainingRun, TrainingRuns
 from taichisoft_reduction.validation import (
     Comparison,
     as_tables,
@@ -43,12 +42,7 @@ MOST_FRAMES = 200
 
 
 def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Scene) -> list[RunResult]:
-    """The runs in recordings; the bodies of another scene count as well where they have the same mesh and material.
-
-    Raises:
-        ReductionError: a recording has no body of these shapes.
-        RecordingError: one cannot be read.
-    """
+    """The runs in recordings; the bodies of another scene count as well where they have the same mesh and material."""
     from taichisoft_outputs.recording.reader import read_recording
 
     keys = {shape_key(scene.soft_bodies[shape.name]): shape.name for shape in shapes}
@@ -220,19 +214,14 @@ class Reduction:
 
 
 def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress) -> Reduction:
-    """Make the reduced models of a scene's anchored soft bodies, and validate them.
-
-    Raises:
-        ReductionError: the scene has no body to reduce, or nothing is known of how far to drive it.
-        TaichisoftError: the scene cannot be simulated.
-    """
+    """Make the reduced models of a scene's anchored soft bodies, and validate them."""
     started = time.perf_counter()
     model = make_model(scene)
     shapes = _shapes(scene)
     _check_ranges(model, wishes.ranges)
     recordings = recorded_runs(wishes.recordings, shapes, scene)
     plan = TrainingPlan(scene, model, shapes, wishes.plugins)
-    with ExitStack() as processes, RunPool(folder / RUNS, wishes.processes, wishes.plugins) as pool:
+    with ExitStack() as processes, TrainingRuns(folder / RUNS, wishes.processes, wishes.plugins) as pool:
         own_request = plan.own_run()
         own = pool.results([own_request], progress.runs("own run", 1)) if own_request is not None else []
         ranges = {
@@ -336,7 +325,7 @@ def _say_ranges(ranges: Mapping[str, Ranges], progress: Progress) -> None:
 
 def _runs(
     plan: TrainingPlan,
-    pool: RunPool,
+    pool: TrainingRuns,
     own: Sequence[RunResult],
     ranges: Mapping[str, Ranges],
     wishes: Wishes,
@@ -361,7 +350,7 @@ def _refine(
     fit: FitProcess,
     shape: BodyShape,
     folder: Path,
-    pool: RunPool,
+    pool: TrainingRuns,
     training: Sequence[tuple[TrainingRun, RunResult]],
     wishes: Wishes,
     progress: Progress,
@@ -423,7 +412,7 @@ def find_mode_count(fit: FitProcess, is_followed: Callable[[], bool]) -> None:
 
 
 def _reduced_runs(
-    pool: RunPool,
+    pool: TrainingRuns,
     requests: Sequence[TrainingRun],
     shapes: Sequence[BodyShape],
     files: Mapping[str, Path],

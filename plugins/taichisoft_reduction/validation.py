@@ -11,13 +11,24 @@ import numpy as np
 
 from taichisoft.base import atomic_file
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.run_request import RunResult
+from taichisoft_reduction.training_run import RunResult
 
 # How far the runs of a reduced model are from those of the full one.
 
 POSITION = "position"
 UNITS = {"position": "mm", "bending": "deg", "volume": "mm^3", "force": "mN", "lift": "mm", "slip": "mm"}
 """Quantities that are compared, and their units."""
+
+
+def tolerance_share(option: str, text: str) -> float:
+    """A tolerance as a share, from "0.5%" or "0.005"."""
+    try:
+        value = float(text.removesuffix("%").strip()) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value < 1.0:
+        raise ReductionError(f"{option} {text}: must be a share of the largest change above 0, such as 0.5%")
+    return value
 
 
 @dataclass(frozen=True)
@@ -174,11 +185,7 @@ def as_tables(comparisons: Sequence[Comparison], tolerance: float, about: dict[s
 
 
 def write_report(folder: Path, comparisons: Sequence[Comparison], tables: dict[str, Any]) -> None:
-    """Write `validation.json` and `validation.md`.
-
-    Raises:
-        ReductionError: a file cannot be written.
-    """
+    """Write `validation.json` and `validation.md`."""
     lines = [
         f"The reduced model is **{tables['verdict']}** of {100.0 * tables['tolerance']:g} %.",
         "",
@@ -201,11 +208,7 @@ def write_report(folder: Path, comparisons: Sequence[Comparison], tables: dict[s
 
 
 def draw_report(folder: Path, full: Sequence[RunResult], reduced: Sequence[RunResult]) -> None:
-    """Draw `validation.png`: a row for each run, with the motion of the node that moves most, and the largest force.
-
-    Raises:
-        ReductionError: it cannot be written.
-    """
+    """Draw `validation.png`: a row for each run, with the motion of the node that moves most, and the largest force."""
     from matplotlib.figure import Figure
 
     from taichisoft_outputs.plots import figure_bytes

@@ -78,10 +78,6 @@ def find_characteristics(
         pressures: pressures from 0, all rising or all falling [kPa].
         bends: number of bends that are held, from the first pressure on, evenly spaced.
         done: called with "" for each equilibrium that is found; `equilibrium_count` says of how many.
-
-    Raises:
-        StudyError: the scene has no such body, or it has no cavities or no tip, or its limits forbid a pressure.
-        EquilibriumNotFound: a pressure cannot be carried.
     """
     name = body or next(iter(scene.soft_bodies), "")
     if name not in scene.soft_bodies or not scene.soft_bodies[name].cavities:
@@ -181,9 +177,6 @@ def write_datasheet(
         first: what was found.
         second: what was found on another mesh, whose difference tells the error; None without one.
         change: how the other mesh differs; "" without one.
-
-    Raises:
-        StudyError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     columns = _columns(first)

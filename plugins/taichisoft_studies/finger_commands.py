@@ -3,22 +3,16 @@
 import csv
 import shutil
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from taichisoft.base import extra, require, say
+from taichisoft.base import say
 from taichisoft.errors import GoalMissed
 from taichisoft_meshing import mesh_commands
-from taichisoft_studies.study_commands import (
-    Dashboard,
-    Jobs,
-    Scheduler,
-    add_cluster,
-    announced_workers,
-    requested_plugins,
-)
+from taichisoft_studies.study_commands import Jobs, Scheduler, announced_workers, make_study, requested_plugins
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -117,7 +111,6 @@ def mesh_sweep(
     ],
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    dashboard: Dashboard = None,
     time_limit: Annotated[float, typer.Option(help="Longest time for one mesh \\[s].")] = 3600.0,
     size: mesh_commands.Size = None,
     nodes: mesh_commands.Nodes = None,
@@ -130,17 +123,14 @@ def mesh_sweep(
     A variant whose mesh lies there already, of the same inputs, is not meshed again. One command at a time works in a
     folder.
     """
-    require("taichisoft mesh sweep", "distributed", install=extra("studies"))
     from rich.console import Console  # --help need not wait for any of these
 
     from taichisoft.running import locked_folder, print_line, print_warning
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_studies.mesh_variants import plan, summary_rows, summary_table, write_summary
-    from taichisoft_studies.study_file import Sweep, check_study, varied
+    from taichisoft_studies.study_file import Sweep, varied
 
-    tables: dict[str, Any] = {"scene": file, "vary": varied(vary)}
-    add_cluster(tables, jobs, scheduler, dashboard)
-    study = check_study(Sweep, tables, "mesh sweep")
+    study = make_study(Sweep, {"scene": file, "vary": varied(vary)}, "mesh sweep", jobs, scheduler)
     job = mesh_commands.geometry_job(file, set_, mesh_commands.asked_size(size, nodes, preset))
     variants = plan(job, study.vary)
     prepare_folder(output)
@@ -162,45 +152,35 @@ def mesh_sweep(
 def make_variants(
     console: "Console", variants: "Sequence[Variant]", output: Path, cluster: "Cluster", force: bool, time_limit: float
 ) -> "list[Mapping[str, Any]]":
-    """Have every variant meshed into its folder, and show how far that is.
-
-    Returns:
-        The outcome of each, in the order of `variants`, see `make_mesh.make_variant`.
-
-    Raises:
-        StudyError: the workers are gone.
-    """
+    """Have every variant meshed into its folder; the outcomes of `MeshRun.make` come in the order of `variants`."""
+    from taichisoft_studies.mesh_variants import MeshRun
     from taichisoft_studies.study_commands import progress_bar
-    from taichisoft_studies.worker_task import MeshRun, do_mesh, mesh_failure
-    from taichisoft_studies.workers import LOST
 
     plugins = tuple(requested_plugins())
     runs = {}
     for variant in variants:
-        geometry = {**vars(variant.job), "file": str(variant.job.file.resolve())}
-        runs[variant.name] = MeshRun(variant.name, str(output.resolve()), geometry, force, plugins, time_limit)
+        job = replace(variant.job, file=variant.job.file.resolve())
+        runs[variant.name] = MeshRun(variant.name, str(output.resolve()), job, force, plugins, time_limit)
     outcomes: dict[str, Mapping[str, Any]] = {}
     title = variants[0].job.file.name
     try:
         with (
-            announced_workers(console, cluster, len(runs), output) as workers,
+            announced_workers(console, cluster, len(runs)) as workers,
             progress_bar(console, title, len(runs)) as count,
         ):
             for name, run in runs.items():
-                workers.submit(name, do_mesh, run.to_json())
+                workers.submit(name, run)
             for _ in runs:
                 name, outcome = workers.next_done()
-                outcomes[name] = outcome or mesh_failure(runs[name], LOST)
-                count(f"{name}: {_said(outcomes[name])}")
+                outcomes[name] = outcome
+                count(f"{name}: {_result(outcome)}")
     finally:
-        for run in runs.values():
-            if run.name not in outcomes:
-                mesh_failure(run, "interrupted")
+        for name in runs.keys() - outcomes.keys():
+            runs[name].clean()
     return [outcomes[name] for name in runs]
 
 
-def _said(outcome: "Mapping[str, Any]") -> str:
-    """A line about a variant that has come to its end."""
+def _result(outcome: "Mapping[str, Any]") -> str:
     figures = outcome["figures"]
     time = f"{figures['seconds']} s" if "seconds" in figures else "made before"
     return outcome["problem"] or f"{figures['nodes']} nodes, {time}"

@@ -13,8 +13,7 @@ from pydantic import Field, model_validator
 from taichisoft.errors import SceneError
 from taichisoft.scene import NotNegative, Number, Positive, Table
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.make_run import read_curves
-from taichisoft_studies.run_folder import COMPLETED, LOG, RunJob, read_record
+from taichisoft_studies.run_job import COMPLETED, LOG, RunJob, read_curves, read_record
 from taichisoft_studies.study_file import Count, Expression, Study, scene_with
 from taichisoft_studies.sweep_runs import fixed_overrides, job_for, make_missing
 from taichisoft_studies.workers import Workers
@@ -117,11 +116,7 @@ class Measurement:
 
 
 def read_measurement(experiment: Experiment, file: Path, key: str) -> Measurement:
-    """Read the rows of an experiment; `key` is its place in the study, which begins errors.
-
-    Raises:
-        StudyError: the file cannot be read, a column is missing, or fewer than two rows are left.
-    """
+    """Read the rows of an experiment; `key` is its place in the study, which begins errors."""
     rows = _rows(file)
     over_of = Expression(experiment.over_column, f"{key}.over_column")
     columns = [Expression(one.column, f"{key}.curves.{index}.column") for index, one in enumerate(experiment.curves)]
@@ -251,9 +246,6 @@ def fit_parameters(
         folder: folder of the study.
         workers: make the runs.
         tried: called with the values of each evaluation, and their cost.
-
-    Raises:
-        StudyError: a run failed where its residual is needed, or its curve does not reach as far as the data.
     """
     from scipy.optimize import least_squares
 
@@ -337,7 +329,7 @@ def _residuals(
     """(run - data) / scale of all curves, or what went wrong, for several sets of values at once."""
     jobs = [[experiment_job(study, index, values, folder) for index in range(len(measurements))] for values in points]
     unique = {job.name: job for row in jobs for job in row}
-    records = {one["run"]: one for one in make_missing(list(unique.values()), workers, lambda job, record: None)}
+    records = {one["run"]: one for one in make_missing(list(unique.values()), workers)}
     found: list[np.ndarray | StudyError] = []
     for row in jobs:
         try:
@@ -352,11 +344,7 @@ def _residuals(
 
 
 def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
-    """What makes every step of an experiment an equilibrium, for `set`, and a sentence that says so, or why not.
-
-    Raises:
-        SceneError, StudyError: it is asked for, and the scene cannot; or the scene is not valid.
-    """
+    """What makes every step of an experiment an equilibrium, for `set`, and a sentence that says so, or why not."""
     experiment, where = study.experiments[index], f"experiments.{index}"
     texts = [experiment.over, *(one.quantity for one in experiment.curves)]
     names = {name for text in texts for name in Expression(text, where).names}
@@ -380,11 +368,7 @@ def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
 
 
 def experiment_job(study: Calibration, index: int, values: Mapping[str, float], folder: Path) -> RunJob:
-    """The run that stands for an experiment, with values of the parameters.
-
-    Raises:
-        SceneError, StudyError: a key or value is not valid; it is named.
-    """
+    """The run that stands for an experiment, with values of the parameters."""
     experiment = study.experiments[index]
     changed = study.model_copy(
         update={
@@ -407,9 +391,6 @@ def scaled_differences(
         data: the measurement.
         study: the file.
         index: of the experiment.
-
-    Raises:
-        StudyError: the run failed, or its curve does not reach as far as the data.
     """
     if record["status"] != COMPLETED:
         said = ", ".join(f"{key} = {value:g}" for key, value in job.parameters.items())

@@ -13,7 +13,6 @@ from taichisoft.base import extra, require
 from taichisoft.errors import nearest
 from taichisoft.scene import KeySets, NotNegative, Positive, Table
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.run_folder import ERROR, is_gone, owner
 from taichisoft_studies.study_file import MOST, Count, Range, Study, Values, check_values
 
 # The tables of an optimisation's file: variables, objectives, constraints, and the search.
@@ -37,6 +36,10 @@ class Objective(Table):
     def text(self) -> str:
         """What is evaluated."""
         return self.maximise or self.minimise or ""
+
+    def label(self, name: str) -> str:
+        """Its name with the unit."""
+        return f"{name} [{self.unit}]" if self.unit else name
 
     @property
     def direction(self) -> str:
@@ -166,11 +169,7 @@ AGAIN = "again"
 
 
 def open_study(study: Optimisation, folder: Path) -> Any:
-    """Optuna's study, created if the folder has none.
-
-    Raises:
-        StudyError: Optuna or what a sampler needs is not installed, or the folder has a study with other objectives.
-    """
+    """Optuna's study, created if the folder has none."""
     require("taichisoft study optimise", "optuna", install=extra("studies"))
     if study.sampler == "cmaes":
         require("sampler = 'cmaes'", "cmaes", install=extra("studies"))
@@ -193,7 +192,7 @@ def open_study(study: Optimisation, folder: Path) -> Any:
 
 
 def open_trial(settings: Mapping[str, Any]) -> Any:
-    """The trial of a run, in the process that makes the run; `settings` as for `pruning.PruningOutput`."""
+    """The trial of a run, in the process that makes the run; `settings` as for `run_job.PruningOutput`."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -205,39 +204,6 @@ def open_trial(settings: Mapping[str, Any]) -> Any:
 def suggest(trial: Any, variables: Mapping[str, Values]) -> dict[str, Any]:
     """The values of a trial by key."""
     return {key: _suggested(trial, key, values) for key, values in variables.items()}
-
-
-def claim_trial(trial: Any) -> None:
-    """Note that this process makes the trial."""
-    trial.set_user_attr(OWNER, owner())
-
-
-def take_over_abandoned(study: Any) -> int:
-    """Put the trials back into the queue whose process on this machine is gone; returns how many there were."""
-    from optuna.trial import TrialState
-
-    abandoned = [
-        trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if is_gone(trial.user_attrs.get(OWNER, ""))
-    ]
-    for trial in abandoned:
-        study._storage.set_trial_user_attr(trial._trial_id, LOST, True)
-        study.tell(trial.number, state=TrialState.FAIL)
-        if trial.params:
-            study.enqueue_trial(trial.params)
-    return len(abandoned)
-
-
-def take_over_errors(study: Any) -> int:
-    """Put the trials back into the queue whose run ended with an error, see `run_folder.finished`; returns how many."""
-    from optuna.trial import TrialState
-
-    before = study.user_attrs.get(AGAIN, [])
-    ended = study.get_trials(deepcopy=False, states=(TrialState.FAIL,))
-    failed = [one for one in ended if one.user_attrs.get(STATUS) == ERROR and one.number not in before]
-    study.set_user_attr(AGAIN, [*before, *(trial.number for trial in failed)])
-    for trial in failed:
-        study.enqueue_trial(trial.params)
-    return len(failed)
 
 
 def counted(study: Any) -> list[Any]:

@@ -16,9 +16,8 @@ import numpy as np
 from taichisoft import Scene
 from taichisoft.scene import scene_from_toml, scene_to_toml
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.make_run import make_run
 from taichisoft_studies.results_table import flat
-from taichisoft_studies.run_folder import COMPLETED, RunJob, make_job
+from taichisoft_studies.run_job import COMPLETED, RunJob, make_job, make_run
 from taichisoft_studies.study_file import toml_value
 
 Value = TypeVar("Value", float, np.ndarray)
@@ -126,7 +125,7 @@ def refine(
 
     Raises:
         SceneError: a change is not valid.
-        StudyError: a run did not come to its end, or the finer mesh is not finer.
+        StudyError: a run did not reach its end, or the finer mesh is not finer.
     """
     changes, remark = finer_meshes(scene) if finer is None else (list(finer), "")
     scenes = {"run": scene, "half the step": changed(scene, [f"time.step={scene.time.step / 2!r}"])}
@@ -153,11 +152,7 @@ def refine(
 
 
 def changed(scene: Scene, changes: Sequence[str]) -> Scene:
-    """The scene with other values ("KEY=VALUE").
-
-    Raises:
-        SceneError: one is not valid.
-    """
+    """The scene with other values ("KEY=VALUE")."""
     return scene_from_toml(scene_to_toml(scene), " with ".join(["scene", *changes]), changes)
 
 
@@ -228,11 +223,7 @@ def mesh_ratio(nodes: int, finer: int) -> float:
 
 
 def node_counts(scene: Scene, finer: Scene) -> tuple[int, int]:
-    """Numbers of nodes of both scenes.
-
-    Raises:
-        StudyError: the second has no more.
-    """
+    """Numbers of nodes of both scenes."""
     from taichisoft.running import make_model
 
     first, second = make_model(scene).node_count, make_model(finer).node_count

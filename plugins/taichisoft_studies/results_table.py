@@ -40,11 +40,7 @@ def result_row(record: Mapping[str, Any], folder: str) -> dict[str, Any]:
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], folder: Path) -> Path:
-    """Write results.csv and results.parquet; returns the path of the first.
-
-    Raises:
-        StudyError: pandas is not installed, or a file cannot be written.
-    """
+    """Write results.csv and results.parquet; returns the path of the first."""
     require("the table of results", "pandas", "pyarrow", install=extra("studies"))
     import pandas
 
@@ -61,11 +57,7 @@ def write_table(rows: Sequence[Mapping[str, Any]], folder: Path) -> Path:
 
 
 def read_table(folder: Path) -> Any:
-    """The table of a study, a pandas.DataFrame.
-
-    Raises:
-        StudyError: pandas is not installed, the table is missing or damaged.
-    """
+    """The table of a study, a pandas.DataFrame."""
     require("the table of results", "pandas", "pyarrow", install=extra("studies"))
     import pandas
 

@@ -20,11 +20,7 @@ SCENE, METRICS = "scene.toml", "metrics.json"
 
 
 def run_folder(run: Path) -> Path:
-    """The folder of a run that is named by it, or by its recording.
-
-    Raises:
-        StudyError: the path has no run.
-    """
+    """The folder of a run that is named by it, or by its recording."""
     folder = run if run.is_dir() else run.parent
     if not run.exists() or not (folder / SCENE).is_file():
         raise StudyError(
@@ -48,9 +44,6 @@ def differences(folders: Sequence[Path]) -> dict[str, list[Any]]:
 
     Returns:
         The value of each run by key, in the order of `folders`; None where it has none.
-
-    Raises:
-        StudyError: a file cannot be read.
     """
     columns = []
     for folder in folders:
@@ -66,12 +59,7 @@ def differences(folders: Sequence[Path]) -> dict[str, list[Any]]:
 
 
 def draw_comparison(folders: Sequence[Path], names: Sequence[str], only: Sequence[str] | None, format: str) -> bytes:
-    """The panels of all runs over each other, a colour for each run; the picture as "png" or "svg".
-
-    Raises:
-        StudyError: a panel is unknown, or the runs have nothing to draw.
-        RecordingError: a run has no recording that can be read.
-    """
+    """The panels of all runs over each other, a colour for each run; the picture as "png" or "svg"."""
     for name in only or ():
         if name not in PANELS:
             raise StudyError(f"--only {name}: there are: {', '.join(PANELS)}")

@@ -18,10 +18,53 @@ from taichisoft_studies.errors import StudyError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taichisoft_studies.study_file import Cluster
-    from taichisoft_studies.workers import DaskWorkers
+    from taichisoft_studies.study_file import AnyStudy, Cluster
+    from taichisoft_studies.workers import Workers
 
 # Options and progress of the commands of studies.
+
+Jobs = Annotated[
+    int | None,
+    typer.Option("--jobs", "-j", metavar="N", help="Runs at a time on this machine; as many as CPUs otherwise."),
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="tls://HOST:8786", help="A Dask scheduler whose workers are used.")
+]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the study.")]
+
+
+def requested_plugins(arguments: Sequence[str] | None = None) -> list[str]:
+    """Absolute paths of the plug-ins that the command line names, for the processes that make the runs."""
+    from taichisoft.running import FILE_OPTION
+
+    paths: list[Path] = []
+    waiting = iter(sys.argv[1:] if arguments is None else arguments)
+    for argument in waiting:
+        option, separator, value = argument.partition("=")
+        if option == FILE_OPTION:
+            paths.append(Path(value if separator else next(waiting, "")).expanduser().resolve())
+    return list(dict.fromkeys(map(str, paths)))
+
+
+def make_study(
+    kind: "type[AnyStudy]", tables: dict[str, Any], source: str, jobs: int | None, scheduler: str | None
+) -> "AnyStudy":
+    """The study of tables, to which the options of the command line are added; its plug-ins are loaded here as well,
+    since they provide keys."""
+    from taichisoft.running import load_plugin
+    from taichisoft_studies.study_file import check_study
+
+    if jobs is not None and jobs < 1:
+        raise StudyError(f"--jobs {jobs}: must be at least 1")
+    cluster = {key: value for key, value in (("workers", jobs), ("scheduler", scheduler)) if value is not None}
+    if cluster:
+        tables["cluster"] = {**tables.get("cluster", {}), **cluster}
+    if plugins := requested_plugins():
+        tables["plugins"] = list(dict.fromkeys([*tables.get("plugins", []), *plugins]))
+    study = check_study(kind, tables, source)
+    for plugin in study.plugins:
+        load_plugin(plugin)
+    return study
 
 
 @contextmanager
@@ -29,7 +72,6 @@ def progress_bar(console: "Console", title: str, total: int, finished: int = 0) 
     """Show a bar of `total` runs; the yielded function counts one, and prints a line about it unless it is empty."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    from taichisoft.base import printable
     from taichisoft.running import print_line
 
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
@@ -46,75 +88,25 @@ def progress_bar(console: "Console", title: str, total: int, finished: int = 0) 
         yield count
 
 
-Jobs = Annotated[
-    int | None,
-    typer.Option("--jobs", "-j", metavar="N", help="Runs at a time on this machine; as many as CPUs otherwise."),
-]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", metavar="tls://HOST:8786", help="A Dask scheduler whose workers are used.")
-]
-Dashboard = Annotated[
-    str | None,
-    typer.Option(
-        "--dashboard", metavar="HOST:PORT", help="Where Dask's dashboard listens  \\[default: 127.0.0.1, any port]."
-    ),
-]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the study.")]
-
-
-def requested_plugins(arguments: Sequence[str] | None = None) -> list[str]:
-    """Absolute paths of the plug-ins that the command line names, for the processes that make the runs."""
-    from taichisoft.running import FILE_OPTION
-
-    found: list[Path] = []
-    waiting = iter(sys.argv[1:] if arguments is None else arguments)
-    for argument in waiting:
-        option, separator, value = argument.partition("=")
-        if option == FILE_OPTION:
-            found.append(Path(value if separator else next(waiting, "")).expanduser().resolve())
-    return list(dict.fromkeys(map(str, found)))
-
-
-def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None, dashboard: str | None) -> None:
-    """Put what the command line says of workers into a study's tables.
-
-    Raises:
-        StudyError: the number of workers is not positive.
-    """
-    if jobs is not None and jobs < 1:
-        raise StudyError(f"--jobs {jobs}: must be at least 1")
-    said = {"workers": jobs, "scheduler": scheduler, "dashboard": dashboard}
-    given = {key: value for key, value in said.items() if value is not None}
-    if given:
-        tables["cluster"] = {**tables.get("cluster", {}), **given}
-
-
-def add_plugins(tables: dict[str, Any]) -> None:
-    """Put the plug-ins that the command line names into a study's tables."""
-    plugins = requested_plugins()
-    if plugins:
-        tables["plugins"] = list(dict.fromkeys([*tables.get("plugins", []), *plugins]))
-
-
-def load_plugins(study: Any) -> None:
-    """Load the plug-ins of a study here as well: its keys are checked against what they provide."""
-    from taichisoft.running import load_plugin
-
-    for plugin in study.plugins:
-        load_plugin(plugin)
-
-
 @contextmanager
-def announced_workers(console: "Console", cluster: "Cluster", tasks: int, folder: Path) -> "Iterator[DaskWorkers]":
-    """The workers of a study, see `workers.dask_workers`, with a line about them and warnings about access."""
+def announced_workers(console: "Console", cluster: "Cluster", tasks: int) -> "Iterator[Workers]":
+    """The workers of a study, with a line about them."""
     from taichisoft.running import print_line, print_warning
-    from taichisoft_studies.workers import cautions, dask_workers
+    from taichisoft_studies import workers
 
-    for caution in cautions(cluster):
+    if caution := workers.caution(cluster):
         print_warning(console, caution)
-    with dask_workers(cluster, tasks, folder) as workers:
-        print_line(console, workers.about)
-        yield workers
+    with workers.study_workers(cluster, tasks) as made:
+        print_line(console, made.about)
+        yield made
+
+
+def print_statuses(console: "Console", statuses: Counter[str], table: Path) -> None:
+    """Print how many runs ended in which way, and where their table is."""
+    from taichisoft.running import print_line
+
+    print_line(console, ", ".join(f"{count} {status}" for status, count in sorted(statuses.items())))
+    print_line(console, f"results in {table}")
 
 
 # `taichisoft study optimise`: the values that make a figure of a run largest or smallest.
@@ -128,35 +120,32 @@ def optimise(
     trials: Annotated[int | None, typer.Option(help="Number of runs, earlier ones included.")] = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    dashboard: Dashboard = None,
 ) -> None:
     """Search for the best values of keys; started again, also on another machine, it continues the same study."""
-    require("taichisoft study optimise", "distributed", "optuna", "pandas", "pyarrow", install=extra("studies"))
+    require("taichisoft study optimise", "optuna", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.running import print_line
-    from taichisoft_studies.optimiser import (
-        Optimisation,
-        counted,
-        open_study,
+    from taichisoft_studies.optimiser import Optimisation, counted, open_study, with_function_paths
+    from taichisoft_studies.results_table import write_table
+    from taichisoft_studies.study_file import find_study, read_tables
+    from taichisoft_studies.trials import (
+        WINNERS,
+        draw_winner,
+        make_winners,
+        run_trials,
         take_over_abandoned,
         take_over_errors,
-        with_function_paths,
+        trial_rows,
+        value_line,
     )
-    from taichisoft_studies.results_table import write_table
-    from taichisoft_studies.study_file import check_study, find_study, read_tables
-    from taichisoft_studies.trials import WINNERS, draw_winner, make_winners, trial_rows, value_line
-    from taichisoft_studies.trials import run_trials as search
 
     path = find_study(study)
     tables: dict[str, Any] = with_function_paths(read_tables(path), path.parent)
-    add_cluster(tables, jobs, scheduler, dashboard)
-    add_plugins(tables)
     tables |= {"trials": trials} if trials is not None else {}
-    asked = check_study(Optimisation, tables, str(path))
-    load_plugins(asked)
+    search = make_study(Optimisation, tables, str(path), jobs, scheduler)
     console = Console()
-    made = open_study(asked, output)
+    made = open_study(search, output)
     made.set_user_attr("folder", str(output.resolve()))
     for count, what in (
         (take_over_abandoned(made), "of a process that has ended"),
@@ -164,23 +153,20 @@ def optimise(
     ):
         if count:
             print_line(console, f"{count} trials {what} are made again")
-    with announced_workers(console, asked.cluster, asked.trials, output) as workers:
-        with progress_bar(console, "trials", asked.trials, len(counted(made))) as advance:
+    with announced_workers(console, search.cluster, search.trials) as workers:
+        with progress_bar(console, "trials", search.trials, len(counted(made))) as advance:
 
             def done(trial: Any, record: Mapping[str, Any]) -> None:
                 values = made.trials[trial.number].values
-                result = record["status"] if values is None else value_line(asked.objectives, values)
+                result = record["status"] if values is None else value_line(search.objectives, values)
                 advance(f"trial {trial.number}: {result} {record['message']}".rstrip())
 
-            search(asked, output, made, workers, done)
-        rows = trial_rows(asked, made)
+            run_trials(search, output, made, workers, done)
+        rows = trial_rows(search, made)
         written = write_table(rows, output)
-        names = [f"{name} [{one.unit}]" if one.unit else name for name, one in asked.objectives.items()]
-        _draw_curve(made, names, output)
-        statuses = Counter(row["status"] for row in rows)
-        print_line(console, ", ".join(f"{count} {status}" for status, count in sorted(statuses.items())))
-        print_line(console, f"results in {written}")
-        winners = make_winners(asked, made, output, workers, lambda line: print_line(console, line))
+        _draw_curve(made, [figure.label(name) for name, figure in search.objectives.items()], output)
+        print_statuses(console, Counter(row["status"] for row in rows), written)
+        winners = make_winners(search, made, output, workers, lambda line: print_line(console, line))
     for line in (f"winners in {output / WINNERS}", *draw_winner(winners[0], output / "winner")):
         print_line(console, line)
 
@@ -231,68 +217,58 @@ def calibrate(
     ] = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    dashboard: Dashboard = None,
 ) -> None:
     """Fit parameters to measured curves, with an interval of confidence and a plot of the data over the fit."""
-    require("taichisoft study calibrate", "distributed", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.base import atomic_file
     from taichisoft.running import print_line, print_warning
     from taichisoft_studies.least_squares import Calibration, complaints, misfits, read_measurement, statics
     from taichisoft_studies.least_squares import fit_parameters as fit_parameters
-    from taichisoft_studies.study_file import check_study, find_study, read_tables
+    from taichisoft_studies.study_file import find_study, read_tables
 
     path = find_study(study)
-    tables: dict[str, Any] = read_tables(path)
-    add_cluster(tables, jobs, scheduler, dashboard)
-    add_plugins(tables)
-    asked = check_study(Calibration, tables, str(path))
-    load_plugins(asked)
-    files = _files(asked, path, data or [])
+    calibration = make_study(Calibration, read_tables(path), str(path), jobs, scheduler)
+    files = _files(calibration, path, data or [])
     measured = [
         read_measurement(experiment, file, f"{path}: experiments.{index}")
-        for index, (experiment, file) in enumerate(zip(asked.experiments, files, strict=True))
+        for index, (experiment, file) in enumerate(zip(calibration.experiments, files, strict=True))
     ]
     console = Console()
     for index in range(len(measured)):
-        if said := statics(asked, index)[1]:
-            print_line(console, said)
+        if message := statics(calibration, index)[1]:
+            print_line(console, message)
 
     def tried(values: Mapping[str, float], cost: float) -> None:
-        said = ", ".join(f"{key} = {value:.6g}" for key, value in values.items())
-        print_line(console, f"{said}: cost {cost:.6g}")
+        text = ", ".join(f"{key} = {value:.6g}" for key, value in values.items())
+        print_line(console, f"{text}: cost {cost:.6g}")
 
-    most = len(measured) * 2 * len(asked.parameters)
-    with announced_workers(console, asked.cluster, most, output) as workers:
-        fit = fit_parameters(asked, measured, output, workers, tried)
+    most = len(measured) * 2 * len(calibration.parameters)
+    with announced_workers(console, calibration.cluster, most) as workers:
+        fit = fit_parameters(calibration, measured, output, workers, tried)
     for key, value in fit.values.items():
         low, high = fit.intervals[key]
         print_line(console, f"{key} = {value:.6g} (95 %: {low:.6g} to {high:.6g})")
     for file, residuals in zip(files, fit.residuals, strict=True):
-        print_line(console, f"{file.name}: residual {', '.join(f'{one:.4g}' for one in residuals)}")
-    for complaint in complaints(asked, fit, output):
+        print_line(console, f"{file.name}: residual {', '.join(f'{residual:.4g}' for residual in residuals)}")
+    for complaint in complaints(calibration, fit, output):
         print_warning(console, complaint)
-    for hint in misfits(asked, measured, fit):
+    for hint in misfits(calibration, measured, fit):
         print_line(console, f"{hint}; look at {FIT_PICTURE}")
-    found = {
+    result = {
         "parameters": {key: {"value": value, "interval_95": fit.intervals[key]} for key, value in fit.values.items()},
         "residuals": {str(file): residuals for file, residuals in zip(files, fit.residuals, strict=True)},
         "correlation_of_residuals": fit.correlation,
         "evaluations": fit.evaluations,
     }
     with atomic_file(output / FIT, StudyError) as partial:
-        partial.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    _draw_fit(asked, measured, fit, files, output / FIT_PICTURE)
+        partial.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    _draw_fit(calibration, measured, fit, files, output / FIT_PICTURE)
     print_line(console, f"fit in {output / FIT}, data over fit in {output / FIT_PICTURE}")
 
 
 def _files(study: Any, path: Path, data: Sequence[Path]) -> list[Path]:
-    """The file of each experiment: its own, or the next one of --data.
-
-    Raises:
-        StudyError: there are too few or too many.
-    """
+    """The file of each experiment: its own, or the next one of --data."""
     missing = sum(experiment.data is None for experiment in study.experiments)
     if len(data) != missing:
         raise StudyError(f"--data: {len(data)} given; {path} has {missing} experiments without data of their own")
@@ -465,19 +441,18 @@ def sweep(
     time_limit: Annotated[float | None, typer.Option(help="Longest time for one run \\[s].")] = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    dashboard: Dashboard = None,
     again: Annotated[
         bool, typer.Option("--again", help="Repeat runs that timed out, or whose process or workers were lost.")
     ] = False,
 ) -> None:
     """Run a scene with many values of its keys; what has ended is not done again, and one that fails stops no other."""
-    require("taichisoft study sweep", "distributed", "pandas", "pyarrow", install=extra("studies"))
+    require("taichisoft study sweep", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.running import print_line
     from taichisoft_studies.results_table import result_row, write_table
-    from taichisoft_studies.run_folder import COMPLETED, ERROR, finished, read_record
-    from taichisoft_studies.study_file import Sweep, check_study, find_study, read_tables, varied
+    from taichisoft_studies.run_job import COMPLETED, ERROR, finished, read_record
+    from taichisoft_studies.study_file import Sweep, find_study, read_tables, varied
     from taichisoft_studies.sweep_runs import RUNS, forget_unsure, make_missing, sweep_jobs
 
     console = Console()
@@ -494,11 +469,8 @@ def sweep(
         tables["sample"] = _sample(sample)
     if record:
         tables["outputs"] = list(dict.fromkeys([*tables.get("outputs", ["metrics"]), "recording"]))
-    add_plugins(tables)
-    add_cluster(tables, jobs, scheduler, dashboard)
-    asked = check_study(Sweep, tables, source)
-    load_plugins(asked)
-    planned = sweep_jobs(asked, output)
+    plan = make_study(Sweep, tables, source, jobs, scheduler)
+    planned = sweep_jobs(plan, output)
     _write_study(tables, output)
     if again:
         forget_unsure(planned)
@@ -510,7 +482,7 @@ def sweep(
         print_line(console, f"{failed_before} runs that ended with an error are made again")
     if ended < len(planned):
         with (
-            announced_workers(console, asked.cluster, len(planned) - ended, output) as workers,
+            announced_workers(console, plan.cluster, len(planned) - ended) as workers,
             progress_bar(console, "runs", len(planned), ended) as count,
         ):
 
@@ -523,8 +495,7 @@ def sweep(
         records = [one for job in planned if (one := finished(job)) is not None]
     written = write_table([result_row(one, f"{RUNS}/{one['run']}") for one in records], output)
     statuses = Counter(record["status"] for record in records)
-    print_line(console, ", ".join(f"{count} {status}" for status, count in sorted(statuses.items())))
-    print_line(console, f"results in {written}")
+    print_statuses(console, statuses, written)
     failed = len(records) - statuses[COMPLETED]
     if failed:
         raise GoalMissed(f"{output}: {failed} of {len(records)} runs failed")
@@ -538,11 +509,7 @@ def _is_study(path: Path) -> bool:
 
 
 def _sample(text: str) -> dict[str, Any]:
-    """The table of an option "METHOD:COUNT".
-
-    Raises:
-        StudyError: the text has another form.
-    """
+    """The table of an option "METHOD:COUNT"."""
     method, _, count = text.partition(":")
     if not count.isdecimal():
         raise StudyError(f"--sample {text}: must look like lhs:100")

@@ -30,11 +30,7 @@ class Expression:
     """
 
     def __init__(self, text: str, key: str):
-        """Read it; `key` is its place in the study, which begins every error.
-
-        Raises:
-            StudyError: it is none, or has a part that expressions do not have.
-        """
+        """Read it; `key` is its place in the study, which begins every error."""
         self.text, self._where = text, f"{key} = {text!r}"
         try:
             self._tree = read_expression(text)
@@ -47,22 +43,14 @@ class Expression:
         return {part.id for part in ast.walk(self._tree) if isinstance(part, ast.Name)}
 
     def __call__(self, names: Mapping[str, Any]) -> float:
-        """Its value, with these values of names.
-
-        Raises:
-            StudyError: a name or entry is missing, or the value is not a finite number.
-        """
+        """Its value, with these values of names."""
         number = self._number(self._tree, names)
         if not math.isfinite(number):
             raise StudyError(f"{self._where}: is {number:g}, not a finite number")
         return number
 
     def violation(self, names: Mapping[str, Any]) -> float:
-        """By how much a comparison of two values is missed: not positive where it holds.
-
-        Raises:
-            StudyError: the expression is not a comparison of two values by <=, <, >= or >; or as of a call.
-        """
+        """By how much a comparison of two values is missed: not positive where it holds."""
         match self._tree:
             case ast.Compare(left, [ast.Lt() | ast.LtE()], [right]):
                 low, high = left, right
@@ -93,10 +81,6 @@ def scene_with(name: str, overrides: Mapping[str, Any], controller: str | None) 
         overrides: values by dotted key. A key whose first part a scene does not have ("body.width") belongs to the
             geometry of all soft bodies that are meshed from a geometry file; "NAME:body.width" to that of one body.
         controller: name of a controller instead of the scene's own.
-
-    Raises:
-        StudyError: a key belongs to no geometry.
-        SceneError: see `load_scene`; names the key and its value.
     """
     of_scene = {key: value for key, value in overrides.items() if is_of_scene(key)}
     texts = [f"{key}={toml_value(value)}" for key, value in of_scene.items()]
@@ -162,8 +146,6 @@ Whole = Annotated[int, Field(strict=True, ge=0)]
 AnyStudy = TypeVar("AnyStudy", bound="Study")
 MOST = 10_000
 """Runs in a study: more are a slip of the keyboard."""
-DASHBOARD = "127.0.0.1:0"
-HIGHEST_PORT = 65535
 
 
 class Range(Table):
@@ -202,40 +184,14 @@ Values = Annotated[
 
 
 class Cluster(Table):
-    """Where the runs are made. Without `scheduler` and `slurm`: in processes of this machine."""
+    """Where the runs are made: in processes of this machine, unless there is a `scheduler`."""
 
     workers: Count | None = None
-    """Processes that make one run at a time; as many as there are CPUs otherwise. On SLURM: jobs at a time."""
+    """Runs at a time on this machine; as many as CPUs otherwise."""
     scheduler: str | None = None
     """Address of a Dask scheduler whose workers make the runs ("tls://HOST:8786")."""
-    slurm: dict[str, Any] | None = None
-    """Arguments of `dask_jobqueue.SLURMCluster`: queue, account, cores, processes, memory, walltime, ..."""
-    retries: Whole = 10
-    """How many workers may be lost under one run before it has failed."""
-    dashboard: str = DASHBOARD
-    """Host and port of Dask's dashboard, which asks for no password; port 0 stands for any that is free."""
-
-    @model_validator(mode="after")
-    def _check_one_place(self) -> Self:
-        if self.scheduler is not None and self.slurm is not None:
-            raise ValueError("scheduler and slurm are two places for the runs; keep one")
-        return self
-
-    @model_validator(mode="after")
-    def _check_dashboard(self) -> Self:
-        if self.scheduler is not None and "dashboard" in self.model_fields_set:
-            raise ValueError("dashboard is that of a scheduler of the study's own; leave it out beside scheduler")
-        host, _, port = self.dashboard.rpartition(":")
-        if not host or ":" in host or not port.isdecimal() or int(port) > HIGHEST_PORT:
-            raise ValueError(
-                f"dashboard = {self.dashboard!r}: must look like {DASHBOARD}, a host and a port up to {HIGHEST_PORT}"
-            )
-        return self
-
-    @property
-    def dashboard_host(self) -> str:
-        """The host on which Dask's dashboard listens."""
-        return self.dashboard.rpartition(":")[0]
+    retries: Whole = 2
+    """How often a run is begun again whose process was killed."""
 
 
 class Study(Table):
@@ -301,20 +257,12 @@ def check_values(varied: Mapping[str, Values], table: str) -> None:
 
 
 def find_study(name: str | Path) -> Path:
-    """The path of a study's file, given by path or as the name of a shipped one.
-
-    Raises:
-        StudyError: the file does not exist.
-    """
+    """The path of a study's file, given by path or as the name of a shipped one."""
     return find_file(name, "studies", (".toml",), error=StudyError)
 
 
 def read_tables(path: Path) -> dict[str, Any]:
-    """The tables of a study's file; scene and plug-ins that lie beside it become absolute paths.
-
-    Raises:
-        StudyError: the file is not valid TOML.
-    """
+    """The tables of a study's file; scene and plug-ins that lie beside it become absolute paths."""
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
@@ -332,11 +280,7 @@ def read_tables(path: Path) -> dict[str, Any]:
 
 
 def check_study(kind: type[AnyStudy], tables: Mapping[str, Any], source: str) -> AnyStudy:
-    """The tables of a study, checked; `source` begins every error.
-
-    Raises:
-        StudyError: something in them is not valid.
-    """
+    """The tables of a study, checked; `source` begins every error."""
     try:
         return kind.model_validate(dict(tables))
     except ValidationError as error:
@@ -364,11 +308,7 @@ def _beside(name: Any, path: Path) -> Any:
 
 
 def varied(texts: Sequence[str]) -> dict[str, Any]:
-    """Tables of values from "key=a,b,c" (a list) and "key=low:high:count" (evenly spaced), as a study's file has them.
-
-    Raises:
-        StudyError: a text has another form, or a key is given twice.
-    """
+    """Tables of values, as in a study's file, from "key=a,b,c" (a list) and "key=low:high:count" (evenly spaced)."""
     found: dict[str, Any] = {}
     for text in texts:
         key, separator, values = text.partition("=")
@@ -392,11 +332,7 @@ def value_from(text: str) -> Any:
 
 
 def combinations(varied: Mapping[str, Values], sample: Sample | None, seed: int) -> list[dict[str, Any]]:
-    """The values of each run by key; on a grid the last key's values change fastest.
-
-    Raises:
-        StudyError: there would be more than MOST.
-    """
+    """The values of each run by key; on a grid the last key's values change fastest."""
     if sample is not None:
         if sample.count > MOST:
             raise StudyError(f"sample.count = {sample.count}: more than the {MOST} runs that a sweep may have")

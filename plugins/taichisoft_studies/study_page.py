@@ -12,7 +12,7 @@ from taichisoft_outputs.html_template import render, svg_element
 from taichisoft_outputs.plots import figure_bytes
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.results_table import FIXED
-from taichisoft_studies.run_folder import COMPLETED
+from taichisoft_studies.run_job import COMPLETED
 
 # The analysis of a table of runs: the effect of each parameter on a figure, and the best runs.
 
@@ -48,11 +48,7 @@ def parameter_columns(table: Any) -> list[str]:
 
 
 def figure_columns(table: Any, wanted: list[str] | None) -> list[str]:
-    """The columns of the named figures, or the first columns of numbers that vary.
-
-    Raises:
-        StudyError: a figure is unknown.
-    """
+    """The columns of the named figures, or the first columns of numbers that vary."""
     metrics = [column for column in table.columns if column.startswith("metrics.")]
     if wanted is not None:
         for name in wanted:
@@ -125,9 +121,6 @@ def study_page(table: Any, folder: Path, wanted: list[str] | None = None, smalle
         folder: folder of the study.
         wanted: names of the metrics that are shown; by default those that vary. The best runs are chosen by the first.
         smallest: whether the best runs are those with the smallest value.
-
-    Raises:
-        StudyError: the metric is unknown.
     """
     parameters, figures = parameter_columns(table), figure_columns(table, wanted)
     counts = ", ".join(f"{count} {status}" for status, count in sorted(table["status"].value_counts().items()))

@@ -8,22 +8,15 @@ from typing import Any
 from taichisoft import Scene
 from taichisoft.errors import MeshError
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.run_folder import RunJob, finished, make_job, read_record, record_loss
+from taichisoft_studies.run_job import RunJob, finished, make_job, read_record
 from taichisoft_studies.study_file import MOST, Study, Sweep, combinations, scene_with, value_from
-from taichisoft_studies.worker_task import do_run
-from taichisoft_studies.workers import LOST, Workers
+from taichisoft_studies.workers import UNSURE, Workers
 
 RUNS = "runs"
-UNSURE = ("timeout", "process lost", LOST)
-"""Statuses that depend on the machine: `--again` repeats such runs."""
 
 
 def fixed_overrides(study: Study) -> dict[str, Any]:
-    """The values that all runs of a study have, by key.
-
-    Raises:
-        StudyError: one of `set` does not look like "key=value".
-    """
+    """The values that all runs of a study have, by key."""
     values: dict[str, Any] = {}
     for text in study.set:
         key, separator, given = text.partition("=")
@@ -34,11 +27,7 @@ def fixed_overrides(study: Study) -> dict[str, Any]:
 
 
 def job_for(study: Study, parameters: Mapping[str, Any], folder: Path, seed: int, **others: Any) -> RunJob:
-    """The job of one run of a study, with these values.
-
-    Raises:
-        SceneError, StudyError: a key or value is not valid; it is named.
-    """
+    """The job of one run of a study, with these values."""
     scene = scene_with(study.scene, {**fixed_overrides(study), **parameters}, study.controller)
     outputs = tuple(dict.fromkeys(("metrics", *study.outputs)))
     return make_job(
@@ -56,11 +45,7 @@ def job_for(study: Study, parameters: Mapping[str, Any], folder: Path, seed: int
 
 
 def sweep_jobs(study: Sweep, folder: Path) -> list[RunJob]:
-    """The jobs of a sweep in their order; two that are the same run are there once.
-
-    Raises:
-        SceneError, StudyError, MeshError: a key or value is not valid.
-    """
+    """The jobs of a sweep in their order; two that are the same run are there once."""
     chosen = combinations(study.vary, study.sample, study.seed)
     if len(chosen) * study.repeats > MOST:
         raise StudyError(f"repeats = {study.repeats}: {len(chosen) * study.repeats} runs are more than {MOST}")
@@ -70,11 +55,7 @@ def sweep_jobs(study: Sweep, folder: Path) -> list[RunJob]:
 
 
 def check_geometries(jobs: Sequence[RunJob]) -> None:
-    """Refuse a study of which no run has a geometry that can be made, such as one with a misspelt dimension.
-
-    Raises:
-        MeshError: as of the first run.
-    """
+    """Refuse a study of which no run has a geometry that can be made, such as one with a misspelt dimension."""
     from taichisoft.scene import scene_from_toml
     from taichisoft_meshing.geometry_file import is_geometry, make_geometry, read_tables
     from taichisoft_meshing.scene_meshes import merge_tables
@@ -96,7 +77,7 @@ def check_geometries(jobs: Sequence[RunJob]) -> None:
 
 
 def make_missing(
-    jobs: Sequence[RunJob], workers: Workers, done: Callable[[RunJob, Mapping[str, Any]], None]
+    jobs: Sequence[RunJob], workers: Workers, done: Callable[[RunJob, Mapping[str, Any]], None] = lambda *_: None
 ) -> list[dict[str, Any]]:
     """Have every job made that has not ended yet; the records come in the order of the jobs.
 
@@ -104,33 +85,16 @@ def make_missing(
         jobs: all runs; the records of ended runs are only read.
         workers: make the runs.
         done: called with each job that was made, and its record, as they end.
-
-    Raises:
-        StudyError: a record cannot be written, or the workers are gone.
     """
     records = {job.name: finished(job) for job in jobs}
-    by_name = {job.name: job for job in jobs}
-    missing = [job for job in jobs if records[job.name] is None]
-    for job in missing:
-        workers.submit(job.name, do_run, job.to_json())
+    missing = {job.name: job for job in jobs if records[job.name] is None}
+    for name, job in missing.items():
+        workers.submit(name, job)
     for _ in missing:
         name, record = workers.next_done()
-        records[name] = checked_record(by_name[name], record)
-        done(by_name[name], records[name] or {})
+        records[name] = record
+        done(missing[name], record)
     return [record for record in records.values() if record is not None]
-
-
-def checked_record(job: RunJob, record: dict[str, Any] | None) -> dict[str, Any]:
-    """What a worker answered, or the record of a run whose workers were lost.
-
-    Raises:
-        StudyError: no record could be written.
-    """
-    if record is None:
-        return record_loss(job, LOST, "its workers were killed, one after the other")
-    if "error" in record:
-        raise StudyError(f"run {job.name}: {record['error']}")
-    return record
 
 
 def forget_unsure(jobs: Sequence[RunJob]) -> None:

@@ -17,23 +17,24 @@ from taichisoft_meshing.mesh_process import write_mould_apart
 from taichisoft_meshing.scene_meshes import merge_tables
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.optimiser import (
+    AGAIN,
     JOURNAL,
+    LOST,
+    OWNER,
     PARAMETERS,
     STATUS,
     VIOLATIONS,
     Optimisation,
     best_trials,
-    claim_trial,
     counted,
     is_function,
     nearest_trial,
     suggest,
 )
 from taichisoft_studies.results_table import result_row
-from taichisoft_studies.run_folder import BEYOND_LAW, COMPLETED, PRUNED, RunJob, read_record
+from taichisoft_studies.run_job import BEYOND_LAW, COMPLETED, ERROR, PRUNED, RunJob, is_gone, owner, read_record
 from taichisoft_studies.study_file import Expression
-from taichisoft_studies.sweep_runs import RUNS, checked_record, job_for, make_missing
-from taichisoft_studies.worker_task import do_run
+from taichisoft_studies.sweep_runs import RUNS, job_for, make_missing
 from taichisoft_studies.workers import Workers
 
 # The runs of a trial: one, or one of each scene of the optimisation; to objectives and tables they are one record.
@@ -67,11 +68,7 @@ class TrialRuns:
 
 
 def trial_runs(study: Optimisation, parameters: Mapping[str, Any], folder: Path, **others: Any) -> TrialRuns:
-    """The runs of a trial with these values; the arguments as for `sweep_runs.job_for`.
-
-    Raises:
-        SceneError, StudyError: a key or value is not valid; it is named.
-    """
+    """The runs of a trial with these values; the arguments as for `sweep_runs.job_for`."""
     by_scene = study.by_scene().items()
     return TrialRuns({scene: job_for(one, parameters, folder, study.seed, **others) for scene, one in by_scene})
 
@@ -99,11 +96,7 @@ Figure = Callable[[Mapping[str, Any], Any], float]
 
 
 def figures(study: Optimisation) -> dict[str, Figure]:
-    """The objectives by name.
-
-    Raises:
-        StudyError: an expression is not valid, or a function cannot be loaded.
-    """
+    """The objectives by name."""
     return {
         name: _figure(one.text, f"objectives.{name}.{'maximise' if one.maximise is not None else 'minimise'}")
         for name, one in study.objectives.items()
@@ -111,11 +104,7 @@ def figures(study: Optimisation) -> dict[str, Figure]:
 
 
 def violations(study: Optimisation) -> dict[str, Figure]:
-    """By how much each constraint is missed: not positive where it holds.
-
-    Raises:
-        StudyError: an expression is not valid.
-    """
+    """By how much each constraint is missed: not positive where it holds."""
     expressions = {name: Expression(text, f"constraints.{name}") for name, text in study.constraints.items()}
 
     def of(expression: Expression) -> Figure:
@@ -161,6 +150,39 @@ def _function(text: str, key: str) -> Figure:
     return call
 
 
+def claim_trial(trial: Any) -> None:
+    """Note that this process makes the trial."""
+    trial.set_user_attr(OWNER, owner())
+
+
+def take_over_abandoned(study: Any) -> int:
+    """Put the trials back into the queue whose process on this machine is gone; returns how many there were."""
+    from optuna.trial import TrialState
+
+    abandoned = [
+        trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if is_gone(trial.user_attrs.get(OWNER, ""))
+    ]
+    for trial in abandoned:
+        study._storage.set_trial_user_attr(trial._trial_id, LOST, True)
+        study.tell(trial.number, state=TrialState.FAIL)
+        if trial.params:
+            study.enqueue_trial(trial.params)
+    return len(abandoned)
+
+
+def take_over_errors(study: Any) -> int:
+    """Put the trials back into the queue whose run ended with an error, see `run_job.finished`; returns how many."""
+    from optuna.trial import TrialState
+
+    before = study.user_attrs.get(AGAIN, [])
+    ended = study.get_trials(deepcopy=False, states=(TrialState.FAIL,))
+    failed = [one for one in ended if one.user_attrs.get(STATUS) == ERROR and one.number not in before]
+    study.set_user_attr(AGAIN, [*before, *(trial.number for trial in failed)])
+    for trial in failed:
+        study.enqueue_trial(trial.params)
+    return len(failed)
+
+
 # The loop of an optimisation: Optuna proposes values, workers make the runs, and Optuna gets the results.
 
 MESSAGE = "message"
@@ -183,9 +205,6 @@ def run_trials(
         trials: Optuna's study, see `optimiser.open_study`.
         workers: make the runs, `count` at a time.
         done: called with each trial and the record of its run.
-
-    Raises:
-        StudyError, SceneError: a key is not valid, or an expression cannot be computed of the first run that completes.
     """
     wanted, limits = figures(study), violations(study)
     running: dict[str, tuple[Any, str, TrialRuns]] = {}
@@ -198,12 +217,12 @@ def run_trials(
             for scene, job in runs.jobs.items():
                 key = f"trial-{trial.number} {scene}".rstrip()
                 running[key] = trial, scene, runs
-                workers.submit(key, do_run, job.to_json())
+                workers.submit(key, job)
         if not running:
             return
-        key, answer = workers.next_done()
+        key, record = workers.next_done()
         trial, scene, runs = running.pop(key)
-        runs.records[scene] = checked_record(runs.jobs[scene], answer)
+        runs.records[scene] = record
         if len(runs.records) == len(runs.jobs):
             _tell(study, trials, trial, runs.record, runs.place, wanted, limits)
             done(trial, runs.record)
@@ -238,7 +257,7 @@ def accepted(study: Optimisation, record: Mapping[str, Any]) -> bool:
 
 
 def _pruning(study: Optimisation, folder: Path, trial: Any) -> dict[str, Any] | None:
-    """The settings of `pruning.PruningOutput`."""
+    """The settings of `run_job.PruningOutput`."""
     if study.pruning is None:
         return None
     (objective,) = study.objectives.values()
@@ -311,9 +330,6 @@ def make_winners(
 
     Returns:
         The run of each winner, of several scenes the first; the best winner first.
-
-    Raises:
-        StudyError: no trial has completed and satisfies all constraints.
     """
     best = best_trials(trials, study.winners)
     if not best:
@@ -326,7 +342,7 @@ def make_winners(
         assert record is not None
         winners.append(trial_runs(finer, record["parameters"], output))
     unique = {job.name: job for runs in winners for job in runs.jobs.values()}
-    records = {one["run"]: one for one in make_missing(list(unique.values()), workers, lambda job, record: None)}
+    records = {one["run"]: one for one in make_missing(list(unique.values()), workers)}
     wanted = figures(study)
     rows = [["trial", *study.variables, *wanted, *(f"{name} finer" for name in wanted), "status", "folder"]]
     for trial, runs in zip(best, winners, strict=True):

@@ -37,6 +37,7 @@ from .text import require as require
 from .text import say as say
 from .text import warn_caller as warn_caller
 from .worker import Link as Link
+from .worker import Pool as Pool
 from .worker import Worker as Worker
 from .worker import WorkerLost as WorkerLost
 from .worker import WorkerSlow as WorkerSlow

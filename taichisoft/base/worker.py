@@ -1,13 +1,12 @@
-"""Worker processes: a child in which a hang or a crash of a native library can do no harm, and the messages with it.
+"""Child processes that confine hangs and crashes of native libraries: a `Worker`, and a `Pool` of them for many jobs.
 
 `Worker("package.module:function")` starts this Python in a child process, which imports the module and calls the
-function with a `Link`. Both ends exchange pickled objects, each preceded by its length, through pipes that nobody else
-has: nothing that comes from a network or a file is unpickled here. An exception that leaves the function ends the
-process and is raised by `Worker.receive`; what libraries print goes to a log, whose last line explains a crash.
+function with a `Link`. Both ends exchange pickled objects, each preceded by its length, through pipes that no other
+process has: nothing that comes from a network or a file is unpickled here. An exception that leaves the function ends
+the process and is raised by `Worker.receive`; what libraries print goes to a log, whose last line explains a crash.
 
-The process has a session of its own, so that Ctrl and c, and a hang-up, are for the parent alone. It ends with its
-parent, however that ends: its pipe closes, and where a process that was forked from the parent holds the pipe open, the
-process sees that its parent is another one.
+The process has a session of its own, so only the parent gets Ctrl and c or a hang-up. It ends with its parent: its pipe
+closes, and where a process forked from the parent holds the pipe open, the process sees that its parent has changed.
 """
 
 import os
@@ -24,7 +23,7 @@ from importlib import import_module
 from io import FileIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any, Self
+from typing import IO, Any, NamedTuple, Self
 
 from taichisoft.base.processes import PYTHON, how_it_ended
 from taichisoft.errors import TaichisoftError
@@ -34,17 +33,19 @@ TIME_TO_EXIT = 10.0
 """Time that a process has between its last message and its end [s]."""
 TIME_TO_TAKE = 600.0
 """Time after which a process that reads nothing is ended [s]; a pipe holds a short message meanwhile."""
+TIME_TO_START = 600.0
+"""Time that a process of a pool has to import what its jobs need [s]; minutes on a busy network disk."""
 BETWEEN_LOOKS = 1.0
-"""Time between two looks of a process whether its parent still is there [s]."""
+"""Interval at which a process checks that its parent still exists [s]."""
 LENGTH = 8
-"""Bytes of the number before each message that says how long the message is."""
+"""Bytes of the length before each message."""
 
 
 class WorkerLost(ChildProcessError):
     """A worker process gives no answer: it crashed, ended or failed; the text says why in one line.
 
     Attributes:
-        signal: number of the signal by which somebody ended the process; 0 where that was not the reason.
+        signal: number of the signal that ended the process; 0 without one.
     """
 
     def __init__(self, problem: str, signal: int = 0):
@@ -53,7 +54,7 @@ class WorkerLost(ChildProcessError):
 
 
 class WorkerSlow(WorkerLost):
-    """A worker process gave no answer in time, and was ended."""
+    """A worker process gave no answer in time, and was killed."""
 
 
 class Worker:
@@ -68,17 +69,15 @@ class Worker:
         function: str,
         environment: Mapping[str, str] | None = None,
         folder: Path | None = None,
-        captured: bool = True,
     ):
         """Start the process; returns at once.
 
         Args:
             function: "package.module:function", which the process calls with its `Link`.
-            environment: environment variables that the process has beside ours.
-            folder: where it runs; our current folder when it is not given.
-            captured: whether a log takes what it prints; otherwise that goes to our standard error.
+            environment: additional environment variables of the process.
+            folder: its current folder; None: ours.
         """
-        self._log = TemporaryFile() if captured else None  # noqa: SIM115 - closed in `end`
+        self._log = TemporaryFile()  # noqa: SIM115 - closed in `end`
         self.process = subprocess.Popen(
             [*PYTHON, "-c", START, function],
             stdin=subprocess.PIPE,
@@ -88,7 +87,7 @@ class Worker:
             cwd=folder,
             start_new_session=True,
         )
-        self._time_limit: float | None = None  # that has passed
+        self._passed_limit: float | None = None
         self._answers: queue.SimpleQueue[bytearray | WorkerLost] = queue.SimpleQueue()
         self._listener = threading.Thread(target=self._listen, name="worker", daemon=True)
         self._listener.start()
@@ -101,15 +100,15 @@ class Worker:
 
     @property
     def alive(self) -> bool:
-        """Whether the process is there."""
+        """Whether the process is running."""
         return self.process.poll() is None
 
     def send(self, message: Any, time_limit: float = TIME_TO_TAKE) -> None:
-        """Send a message, from one thread at a time; `receive` says so when the process is gone.
+        """Send a message, from one thread at a time; where the process has ended, `receive` raises why.
 
         Args:
-            message: what can be pickled.
-            time_limit: time after which a process that does not read it is ended [s].
+            message: an object that can be pickled.
+            time_limit: time after which a process that does not read it is killed [s].
         """
         assert self.process.stdin is not None
         watchdog = threading.Timer(time_limit, self._give_up, (time_limit,))
@@ -131,12 +130,12 @@ class Worker:
         """The next message of the process.
 
         Args:
-            time_limit: time after which the process is ended [s].
-            meanwhile: called again and again while we wait; it may raise.
-            every: time between two of these calls [s].
+            time_limit: time after which the process is killed [s].
+            meanwhile: called periodically during the wait; it may raise.
+            every: period of these calls [s].
 
         Raises:
-            TaichisoftError: the function raised it; of the nearest class in `taichisoft.errors`.
+            TaichisoftError: raised by the function; of the nearest class in `taichisoft.errors`.
             WorkerSlow: no message came in time.
             WorkerLost: no further message will come.
         """
@@ -166,7 +165,7 @@ class Worker:
         return self.receive(time_limit)
 
     def end(self, patience: float = 0.0) -> None:
-        """End the process, which learns that nothing more comes, and kill it after `patience` [s]."""
+        """Close the pipe to the process, and kill it unless it ends within `patience` [s]."""
         assert self.process.stdin is not None and self.process.stdout is not None
         if not patience:
             self.process.kill()
@@ -177,16 +176,15 @@ class Worker:
         self.process.kill()
         self._listener.join()
         self.process.stdout.close()
-        if self._log is not None:
-            self._log.close()
+        self._log.close()
 
     def _give_up(self, time_limit: float) -> None:
-        self._time_limit = time_limit
+        self._passed_limit = time_limit
         self.process.kill()
         self.process.wait()
 
     def _listen(self) -> None:
-        """Take all messages as they come, so that none is waited for without a time limit; then the end."""
+        """Queue all messages as they arrive, so that every wait has a time limit; then the reason of the end."""
         assert self.process.stdout is not None
         pipe = FileIO(self.process.stdout.fileno(), closefd=False)
         with suppress(EOFError):
@@ -200,13 +198,11 @@ class Worker:
         except subprocess.TimeoutExpired:
             self.process.kill()
             code = self.process.wait()
-        if self._time_limit is not None:
-            return WorkerSlow(f"no answer within {self._time_limit:g} s")
-        said = b""
-        if self._log is not None:
-            self._log.seek(0)
-            said = self._log.read()
-        return WorkerLost(how_it_ended(code, said) or "the process ended without an answer", max(0, -code))
+        if self._passed_limit is not None:
+            return WorkerSlow(f"no answer within {self._passed_limit:g} s")
+        self._log.seek(0)
+        problem = how_it_ended(code, self._log.read())
+        return WorkerLost(problem or "the process ended without an answer", max(0, -code))
 
 
 def call_apart(
@@ -218,25 +214,208 @@ def call_apart(
     environment: Mapping[str, str] | None = None,
     folder: Path | None = None,
 ) -> Any:
-    """The value of `function`, "package.module:function", for arguments, in a process of its own.
-
-    The other arguments, and the errors raised, are as for `Worker` and of `Worker.receive`.
-    """
+    """Call `function`, "package.module:function", in a child process; arguments and errors of `Worker.receive`."""
     with Worker("taichisoft.base.worker:_call", environment, folder) as worker:
         worker.send((function, arguments), time_limit)
         return worker.receive(time_limit, meanwhile, every)
 
 
-class Link:
-    """The worker's end: the messages that the parent sends, and the way to answer.
+class _Job(NamedTuple):
+    """The arguments of `Pool.submit`."""
+
+    key: Any
+    content: Any
+    context: Any
+    time_limit: float
+    is_wanted: Callable[[], bool]
+
+
+class Pool:
+    """Processes that do jobs, each one at a time; leaving a `with` statement kills them.
+
+    A lost process is replaced, and a job whose process was killed from outside is begun again.
 
     Attributes:
-        time_to_close: time that this process has when its parent has ended or wants nothing more [s]; then it is ended
-            at once, in the middle of whatever it does.
+        closed: whether the pool has been closed.
+    """
+
+    def __init__(
+        self,
+        function: str,
+        count: int,
+        environment: Mapping[str, str] | None = None,
+        tries: int = 1,
+        done: Callable[[Any, Any], None] | None = None,
+    ):
+        """Prepare; as many processes start as there are jobs at a time.
+
+        Args:
+            function: "package.module:function"; a process calls it with the context of its first job, and with a
+                function that tells whether the current job was cancelled, and gets the function that does a job.
+            count: largest number of processes.
+            environment: additional environment variables of the processes.
+            tries: how often a job is begun whose process is killed.
+            done: called with key and answer of each job, from any thread; None: `next_done` returns them.
+        """
+        self.function, self.environment, self.tries, self.closed = function, environment, tries, False
+        self.jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._ended: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
+        self._done = done or (lambda key, answer: self._ended.put((key, answer)))
+        self._count, self._pending = count, 0
+        self._seats: list[_Seat] = []
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+        for seat in self._seats:
+            seat.thread.join()
+
+    def submit(
+        self,
+        key: Any,
+        content: Any,
+        context: Any = None,
+        time_limit: float = threading.TIMEOUT_MAX,
+        is_wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Have a job done, after those submitted before.
+
+        Args:
+            key: identifies the job in `next_done` and `cancel`.
+            content: of the job.
+            context: what a process needs once for many jobs, such as plug-ins or a model; sent to it again only when
+                it is another object.
+            time_limit: longest time of the job [s], without the preparation of a new process.
+            is_wanted: called when the turn of the job comes; if it returns False, the answer is None.
+        """
+        with self._lock:
+            self._pending += 1
+            if len(self._seats) < min(self._pending, self._count):
+                self._seats.append(_Seat(self))
+        self.jobs.put(_Job(key, content, context, time_limit, is_wanted))
+
+    def next_done(self) -> tuple[Any, Any]:
+        """Wait for a job to end; its key, and its value or the exception by which it failed (see `Worker.receive`)."""
+        return self._ended.get()
+
+    def end_job(self, key: Any, answer: Any) -> None:
+        """Hand over the answer of a job."""
+        with self._lock:
+            self._pending -= 1
+        self._done(key, answer)
+
+    def cancel(self, is_meant: Callable[[Any], bool]) -> None:
+        """Tell the processes whose jobs have such keys that these are cancelled."""
+        for seat in self._seats:
+            seat.cancel(is_meant)
+
+    def close(self) -> None:
+        """Kill the processes; jobs that are not done fail."""
+        self.closed = True
+        for seat in self._seats:
+            seat.kill()
+            self.jobs.put(None)
+
+
+class _Seat:
+    """A process of a pool, and the thread that gives it one job after the other."""
+
+    def __init__(self, pool: Pool):
+        self._pool = pool
+        self._lock = threading.Lock()
+        self._worker: Worker | None = None
+        self._context: Any = self  # that of no job
+        self._running: _Job | None = None
+        self.thread = threading.Thread(target=self._serve, name="pool", daemon=True)
+        self.thread.start()
+
+    def cancel(self, is_meant: Callable[[Any], bool]) -> None:
+        with self._lock:
+            if self._running is not None and self._worker is not None and is_meant(self._running.key):
+                self._worker.send(("cancel", id(self._running)))
+
+    def kill(self) -> None:
+        with self._lock:
+            if self._worker is not None:
+                self._worker.process.kill()
+
+    def _serve(self) -> None:
+        while self._serve_next():
+            pass
+        if self._worker is not None:
+            self._worker.end()
+
+    def _serve_next(self) -> bool:
+        """Wait for a job and do it; False after the last. Between two jobs nothing refers to the first."""
+        job = self._pool.jobs.get()
+        if job is None:
+            return False
+        try:
+            answer = self._answer(job) if job.is_wanted() else None
+        except Exception as error:  # also of a content that cannot be pickled
+            answer = error
+        self._pool.end_job(job.key, answer)
+        return True
+
+    def _answer(self, job: _Job) -> Any:
+        for _ in range(self._pool.tries - 1):
+            try:
+                return self._ask(job)
+            except WorkerLost as lost:
+                if lost.signal not in (signal.SIGKILL, signal.SIGTERM):
+                    raise
+        return self._ask(job)
+
+    def _ask(self, job: _Job) -> Any:
+        worker = self._ready_worker()
+        if self._context is not job.context:
+            self._prepare(worker, job.context)
+        with self._lock:
+            worker.send(("job", (id(job), job.content)))
+            self._running = job
+        try:
+            return worker.receive(job.time_limit)
+        finally:
+            with self._lock:
+                self._running = None
+
+    def _ready_worker(self) -> Worker:
+        """The process; a new one where it was lost."""
+        with self._lock:
+            if self._pool.closed:
+                raise WorkerLost("the pool was closed")
+            if self._worker is not None and not self._worker.alive:
+                self._worker.end()
+                self._worker = None
+            if self._worker is None:
+                self._worker = Worker("taichisoft.base.worker:_do_jobs", self._pool.environment)
+                self._context = self
+            return self._worker
+
+    def _prepare(self, worker: Worker, context: Any) -> None:
+        worker.send(("context", (self._pool.function, context)))
+        try:
+            worker.receive(TIME_TO_START)
+        except WorkerSlow as slow:
+            raise WorkerLost(f"it did not start within {TIME_TO_START:g} s") from slow
+        except TaichisoftError as error:
+            raise WorkerLost(str(error)) from error
+        self._context = context
+
+
+class Link:
+    """The worker's end: receives the parent's messages, and answers.
+
+    Attributes:
+        time_to_close: time that this process has after its parent has ended or closed the pipe [s]; then it exits, in
+            the middle of whatever it does.
     """
 
     def __init__(self, requests: FileIO, answers: IO[bytes], parent: int):
-        """Take messages from one pipe and answer through another as long as `parent` is this process's parent."""
+        """Receive from one pipe and answer through another as long as `parent` is this process's parent."""
         self.time_to_close = 0.0
         self._requests, self._answers, self._parent = requests, answers, parent
         self._arrived: queue.SimpleQueue[bytearray | None] = queue.SimpleQueue()
@@ -257,7 +436,7 @@ class Link:
 
     @property
     def has_message(self) -> bool:
-        """Whether `receive` would not have to wait."""
+        """Whether `receive` returns without waiting."""
         return not self._arrived.empty()
 
     def send(self, message: Any) -> None:
@@ -265,7 +444,7 @@ class Link:
         self._send(None, message)
 
     def fail(self, error: TaichisoftError | WorkerLost) -> None:
-        """Have the parent raise an error, one of ours as the nearest class in `taichisoft.errors`."""
+        """Have the parent raise an error; a `TaichisoftError` as the nearest class in `taichisoft.errors`."""
         self._send(_plain(error) if isinstance(error, TaichisoftError) else error, None)
 
     def _send(self, error: Exception | None, message: Any) -> None:
@@ -290,7 +469,7 @@ class Link:
 
 
 def work() -> None:
-    """What the process does: it calls the function of its command line; see `Worker`."""
+    """Call the function of the command line: what the process does, see `Worker`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where a session does not keep it from us
     requests, answers = FileIO(os.dup(0)), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -300,15 +479,47 @@ def work() -> None:
     link = Link(requests, answers, os.getppid())
     try:
         _named(sys.argv[1])(link)
-    except TaichisoftError as error:
-        link.fail(error)
     except Exception as error:
-        link.fail(WorkerLost(f"{type(error).__name__}: {' '.join(str(error).split())}"))
+        link.fail(_failure(error))
+
+
+def _failure(error: Exception) -> TaichisoftError | WorkerLost:
+    """The error as one that the parent raises."""
+    if isinstance(error, TaichisoftError):
+        return error
+    return WorkerLost(f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
 def _call(link: Link) -> None:
     function, arguments = link.receive()
     link.send(_named(function)(*arguments))
+
+
+def _do_jobs(link: Link) -> None:
+    """What a process of a pool does."""
+    number = 0
+    do: Callable[[Any], Any] | None = None
+
+    def is_cancelled() -> bool:
+        cancelled = False
+        while link.has_message:  # during a job nothing arrives but that it, or the one before, is cancelled
+            cancelled |= link.receive() == ("cancel", number)
+        return cancelled
+
+    with suppress(EOFError):  # the parent has closed the pool
+        while True:
+            kind, content = link.receive()
+            try:
+                if kind == "context":
+                    function, context = content
+                    do = _named(function)(context, is_cancelled)
+                    link.send(None)
+                elif kind == "job":
+                    assert do is not None
+                    number, job = content
+                    link.send(do(job))
+            except Exception as error:
+                link.fail(_failure(error))
 
 
 def _named(function: str) -> Callable[..., Any]:
@@ -318,7 +529,7 @@ def _named(function: str) -> Callable[..., Any]:
 
 
 def _plain(error: TaichisoftError) -> TaichisoftError:
-    """An error that the parent can unpickle: of the nearest class that it knows and that a text alone makes."""
+    """An error that the parent can unpickle: of the nearest class in `taichisoft.errors` made of a text alone."""
     for kind in type(error).__mro__:
         if kind.__module__ == TaichisoftError.__module__:
             with suppress(TypeError):  # it is made of other things

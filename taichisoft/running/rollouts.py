@@ -1,16 +1,14 @@
-"""Many futures of one state, for controllers that plan: `rollouts` makes them, in processes that stay ready."""
+"""Many futures of one state, for controllers that plan, made in processes that stay ready."""
 
 import pickle
-import queue
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from taichisoft.base.worker import Link, Worker, WorkerLost
+from taichisoft.base.worker import Pool
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import ObservedFigure, find_figure
@@ -20,18 +18,16 @@ from taichisoft.running.simulation import Simulation, check_simulation
 from taichisoft.step.divergence import EVERY
 from taichisoft.step.time_stepper import TimeStepper
 
-# One future of a state: the same steps in whichever process makes them.
-
 
 @dataclass(frozen=True)
 class RolloutSample:
-    """What a future begins with and is driven by.
+    """Start and controls of one future.
 
     Attributes:
-        start: state from which it begins.
-        controls: what is asked for, one after the other.
-        steps_per_control: number of steps for which each of them stands.
-        figures: what is taken from the observation after every step.
+        start: its first state.
+        controls: requests, one after the other.
+        steps_per_control: number of steps with each control.
+        figures: what is kept of the observation after every step.
     """
 
     start: State
@@ -42,14 +38,14 @@ class RolloutSample:
 
 @dataclass(frozen=True)
 class RolloutOutcome:
-    """What became of a sample.
+    """Result of a sample.
 
     Attributes:
         state: the last state that was reached.
-        values: values of each figure after the steps that were made, each of shape (steps_made, ...).
+        values: of each figure after the steps that were made, each of shape (steps_made, ...).
         diverged: the arguments of the `SimulationDiverged` that ended it early, or None.
-        stretch_over_law: largest stretch over that up to which the body's law holds [-], see `Rollouts`.
-        complaint: line on the first state beyond a law, or None.
+        stretch_over_law: see `Rollouts` [-].
+        complaint: line about the first state beyond a law, or None.
     """
 
     state: State
@@ -60,10 +56,10 @@ class RolloutOutcome:
 
 
 def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Callable[[], bool]) -> RolloutOutcome | None:
-    """Make the steps of a sample; None if it was cancelled on the way.
+    """Make the steps of a sample; None if it was cancelled meanwhile.
 
     Raises:
-        ControlError: a control asks for something impossible.
+        ControlError: a control cannot be applied.
         StateError: the start belongs to another model.
     """
     simulation.restore(sample.start)
@@ -76,9 +72,9 @@ def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Calla
         nonlocal watched, largest, complaint
         state = simulation.state
         if state.step != watched:
-            found = max(simulation.strain_watch.over_law(state).values(), default=0.0)
-            watched, largest = state.step, max(largest, found)
-            if found > 1.0:
+            over = max(simulation.strain_watch.over_law(state).values(), default=0.0)
+            watched, largest = state.step, max(largest, over)
+            if over > 1.0:
                 complaint = complaint or simulation.strain_watch.complaint(state)
 
     for control in sample.controls:
@@ -102,175 +98,39 @@ def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Calla
     return RolloutOutcome(simulation.state, values, diverged, largest, complaint)
 
 
-# Processes that make rollouts: each has the model and stays ready for the next call.
-
-WORK = "taichisoft.running.rollouts:make_rollouts"
+PREPARE = "taichisoft.running.rollouts:prepare"
 ONE_THREAD = {"TAICHISOFT_THREADS": "1"}
 """A process for each core is faster than threads, which wait for one another in every step."""
 
 
-class Receiver(Protocol):
-    """Takes the outcomes of samples, from any thread.
-
-    Attributes:
-        cancelled: whether nobody wants them any more.
-    """
-
-    cancelled: bool
-
-    def add(self, index: int, outcome: RolloutOutcome | None) -> None:
-        """Take what became of a sample; None if it was cancelled."""
-
-    def fail(self, index: int, error: TaichisoftError) -> None:
-        """Take the error by which a sample has no outcome."""
+def prepare(model: Model, is_cancelled: Callable[[], bool]) -> Callable[[RolloutSample], RolloutOutcome | None]:
+    """What a process of a pool does with the samples of a model."""
+    simulation = TimeStepper(model)
+    return lambda sample: roll_out(simulation, sample, is_cancelled)
 
 
-@dataclass(frozen=True)
-class Task:
-    """A sample to be made, and who takes its outcome."""
-
-    model: Model
-    sample: RolloutSample
-    index: int
-    receiver: Receiver
-
-
-class RolloutProcesses:
-    """A number of processes that share one queue of samples."""
+class RolloutPool(Pool):
+    """Processes that make samples; the key of a job is its receiver and the index of its sample."""
 
     def __init__(self, count: int):
-        """Start the threads that speak with the processes; each process starts with its first sample."""
-        self._tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-        self._processes = [RolloutProcess(self._tasks) for _ in range(count)]
+        """Prepare `count` processes; each starts with its first sample."""
+        super().__init__(PREPARE, count, ONE_THREAD, done=self._hand_over)
 
-    def submit(self, tasks: Sequence[Task]) -> None:
-        """Have samples made, after those submitted before."""
-        for task in tasks:
-            self._tasks.put(task)
-
-    def cancel(self, receiver: Receiver) -> None:
-        """End the samples of a receiver that are being made; its others are left out when their turn comes."""
-        for process in self._processes:
-            process.cancel(receiver)
-
-    def close(self) -> None:
-        """End the processes; what they have not finished fails."""
-        for process in self._processes:
-            process.close()
-        for _ in self._processes:
-            self._tasks.put(None)
-
-
-class RolloutProcess:
-    """A process, and the thread that hands it one sample after the other."""
-
-    def __init__(self, tasks: "queue.SimpleQueue[Task | None]"):
-        """Start the thread."""
-        self._tasks = tasks
-        self._worker: Worker | None = None
-        self._model: Model | None = None
-        self._running: Task | None = None
-        self._closed = False
-        self._sending = threading.Lock()
-        threading.Thread(target=self._serve, name="rollouts", daemon=True).start()
-
-    def cancel(self, receiver: Receiver) -> None:
-        """End the sample that is being made if it is the receiver's."""
-        with self._sending:
-            if self._running is not None and self._running.receiver is receiver and self._worker is not None:
-                self._worker.send(("cancel", id(self._running)))
-
-    def close(self) -> None:
-        """End the process at once."""
-        with self._sending:
-            self._closed = True
-            if self._worker is not None:
-                self._worker.process.kill()
-
-    def _serve(self) -> None:
-        while self._serve_next():
-            pass
-        if self._worker is not None:
-            self._worker.end()
-
-    def _serve_next(self) -> bool:
-        """Wait for a task and do it; False when none will come. Between two tasks nothing refers to the first."""
-        task = self._tasks.get()
-        if task is None:
-            return False
-        try:
-            task.receiver.add(task.index, None if task.receiver.cancelled else self._make(task))
-        except TaichisoftError as error:
-            task.receiver.fail(task.index, error)
-        except Exception as error:  # a lost process; a control that cannot be pickled
-            text = " ".join(str(error).split())
-            task.receiver.fail(task.index, TaichisoftError(f"sample {task.index} of the rollouts: {text}"))
-        return True
-
-    def _make(self, task: Task) -> RolloutOutcome | None:
-        with self._sending:
-            if self._closed:
-                raise TaichisoftError("the rollouts were ended by `Simulation.close`")
-            worker = self._ready_worker()
-            if self._model is not task.model:
-                worker.send(("model", task.model))
-                self._model = task.model
-            worker.send(("sample", (id(task), task.sample)))
-            self._running = task
-        try:
-            outcome: RolloutOutcome | None = worker.receive()
-        except WorkerLost as error:
-            if self._closed:
-                raise TaichisoftError("the rollouts were ended by `Simulation.close`") from error
-            raise
-        finally:
-            with self._sending:
-                self._running = None
-        return outcome
-
-    def _ready_worker(self) -> Worker:
-        """The process; another one where that was lost."""
-        if self._worker is not None and not self._worker.alive:
-            self._worker.end()
-            self._worker = None
-        if self._worker is None:
-            self._worker, self._model = Worker(WORK, ONE_THREAD), None
-        return self._worker
-
-
-def make_rollouts(link: Link) -> None:
-    """What a process does: it takes models and samples, and answers with the outcome of each sample."""
-    simulation: TimeStepper | None = None
-    with suppress(EOFError):  # the parent wants nothing more
-        while True:
-            kind, content = link.receive()
-            if kind == "model":
-                simulation = TimeStepper(content)
-            elif kind == "sample":
-                assert simulation is not None
-                number, sample = content
-                try:
-                    link.send(roll_out(simulation, sample, _Cancellation(link, number)))
-                except TaichisoftError as error:
-                    link.fail(error)
-
-
-class _Cancellation:
-    """Whether the parent has cancelled a sample; while one is being made nothing else arrives."""
-
-    def __init__(self, link: Link, number: int):
-        self._link, self._number = link, number
-
-    def __call__(self) -> bool:
-        cancelled = False
-        while self._link.has_message:
-            message: tuple[str, Any] = self._link.receive()
-            cancelled = cancelled or message == ("cancel", self._number)
-        return cancelled
+    def _hand_over(self, key: "tuple[Arrivals, int]", answer: Any) -> None:
+        arrivals, index = key
+        if not isinstance(answer, Exception):
+            arrivals.add(index, answer)
+        elif self.closed:
+            arrivals.fail(index, TaichisoftError("the rollouts were ended by `Simulation.close`"))
+        elif isinstance(answer, TaichisoftError):
+            arrivals.fail(index, answer)
+        else:  # a lost process; a control that cannot be pickled
+            text = " ".join(str(answer).split())
+            arrivals.fail(index, TaichisoftError(f"sample {index} of the rollouts: {text}"))
 
 
 class Rollouts:
-    """Futures of one state: what becomes of it under each of several sequences of controls.
+    """Futures of one state under several sequences of controls.
 
     All arrays have a row for each sample, in the order of the controls. Reading a result waits for it; `done` and
     `cancel` do not wait.
@@ -283,7 +143,7 @@ class Rollouts:
     """
 
     def __init__(self, arrivals: "Arrivals", times: np.ndarray):
-        """Read what arrives."""
+        """Give access to results as they arrive."""
         self.sample_count, self.step_count = len(arrivals.ended), len(times)
         self.figures = tuple(arrivals.values)
         self.times = times
@@ -296,8 +156,9 @@ class Rollouts:
             TaichisoftError: the figure was not asked for; see `wait` for others.
         """
         if figure not in self.figures:
-            asked = nearest(str(figure), self.figures, "there are")
-            raise TaichisoftError(f"figures: '{figure}' was not asked for; {asked}")
+            raise TaichisoftError(
+                f"figures: '{figure}' was not asked for; {nearest(str(figure), self.figures, 'there are')}"
+            )
         self.wait()
         return self._arrivals.values[figure]
 
@@ -321,10 +182,10 @@ class Rollouts:
 
     @property
     def stretch_over_law(self) -> np.ndarray:
-        """Largest stretch of each sample over that up to which the body's law holds [-], shape (sample_count,).
+        """Largest stretch of each sample over the largest stretch for which the law holds [-], shape (sample_count,).
 
-        Above 1 it is beyond, and forces are not realistic. It is looked at after every 20th step of the simulation and
-        at the end of the sample; 0 where no law has a known range, NaN for a sample that was cancelled.
+        Above 1, forces are not realistic. It is evaluated after every 20th step of the simulation and at the end of the
+        sample; 0 where no law has a known range, NaN for a sample that was cancelled.
         """
         self.wait()
         return self._arrivals.stretch_over_law.copy()
@@ -337,13 +198,13 @@ class Rollouts:
     def wait(self, time_limit: float | None = None) -> bool:
         """Wait until all samples have ended; returns whether they have. Ctrl and c cancels them.
 
-        The first time that a simulation's samples leave the range of a law, it warns.
+        Warns the first time that samples of a simulation leave the range of a law.
 
         Args:
-            time_limit: longest time to wait [s]; None: as long as it takes.
+            time_limit: longest time to wait [s]; None: no limit.
 
         Raises:
-            ControlError: a control asks for something impossible.
+            ControlError: a control cannot be applied.
             TaichisoftError: a process was lost, or the simulation was closed.
         """
         try:
@@ -355,7 +216,7 @@ class Rollouts:
         return ended
 
     def cancel(self) -> None:
-        """End what is not done yet, after at most a step; the results so far stay."""
+        """End samples that are not done, within a step; results so far stay."""
         self._arrivals.cancel()
 
 
@@ -368,14 +229,14 @@ class Arrivals:
         errors: why each sample ended early, or None.
         stretch_over_law: see `Rollouts`, shape (sample_count,).
         complete, ended: whether all steps of a sample were made; whether it has ended; shape (sample_count,).
-        cancelled: whether nobody wants the rest.
+        cancelled: whether the samples were cancelled.
     """
 
     def __init__(self, simulation: Simulation, samples: Sequence[RolloutSample]):
         """Prepare the arrays."""
         first, now = samples[0], simulation.observe()
         size = len(samples), len(first.controls) * first.steps_per_control
-        self.values = {one.name: np.full((*size, *one.of(now).shape), np.nan) for one in first.figures}
+        self.values = {figure.name: np.full((*size, *figure.of(now).shape), np.nan) for figure in first.figures}
         self.states: list[State] = [first.start] * len(samples)
         self.errors: list[SimulationDiverged | None] = [None] * len(samples)
         self.complete, self.ended = np.zeros(len(samples), dtype=bool), np.zeros(len(samples), dtype=bool)
@@ -385,28 +246,25 @@ class Arrivals:
         self._simulation = simulation  # which ends the processes when it is deleted
         self._failure: TaichisoftError | None = None
         self._change = threading.Condition()
-        self._processes: RolloutProcesses | None = None
+        self._pool: RolloutPool | None = None
 
     def make_here(self, samples: Sequence[RolloutSample]) -> None:
         """Make the samples in this process, one after the other."""
-        own = TimeStepper(self._simulation.model)
+        stepper = TimeStepper(self._simulation.model)
         for index, sample in enumerate(samples):
             try:
-                self.add(index, roll_out(own, sample, lambda: self.cancelled))
+                self.add(index, roll_out(stepper, sample, lambda: self.cancelled))
             except TaichisoftError as error:
                 self.fail(index, error)
 
-    def make_in(self, processes: RolloutProcesses, samples: Sequence[RolloutSample]) -> None:
+    def make_in(self, pool: RolloutPool, samples: Sequence[RolloutSample]) -> None:
         """Have the samples made by processes."""
-        self._processes, model = processes, self._simulation.model
-        processes.submit([Task(model, sample, index, self) for index, sample in enumerate(samples)])
+        self._pool, model = pool, self._simulation.model
+        for index, sample in enumerate(samples):
+            pool.submit((self, index), sample, model, is_wanted=lambda: not self.cancelled)
 
     def wait(self, time_limit: float | None) -> bool:
-        """Wait until all have ended; returns whether they have.
-
-        Raises:
-            TaichisoftError: a sample failed.
-        """
+        """See `Rollouts.wait`."""
         with self._change:
             ended = self._change.wait_for(lambda: bool(self.ended.all()), time_limit)
         if self._failure is not None:
@@ -414,20 +272,20 @@ class Arrivals:
         return ended
 
     def cancel(self) -> None:
-        """End the samples that are being made, and leave out the others."""
+        """End the samples that are being made, and skip the others."""
         self.cancelled = True
-        if self._processes is not None:
-            self._processes.cancel(self)
+        if self._pool is not None:
+            self._pool.cancel(lambda key: key[0] is self)
 
     def warn_beyond_law(self) -> None:
-        """Warn of the first sample beyond a law, unless that of an earlier call was told."""
+        """Warn of the first sample beyond a law, unless an earlier call has done so."""
         with self._change:
             first = min(self._complaints.items(), default=None)
         if first is not None:
             self._simulation.warn_of_rollouts(f"rollouts: sample {first[0]}: {first[1]}")
 
     def add(self, index: int, outcome: RolloutOutcome | None) -> None:
-        """Take what became of a sample; None if it was cancelled."""
+        """Take the result of a sample; None if it was cancelled."""
         with self._change:
             if outcome is not None:
                 for column, values in zip(self.values.values(), outcome.values, strict=False):  # none after no step
@@ -442,7 +300,7 @@ class Arrivals:
             self._change.notify_all()
 
     def fail(self, index: int, error: TaichisoftError) -> None:
-        """Take the error by which a sample has no outcome; the others are cancelled."""
+        """Take the error of a sample; the others are cancelled."""
         self._failure = self._failure or error
         self.cancel()
         self.add(index, None)
@@ -455,23 +313,23 @@ def rollouts(
     figures: Sequence[str] = (),
     steps_per_control: int = 1,
 ) -> Rollouts:
-    """Make futures of the present state of a simulation, which stays where it is.
+    """Make futures of the current state of a simulation, which does not change.
 
     The first call starts the processes, which takes seconds; they stay ready until `Simulation.close`, or until the
-    simulation is deleted. The call returns at once, and what it returns waits when a result is read. The bits do not
-    depend on the number of workers.
+    simulation is deleted. The call returns at once; reading a result waits for it. The bits do not depend on the number
+    of workers.
 
     Args:
         simulation: the simulation.
-        controls: a sequence of controls for each sample, all of the same length; what a control does not mention stays
-            as it is.
+        controls: a sequence of controls for each sample, all of the same length; requests that a control does not
+            mention stay.
         workers: number of processes, one for each free core; 0 makes the samples in this process before it returns.
         figures: what to keep of every step: fields of `Observation` ("tip_positions", "object_positions.cube",
             "pressures.finger1.cavity", "normal_forces.finger1|cube") and of `State` ("state.position").
-        steps_per_control: number of steps for which each control stands.
+        steps_per_control: number of steps with each control.
 
     Raises:
-        TaichisoftError: an argument is not valid, or a figure has another name. Errors of the samples are raised when
+        TaichisoftError: an argument is not valid, or a figure does not exist. Errors of the samples are raised when
             their results are read.
     """
     check_simulation(simulation)
@@ -483,7 +341,7 @@ def rollouts(
         arrivals.make_here(samples)
     else:
         _refuse_what_cannot_be_sent(samples)
-        arrivals.make_in(simulation.keep(("rollouts", workers), lambda: RolloutProcesses(workers)), samples)
+        arrivals.make_in(simulation.keep(("rollouts", workers), lambda: RolloutPool(workers)), samples)
     steps = simulation.state.step + 1 + np.arange(len(samples[0].controls) * steps_per_control)
     return Rollouts(arrivals, steps * simulation.model.scene.time.step)
 
@@ -511,8 +369,8 @@ def _samples(
             if not isinstance(control, Control):
                 raise TaichisoftError(f"controls: sample {number}: {control!r} must be a taichisoft.Control")
     observation, bodies = simulation.observe(), simulation.model.body_names
-    found = tuple(find_figure(name, observation, bodies) for name in names)
-    return [RolloutSample(simulation.state, row, steps_per_control, found) for row in rows]
+    figures = tuple(find_figure(name, observation, bodies) for name in names)
+    return [RolloutSample(simulation.state, row, steps_per_control, figures) for row in rows]
 
 
 def _refuse_what_cannot_be_sent(samples: Sequence[RolloutSample]) -> None:

@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -79,3 +80,36 @@ def close_slowly(link: Link) -> None:
 def add(one: Any, other: Any) -> Any:
     """The sum."""
     return one + other
+
+
+def prepare(context: Any, is_cancelled: Callable[[], bool]) -> Callable[[Any], Any]:
+    """A pool's process, whose jobs are names of what it does, with an argument."""
+    if context == "broken":
+        raise MeshError("the plug-in is broken")
+
+    def wait_for_cancel(folder: Path) -> str:
+        (folder / "begun").touch()
+        while not is_cancelled():
+            time.sleep(0.01)
+        return "cancelled"
+
+    def be_killed(marks: Path, times: int) -> int:
+        number = len(list(marks.iterdir()))
+        (marks / str(number)).touch()
+        if number < times:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    def refuse(text: str) -> None:
+        raise MeshError(text)
+
+    jobs: dict[str, Callable[..., Any]] = {
+        "context": lambda: (os.getpid(), context),
+        "sleep": time.sleep,
+        "refuse": refuse,
+        "divide": lambda number: 1 / number,
+        "exit": os._exit,
+        "be killed": be_killed,
+        "wait": wait_for_cancel,
+    }
+    return lambda job: jobs[job[0]](*job[1:])

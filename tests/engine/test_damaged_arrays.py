@@ -15,7 +15,7 @@ from taichisoft import State
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import Modes
 from taichisoft.mechanics.modes import read_modes
-from taichisoft_reduction.run_request import RunResult
+from taichisoft_reduction.training_run import RunResult
 
 TRIES = 400
 NUMBERS = np.random.default_rng(1).normal(size=(5, 3, 2))

@@ -143,7 +143,7 @@ def test_a_process_that_is_lost_is_said_and_replaced(grasp):
     rollouts(grasp, lifts(2, 1), 2).wait()
     made = rollouts(grasp, [[squeeze(9.0)]] * 2, 2, steps_per_control=1_000_000)
     assert not made.wait(0.2)
-    process = grasp._kept["rollouts", 2]._processes[0]._worker.process
+    process = grasp._kept["rollouts", 2]._seats[0]._worker.process
     os.kill(process.pid, signal.SIGKILL)
     with pytest.raises(TaichisoftError, match=r"sample . of the rollouts: .*SIGKILL"):
         made.wait()
@@ -154,7 +154,7 @@ def test_processes_end_with_their_simulation():
     simulation = Simulation(load_scene(TINY_GRIPPER))
     made = rollouts(simulation, [[squeeze(1.0)]], 1)
     assert made.complete.all()
-    process = simulation._kept["rollouts", 1]._processes[0]._worker.process
+    process = simulation._kept["rollouts", 1]._seats[0]._worker.process
     del simulation, made
     gc.collect()
     assert process.wait(PATIENCE) is not None

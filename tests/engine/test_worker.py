@@ -1,4 +1,4 @@
-"""Worker processes: their messages, how their failures are told, and that none outlives what it works for."""
+"""Worker processes and pools of them: messages, failures in one line, time limits, kills, and their end."""
 
 import os
 import signal
@@ -15,7 +15,7 @@ from conftest import PATIENCE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from taichisoft.base import Worker, WorkerLost, WorkerSlow, call_apart
+from taichisoft.base import Pool, Worker, WorkerLost, WorkerSlow, call_apart
 from taichisoft.errors import MeshError, TaichisoftError
 
 
@@ -36,11 +36,11 @@ def echo(found: None) -> Iterator[Worker]:
 
 @settings(deadline=None)
 @given(st.recursive(st.none() | st.floats(allow_nan=False) | st.text() | st.binary(), st.lists, max_leaves=20))
-def test_a_message_arrives_as_it_was_sent(echo: Worker, message: object) -> None:
+def test_message_arrives_as_sent(echo: Worker, message: object) -> None:
     assert echo.ask(message, PATIENCE) == message
 
 
-def test_large_arrays_arrive_whole_in_order_while_nobody_reads(echo: Worker) -> None:
+def test_large_arrays_arrive_in_order(echo: Worker) -> None:
     """Both pipes are full several times over."""
     arrays = [np.full((300, 1000), float(number)) for number in range(5)]
     for array in arrays:
@@ -49,12 +49,12 @@ def test_large_arrays_arrive_whole_in_order_while_nobody_reads(echo: Worker) -> 
         np.testing.assert_array_equal(echo.receive(PATIENCE), array)
 
 
-def test_what_is_printed_is_no_message_and_there_is_nothing_to_read() -> None:
+def test_printed_text_is_no_message() -> None:
     with Worker("odd_work:speak") as one:
         assert one.receive(PATIENCE) == ""
 
 
-def test_messages_before_the_end_are_all_received() -> None:
+def test_messages_before_the_end_are_received() -> None:
     with Worker("odd_work:announce") as one:
         one.process.wait(PATIENCE)
         one.send("nobody reads this")
@@ -75,19 +75,19 @@ def test_messages_before_the_end_are_all_received() -> None:
         ("exit", WorkerLost, "no libGL"),
     ],
 )
-def test_a_failure_is_one_line(how: str, kind: type[Exception], text: str) -> None:
+def test_failure_is_one_line(how: str, kind: type[Exception], text: str) -> None:
     with Worker("odd_work:fail") as one, pytest.raises(kind) as failure:
         one.ask(how, PATIENCE)
     assert type(failure.value) is kind
     assert str(failure.value) == text
 
 
-def test_a_function_that_is_not_there_is_a_failure() -> None:
+def test_missing_function_is_a_failure() -> None:
     with Worker("odd_work:none") as one, pytest.raises(WorkerLost, match="has no attribute 'none'"):
         one.receive(PATIENCE)
 
 
-def test_a_process_that_somebody_killed_is_told_from_one_that_crashed() -> None:
+def test_killed_process_has_its_signal() -> None:
     with Worker("odd_work:stay") as one:
         os.kill(one.receive(PATIENCE), signal.SIGKILL)
         with pytest.raises(WorkerLost, match="SIGKILL") as lost:
@@ -95,7 +95,7 @@ def test_a_process_that_somebody_killed_is_told_from_one_that_crashed() -> None:
     assert lost.value.signal == signal.SIGKILL
 
 
-def test_a_process_that_hangs_is_ended_at_its_time_limit_and_there_are_calls_meanwhile() -> None:
+def test_hanging_process_ends_at_its_time_limit() -> None:
     calls: list[float] = []
     with Worker("odd_work:fail") as one:
         one.send("hang")
@@ -106,14 +106,14 @@ def test_a_process_that_hangs_is_ended_at_its_time_limit_and_there_are_calls_mea
     assert len(calls) >= 2
 
 
-def test_a_process_that_reads_nothing_is_ended_as_well() -> None:
+def test_process_that_reads_nothing_is_killed() -> None:
     with Worker("odd_work:stay") as one:
         os.kill(one.receive(PATIENCE), signal.SIGSTOP)
         with pytest.raises(WorkerSlow, match=r"^no answer within 0\.5 s$"):
             one.ask(bytes(10_000_000), 0.5)
 
 
-def test_who_is_called_meanwhile_may_raise() -> None:
+def test_call_meanwhile_may_raise() -> None:
     def stop() -> None:
         raise KeyboardInterrupt
 
@@ -125,12 +125,12 @@ def test_who_is_called_meanwhile_may_raise() -> None:
         os.kill(process, 0)
 
 
-def test_ctrl_c_is_for_the_parent() -> None:
+def test_ctrl_c_reaches_the_parent_alone() -> None:
     with Worker("odd_work:interrupt_oneself") as one:
         assert one.ask(os.getpid(), PATIENCE) is False
 
 
-def test_a_call_returns_the_value_of_a_function() -> None:
+def test_call_apart_returns_the_value() -> None:
     assert call_apart("odd_work:add", [1], [2], time_limit=PATIENCE) == [1, 2]
     with pytest.raises(WorkerLost, match=r"^TypeError: .*NoneType"):
         call_apart("odd_work:add", 1, None, time_limit=PATIENCE)
@@ -149,7 +149,7 @@ time.sleep(600)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_a_process_whose_parent_is_killed_ends_though_a_fork_holds_its_pipes() -> None:
+def test_process_ends_with_a_killed_parent() -> None:
     with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         process, fork = (int(parent.stdout.readline()) for _ in range(2))
@@ -166,7 +166,7 @@ def test_a_process_whose_parent_is_killed_ends_though_a_fork_holds_its_pipes() -
                     os.kill(left, signal.SIGKILL)
 
 
-def test_who_needs_time_to_close_has_it_and_no_more(tmp_path: Path) -> None:
+def test_process_has_its_time_to_close(tmp_path: Path) -> None:
     one = Worker("odd_work:close_slowly")
     one.ask(str(tmp_path / "closing"), PATIENCE)
     began = time.monotonic()
@@ -174,3 +174,80 @@ def test_who_needs_time_to_close_has_it_and_no_more(tmp_path: Path) -> None:
     assert 1.0 <= time.monotonic() - began < PATIENCE
     assert one.process.returncode == 1
     assert (tmp_path / "closing").exists()
+
+
+def answers(pool: Pool, *jobs: tuple[object, ...], context: object = None, **options: float) -> list[object]:
+    """What becomes of jobs, in their order."""
+    for number, job in enumerate(jobs):
+        pool.submit(number, job, context, **options)
+    ended = dict(pool.next_done() for _ in jobs)
+    return [ended[number] for number in range(len(jobs))]
+
+
+def test_pool_answers_with_values_and_errors() -> None:
+    """A job that fails leaves its process for the next one; one that ends the process gets another."""
+    with Pool("odd_work:prepare", 1) as pool:
+        (process, _), refused, divided, (same, _) = answers(
+            pool, ("context",), ("refuse", "a.toml: no"), ("divide", 0), ("context",)
+        )
+        crashed, (other, _) = answers(pool, ("exit", 3), ("context",))
+    assert process == same != other
+    assert (type(refused), str(refused)) == (MeshError, "a.toml: no")
+    assert (type(divided), str(divided)) == (WorkerLost, "ZeroDivisionError: division by zero")
+    assert (type(crashed), str(crashed)) == (WorkerLost, "exit code 3")
+
+
+def test_pool_starts_no_more_processes_than_needed() -> None:
+    with Pool("odd_work:prepare", 2) as pool:
+        alone = {answers(pool, ("context",), context="a")[0] for _ in range(3)}
+        both = {process for process, _ in answers(pool, *[("context",)] * 20, context="a")}
+    assert len(alone) == 1
+    assert len(both) <= 2
+
+
+def test_pool_sends_a_context_when_it_changes() -> None:
+    with Pool("odd_work:prepare", 1) as pool:
+        (first,), (second,) = (answers(pool, ("context",), context=context) for context in ("a", "b"))
+        (broken,) = answers(pool, ("context",), context="broken")
+    assert first[0] == second[0]
+    assert (first[1], second[1]) == ("a", "b")
+    assert (type(broken), str(broken)) == (WorkerLost, "the plug-in is broken")
+
+
+@pytest.mark.parametrize(("kills", "signal_number"), [(2, 0), (3, signal.SIGKILL)])
+def test_pool_begins_a_killed_job_again(tmp_path: Path, kills: int, signal_number: int) -> None:
+    with Pool("odd_work:prepare", 1, tries=3) as pool:
+        (answer,) = answers(pool, ("be killed", tmp_path, kills))
+    assert getattr(answer, "signal", 0) == signal_number
+    assert isinstance(answer, WorkerLost) or answer == kills
+
+
+def test_pool_kills_a_job_at_its_time_limit() -> None:
+    with Pool("odd_work:prepare", 1, tries=3) as pool:
+        slow, quick = answers(pool, ("sleep", 600), ("divide", 1), time_limit=1.0)
+    assert isinstance(slow, WorkerSlow)
+    assert quick == 1.0
+
+
+def test_pool_cancels_running_and_waiting_jobs(tmp_path: Path) -> None:
+    wanted = True
+    with Pool("odd_work:prepare", 1) as pool:
+        for key in ("running", "waiting"):
+            pool.submit(key, ("wait", tmp_path), is_wanted=lambda: wanted)
+        while not (tmp_path / "begun").exists():
+            time.sleep(0.01)
+        wanted = False
+        pool.cancel(lambda key: key == "waiting")
+        pool.cancel(lambda key: key == "running")
+        assert dict(pool.next_done() for _ in range(2)) == {"running": "cancelled", "waiting": None}
+        assert answers(pool, ("divide", 1)) == [1.0]
+
+
+def test_closed_pool_ends_its_jobs() -> None:
+    with Pool("odd_work:prepare", 1, tries=3) as pool:
+        process, _ = answers(pool, ("context",))[0]
+        for number in range(3):
+            pool.submit(number, ("sleep", 600))
+    assert all(isinstance(pool.next_done()[1], WorkerLost) for _ in range(3))
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)

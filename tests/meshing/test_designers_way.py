@@ -14,9 +14,8 @@ from test_step_solids import HEIGHT, LAYER, LENGTH, WIDTH, finger
 
 from taichisoft.command_line import main
 from taichisoft.running import plugins
-from taichisoft_studies.make_run import make_run
 from taichisoft_studies.optimiser import Optimisation, best_trials, open_study
-from taichisoft_studies.run_folder import RunJob
+from taichisoft_studies.run_job import RunJob, make_run
 from taichisoft_studies.study_file import check_study
 from taichisoft_studies.trials import run_trials
 
@@ -82,14 +81,14 @@ class OneAfterTheOther:
     count, about = 1, "here"
 
     def __init__(self) -> None:
-        self.waiting: list[tuple[str, str]] = []
+        self.waiting: list[tuple[str, RunJob]] = []
 
-    def submit(self, key: str, task: Any, text: str) -> None:
-        self.waiting.append((key, text))
+    def submit(self, key: str, job: RunJob) -> None:
+        self.waiting.append((key, job))
 
-    def next_done(self) -> tuple[str, dict[str, Any] | None]:
-        key, text = self.waiting.pop(0)
-        return key, make_run(RunJob.from_json(text))
+    def next_done(self) -> tuple[str, dict[str, Any]]:
+        key, job = self.waiting.pop(0)
+        return key, make_run(job)
 
 
 def test_from_a_step_file_to_a_gripper_a_datasheet_and_a_mould(

@@ -17,10 +17,10 @@ from taichisoft_reduction.body_shapes import RelativeMotion, body_shapes
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.reduce_command import reduce
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
-from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
 from taichisoft_reduction.shape_fit import Basis, DomainForces, MotionCriterion, NonNegativeSearch, choose_domains
 from taichisoft_reduction.shape_reduction import Progress, Wishes, _drives, find_mode_count, reduce_scene
 from taichisoft_reduction.training_plan import presses
+from taichisoft_reduction.training_run import RunResult, Timetable, TrainingRun
 from taichisoft_reduction.validation import compare, error_per_imbalance, largest_imbalance, worst
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]

@@ -43,7 +43,7 @@ class DisturbedSweep:
     Attributes:
         complete: whether every run has completed.
         redone: runs that had ended before the command was killed, and were made once more.
-        kills: workers, or processes beside them, that were killed.
+        kills: workers that were killed.
         ended_before: runs that had ended when the command was killed.
     """
 
@@ -112,7 +112,7 @@ def _kill_workers(
     last: int,
     chance: random.Random,
 ) -> int:
-    """Kill a random worker, or the process beside one, whenever the next share of the runs has ended."""
+    """Kill a random worker whenever the next share of the runs has ended."""
     done = 0
     for number in range(kills):
         _wait_for(process, output, first + (last - first) * number // max(kills, 1) + 1)
@@ -135,7 +135,7 @@ def _ended(output: Path) -> dict[str, int]:
 
 
 def _workers_of(pid: int) -> Sequence[int]:
-    """Dask's workers below a process, and the processes beside them."""
+    """Processes of a pool below a process."""
     import psutil
 
     found = []
@@ -144,6 +144,6 @@ def _workers_of(pid: int) -> Sequence[int]:
             words = " ".join(child.cmdline())
         except psutil.Error:  # it has just ended
             continue
-        if "spawn_main" in words or "taichisoft_studies.worker_task" in words:
+        if "taichisoft.base.worker:_do_jobs" in words:
             found.append(child.pid)
     return sorted(found)

@@ -1,7 +1,7 @@
 """What the tests of studies share: runs in this process, and the command in one of its own."""
 
 import subprocess
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,27 +10,37 @@ from interrupted_sweep import PLUGIN
 
 from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_studies.make_run import make_run
-from taichisoft_studies.run_folder import RunJob
-from taichisoft_studies.study_file import Sweep, check_study
+from taichisoft_studies.run_job import RunJob, make_run
+from taichisoft_studies.study_file import Cluster, Sweep, check_study
+from taichisoft_studies.workers import study_workers
 
 
 class Here:
-    """Workers that are this process; tasks are done last first, to show that the order does not matter."""
+    """Workers that are this process; the jobs are done last first, to show that the order does not matter."""
 
     count, about = 2, "here"
 
     def __init__(self) -> None:
-        self.waiting: list[tuple[str, str]] = []
+        self.waiting: list[tuple[str, RunJob]] = []
         self.made: list[str] = []
 
-    def submit(self, key: str, task: Callable[[str], dict[str, Any]], text: str) -> None:
-        self.waiting.append((key, text))
+    def submit(self, key: str, job: RunJob) -> None:
+        self.waiting.append((key, job))
 
-    def next_done(self) -> tuple[str, dict[str, Any] | None]:
-        key, text = self.waiting.pop()
+    def next_done(self) -> tuple[str, dict[str, Any]]:
+        key, job = self.waiting.pop()
         self.made.append(key)
-        return key, make_run(RunJob.from_json(text))
+        return key, make_run(job)
+
+
+def made_apart(jobs: Sequence[Any], workers: int = 1) -> list[dict[str, Any]]:
+    """The records of jobs that processes of this machine have made, in the order of the jobs."""
+    records = {}
+    with study_workers(Cluster(workers=workers), len(jobs)) as made:
+        for job in jobs:
+            made.submit(job.name, job)
+        records.update(made.next_done() for _ in jobs)
+    return [records[job.name] for job in jobs]
 
 
 def plugin(folder: Path) -> Path:

@@ -28,7 +28,7 @@ from taichisoft_studies.least_squares import (
     read_measurement,
     statics,
 )
-from taichisoft_studies.make_run import read_curves
+from taichisoft_studies.run_job import read_curves
 from taichisoft_studies.study_file import check_study
 from taichisoft_studies.sweep_runs import job_for, make_missing
 
@@ -102,7 +102,7 @@ def test_warnings_of_the_fitted_run_are_told_with_its_name(
         for line in ("something else", "at 0.1 s the equilibrium is unstable"):
             warnings.warn(line, stacklevel=1)
 
-    monkeypatch.setattr("taichisoft_studies.make_run._simulate", simulate)
+    monkeypatch.setattr("taichisoft_studies.run_job._simulate", simulate)
     study = calibration_of(tmp_path)
     for modulus in (130.0, 140.0):
         values = {**TRUE, MODULUS: modulus}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import PATIENCE
+from studies import made_apart
 
 from taichisoft import load_plugin, read_volume_mesh
 from taichisoft.errors import MeshError
@@ -19,9 +20,8 @@ from taichisoft.running import locked_folder
 from taichisoft_meshing.mesh_commands import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.mesh_variants import Variant, plan
+from taichisoft_studies.mesh_variants import MeshRun, Variant, plan
 from taichisoft_studies.study_file import MOST, Sweep, check_study, varied
-from taichisoft_studies.worker_task import MeshRun, do_mesh, make_variant
 
 PLUGIN = Path(__file__).parents[1] / "meshing" / "block_kind.py"
 JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})
@@ -129,22 +129,22 @@ def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_pat
 
 
 def mesh_run(folder: Path, block: Path, time_limit: float = PATIENCE, **tables: Any) -> MeshRun:
-    geometry = {"kind": "block", "tables": {"solid": True, **tables}, "file": str(block), "asked": {}}
-    return MeshRun("block", str(folder), geometry, False, (str(PLUGIN),), time_limit)
+    job = MeshJob("block", {"solid": True, **tables}, block, {})
+    return MeshRun("block", str(folder), job, False, (str(PLUGIN),), time_limit)
 
 
 def test_a_process_that_dies_or_hangs_is_a_variant_that_failed(block: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    died = do_mesh(mesh_run(out, block, end=7).to_json())
-    assert died["problem"] == f"{block}: its process ended without a mesh (exit code 7)"
-    hung = do_mesh(mesh_run(out, block, after=600, time_limit=1.0).to_json())
-    assert hung["problem"] == f"{block}: not meshed within 1 s"
+    (died,) = made_apart([mesh_run(out, block, end=7)])
+    assert died["problem"] == f"{block}: process lost: exit code 7"
+    (hung,) = made_apart([mesh_run(out, block, after=600, time_limit=1.0)])
+    assert hung["problem"] == f"{block}: timeout: not done within 1 s"
     assert not out.exists() or not list(out.iterdir())
 
 
 def test_a_mesh_that_lies_there_is_not_made_again(block: Path, tmp_path: Path, taichisoft_plugins: Any) -> None:
     load_plugin(PLUGIN)
-    first, second, other = (make_variant(mesh_run(tmp_path, block, stretch=s)) for s in (1.5, 1.5, 2.0))
+    first, second, other = (mesh_run(tmp_path, block, stretch=s).make() for s in (1.5, 1.5, 2.0))
     assert first["figures"].pop("seconds") >= 0.0
     assert second == first
     assert other["figures"]["silicone_mm3"] == 250000

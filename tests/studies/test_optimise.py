@@ -17,11 +17,16 @@ from taichisoft_studies.optimiser import (
     best_trials,
     counted,
     open_study,
-    take_over_abandoned,
-    take_over_errors,
 )
 from taichisoft_studies.study_file import check_study
-from taichisoft_studies.trials import figures, make_winners, run_trials, trial_rows
+from taichisoft_studies.trials import (
+    figures,
+    make_winners,
+    run_trials,
+    take_over_abandoned,
+    take_over_errors,
+    trial_rows,
+)
 
 PRESSURE = "controller.settings.pressure"
 

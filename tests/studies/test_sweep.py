@@ -14,16 +14,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from interrupted_sweep import interrupted_sweep
-from studies import Here, sweep_of
+from studies import Here, made_apart, sweep_of
 
 from taichisoft import load_plugin
 from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_studies import study_file
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.make_run import REASONS, reason
 from taichisoft_studies.results_table import WALL_CLOCK, read_table, result_row, write_table
-from taichisoft_studies.run_folder import COMPLETED, ERROR, PRUNED, read_record, run_hash
+from taichisoft_studies.run_job import COMPLETED, ERROR, PRUNED, REASONS, read_record, reason, run_hash
 from taichisoft_studies.study_file import (
     Range,
     Sample,
@@ -34,8 +33,8 @@ from taichisoft_studies.study_file import (
     scene_with,
     varied,
 )
-from taichisoft_studies.sweep_runs import UNSURE, checked_record, make_missing, sweep_jobs
-from taichisoft_studies.worker_task import do_run
+from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
+from taichisoft_studies.workers import UNSURE
 
 
 def ignore(*_: Any) -> None:
@@ -257,7 +256,7 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, taichisoft_
     (job,) = sweep_jobs(study, tmp_path)
     Path(job.folder).write_text("a file where the folder should be")
     with pytest.raises(StudyError, match=rf"^run {job.name}: .*: cannot be written: "):
-        checked_record(job, do_run(job.to_json()))
+        made_apart([job])
     assert capfd.readouterr().err == ""
 
 
@@ -361,13 +360,12 @@ def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(
     What a run printed is in its log however it ended. (One that hangs may not have begun to print within its limit.)
     """
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
-    monkeypatch.setattr("taichisoft_studies.worker_task._child", None)  # one that has that variable
     path = tmp_path / "ends.py"
     path.write_text(ENDS)
     values = {"controller.settings.how": ["sleep", "crash", "kill"]}
     study = sweep_of(tmp_path, controller="ends", plugins=[str(path)], vary=values, time_limit=2.0)
     load_plugin(path)
-    records = [do_run(job.to_json()) for job in sweep_jobs(study, tmp_path)]
+    records = made_apart(sweep_jobs(study, tmp_path))
     assert [(record["status"], record["message"]) for record in records] == [
         ("timeout", "not done within 2 s"),
         ("process lost", "exit code 3"),
