@@ -32,7 +32,6 @@ from taichisoft_studies.least_squares import (
     read_measurement,
     scaled_differences,
 )
-from taichisoft_studies.run_job import make_run
 from taichisoft_studies.refinement import (
     MESH_ORDER,
     changed,
@@ -42,6 +41,7 @@ from taichisoft_studies.refinement import (
     refinement_error,
     time_order,
 )
+from taichisoft_studies.run_job import make_run
 from taichisoft_studies.study_file import check_study, find_study, read_tables, scene_with
 from taichisoft_studies.sweep_runs import fixed_overrides
 
