@@ -136,20 +136,12 @@ class Targets:
         self.driven_first = np.array(first, dtype=bool)
 
     def read(self, drive: Drive, given: float | Mapping[str, float]) -> dict[int, float]:
-        """Values by their places, from one for all actuators or from some by finger or actuator.
-
-        Raises:
-            SceneError: a name is unknown, or an actuator is named twice.
-        """
+        """Values by their places, from one for all actuators or from some by finger or actuator."""
         by_actuator = values_by_actuator(given, self._names[drive], kind_of(drive).name)
         return {self.places[drive, actuator]: value for actuator, value in by_actuator.items()}
 
     def read_frames(self, given: "Mapping[str, FramePlace]") -> dict[str, np.ndarray]:
-        """Poses [mm] and [rad], shape (6,), by frame, NaN for what is not given.
-
-        Raises:
-            SceneError: a name is unknown, or a frame cannot move so.
-        """
+        """Poses [mm] and [rad], shape (6,), by frame, NaN for what is not given."""
         poses = {}
         for name, place in given.items():
             if name not in self.frames:

@@ -57,20 +57,12 @@ class Condition:
     _tree: ast.expr
 
     def holds(self, values: Values) -> bool:
-        """Whether it is true for values of its quantities.
-
-        Raises:
-            ZeroDivisionError: it divides by zero.
-        """
+        """Whether it is true for values of its quantities."""
         return bool(evaluate(self._tree, {str(quantity): value for quantity, value in values.items()}))
 
 
 def read_condition(text: str, names: Sequence[str]) -> Condition:
-    """Understand a condition about quantities of the given names.
-
-    Raises:
-        SceneError: it is not in the language; one line that says what is wrong and what would be valid.
-    """
+    """Understand a condition about quantities of the given names."""
     if not text.strip():
         raise SceneError("is empty; an example of a condition is: contact_force > 60")
     try:
@@ -107,11 +99,7 @@ class _Reader:
         self._names = list(names)
 
     def check_truth(self, node: ast.expr) -> None:
-        """Check a part that is true or false.
-
-        Raises:
-            SceneError: it is a number, or nothing that a condition may have.
-        """
+        """Check a part that is true or false."""
         match node:
             case ast.BoolOp(_, parts):
                 for part in parts:
@@ -130,11 +118,7 @@ class _Reader:
                 raise SceneError(f"{self._show(node)} is a number; compare it with something, as in contact_force > 60")
 
     def check_number(self, node: ast.expr) -> None:
-        """Check a part that is a number.
-
-        Raises:
-            SceneError: it is true or false, or nothing that a condition may have.
-        """
+        """Check a part that is a number."""
         match node:
             case ast.Constant(int() | float() as value) if not isinstance(value, bool):
                 self._require(_is_finite(value), node, "a number must be finite")
@@ -216,11 +200,7 @@ class QuantityKind:
 
 
 def bind_quantity(quantity: Quantity, model: "Model") -> Reading:
-    """The function that reads a quantity while a model runs.
-
-    Raises:
-        SceneError: the model does not have the key in the brackets, or has nothing of the kind.
-    """
+    """The function that reads a quantity while a model runs."""
     kind = QUANTITIES[quantity.name]
     if quantity.key is not None and not kind.key:
         raise SceneError(f"{quantity}: nothing can stand in brackets behind {quantity.name}")
@@ -380,9 +360,6 @@ class Waiting:
             text: the condition.
             timeout: time after which the run fails [s].
             where: the beginning of every error, which says where the condition stands.
-
-        Raises:
-            SceneError: it is not understood.
         """
         self._timeout = timeout
         self._key = f"{where}: until = {text!r}"
@@ -393,22 +370,14 @@ class Waiting:
         self._readings: dict[Quantity, Reading] = {}
 
     def reset(self, model: "Model") -> None:
-        """Find in a model what the condition names.
-
-        Raises:
-            SceneError: the model does not have it.
-        """
+        """Find in a model what the condition names."""
         try:
             self._readings = {quantity: bind_quantity(quantity, model) for quantity in self._condition.quantities}
         except SceneError as error:
             raise SceneError(f"{self._key}: {error}") from error
 
     def is_over(self, observation: Observation, elapsed: float) -> bool:
-        """Whether the condition is true, `elapsed` [s] after the waiting began.
-
-        Raises:
-            ControllerFailed: it is not, and the time is up; or it divides by zero.
-        """
+        """Whether the condition is true, `elapsed` [s] after the waiting began."""
         values = {quantity: read(observation, elapsed) for quantity, read in self._readings.items()}
         try:
             if self._condition.holds(values):
@@ -471,9 +440,6 @@ class StepInProgress:
 
         Returns:
             The time at which the step ended [s], or None while it goes on.
-
-        Raises:
-            ControllerFailed: the condition was not true in time.
         """
         elapsed = max(0.0, observation.time - self.begun)
         if self._waiting is None:
