@@ -116,11 +116,7 @@ class CarriedBase:
         self._links = [name for name in self.frames if name in scene.frames]
 
     def observed(self, observation: Observation) -> np.ndarray:
-        """The joints that have brought the base where it is.
-
-        Raises:
-            ControllerFailed: the arm cannot reach it, as where another controller moved the base.
-        """
+        """The joints that have brought the base where it is."""
         if not (observation.base_translation.any() or observation.base_rotation.any()):
             return self.arm.start
         motion = motion_of_base(observation.base_translation, observation.base_rotation, self.pivot)
@@ -134,11 +130,7 @@ class CarriedBase:
         return values
 
     def way(self, step: Step, start: np.ndarray, smooth: bool) -> Way:
-        """The way of a step of a script, with trapezoidal speeds, smooth or not.
-
-        Raises:
-            ControllerFailed: the arm cannot go it, or not in the step's duration.
-        """
+        """The way of a step of a script, with trapezoidal speeds, smooth or not."""
         assert isinstance(step, ArmStep) or not step.moves
         path = joint_path(self.arm, self.limits, start, start)
         if isinstance(step, ArmStep) and step.joints is not None:
@@ -196,11 +188,7 @@ class ArmKeys(KeyboardController):
     _now: np.ndarray
 
     def __init__(self, base: CarriedBase, **settings: Any):
-        """Take what the arm carries, and the settings of the keyboard's controller.
-
-        Raises:
-            SceneError: one of them is not valid.
-        """
+        """Take what the arm carries, and the settings of the keyboard's controller."""
         self._base, self._in_tool_axes, self.moved_otherwise = base, False, base.frames
         super().__init__(**settings)
 
@@ -348,12 +336,7 @@ class ArmController(Controller):
     """
 
     def __init__(self, settings: ArmSettings):
-        """Read the arm and its script.
-
-        Raises:
-            SceneError: one of them, or a setting, is not valid.
-            PackageMissing: yourdfpy is not installed.
-        """
+        """Read the arm and its script."""
         self._base = CarriedBase(MountedArm(settings), settings.tool, settings.ramp)
         keys = {key: getattr(settings, key) for key in KeyboardSettings.model_fields}
         self._keys = ArmKeys(self._base, **keys)
@@ -362,11 +345,7 @@ class ArmController(Controller):
         self.bindings = self._keys.bindings
 
     def reset(self, model: Model) -> None:
-        """Begin with the first step of the script.
-
-        Raises:
-            SceneError: the script names what the model does not have.
-        """
+        """Begin with the first step of the script."""
         self._base.reset(model)
         self._keys.reset(model)
         if self._script is not None:
@@ -384,11 +363,7 @@ class ArmController(Controller):
             self._say()
 
     def control(self, observation: Observation) -> Control:
-        """What the script or the keys ask for.
-
-        Raises:
-            ControllerFailed: the arm cannot go a way of the script, or a condition was not true in time.
-        """
+        """What the script or the keys ask for."""
         if self._script is None or self._steered:
             return self._keys.control(observation)
         if not self._planned:
@@ -404,11 +379,7 @@ class ArmController(Controller):
         return {"script": script, "keys": self._keys.save(), "steered": self._steered}
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Go on from there.
-
-        Raises:
-            StateError: the script is another.
-        """
+        """Go on from there."""
         self._steered = saved["steered"] or self._script is None
         if self._script is not None and saved["script"] is not None:
             self._script.restore(saved["script"])

@@ -27,10 +27,6 @@ def arm_bodies(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     Args:
         settings: of the controller "arm".
         folder: folder in which files are looked for first.
-
-    Raises:
-        SceneError: the settings or the arm are not valid.
-        PackageMissing: yourdfpy is not installed.
     """
     checked = ArmSettings.checked(**settings)
     if checked.links == "none":
@@ -82,11 +78,7 @@ def _shape(part: LinkPart) -> dict[str, Any]:
 
 
 def _surface_in_mm(part: LinkPart) -> Path:
-    """The surface in mm of the mesh of a link, kept in the cache; it may be open.
-
-    Raises:
-        MeshError: the mesh cannot be read.
-    """
+    """The surface in mm of the mesh of a link, kept in the cache; it may be open."""
     import trimesh
 
     assert part.file is not None

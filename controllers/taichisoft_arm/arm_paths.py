@@ -126,9 +126,6 @@ def straight_path(
         motion: of the gripper at the end, shape (4, 4).
         tool: point that goes straight, where it is at the start of the run [mm], shape (3,).
         speeds: largest speed of the tool [mm/s], and of its turn [rad/s].
-
-    Raises:
-        ControllerFailed: the way leads out of the arm's reach, or through a place where joints would have to leap.
     """
     first = arm.motions(start)[-1]
     tool_from, tool_to = (pose[:3, :3] @ tool + pose[:3, 3] for pose in (first, motion))
@@ -181,11 +178,7 @@ def _shown(place: np.ndarray) -> str:
 
 
 def within(path: JointPath, duration: float) -> JointPath:
-    """The same way in a given time [s].
-
-    Raises:
-        ControllerFailed: the arm is not that fast.
-    """
+    """The same way in a given time [s]."""
     if duration < path.length:
         raise ControllerFailed(f"duration = {duration:g} s: the arm needs {path.length:.3g} s")
     if path.length == 0.0:

@@ -61,12 +61,7 @@ class MountedArm:
     """
 
     def __init__(self, settings: ArmPlacement):
-        """Read the arm, and find its joints at the start.
-
-        Raises:
-            SceneError: the file is not valid, or the arm cannot be where it shall be at the start.
-            PackageMissing: yourdfpy is not installed.
-        """
+        """Read the arm, and find its joints at the start."""
         path = Path(settings.urdf)
         self._description: ArmDescription = read_arm(path, settings.link)
         self.chain: KinematicChain = self._description.chain
@@ -87,11 +82,7 @@ class MountedArm:
         self._undo_frames = np.array([inverse_pose(frame) for frame in self._frames_at_start])
 
     def values_of(self, given: Sequence[float], key: str) -> np.ndarray:
-        """Values of the joints [rad] or [mm] from those that a user wrote [degrees] or [mm].
-
-        Raises:
-            SceneError: their number is another, or one is beyond its limits.
-        """
+        """Values of the joints [rad] or [mm] from those that a user wrote [degrees] or [mm]."""
         joints = self.chain.joints
         if len(given) != len(joints):
             names = ", ".join(joint.name for joint in joints)

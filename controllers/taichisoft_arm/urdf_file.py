@@ -86,10 +86,6 @@ def read_arm(path: Path, link: str | None = None) -> ArmDescription:
     Args:
         path: the file.
         link: name of the link that carries the gripper; None: the only one to which nothing else is attached.
-
-    Raises:
-        SceneError: the file cannot be read, has no such link, or a joint of the chain cannot be driven.
-        PackageMissing: yourdfpy is not installed.
     """
     require(f"{path.name}", "yourdfpy", install=extra("arm"))
     robot = _parse(path)

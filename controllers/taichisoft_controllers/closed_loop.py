@@ -63,11 +63,7 @@ def by_pull(settings: GraspSettings, lowest: float, highest: float) -> GraspActu
 
 
 def actuation_of(model: "Model", settings: GraspSettings) -> GraspActuation:
-    """The cavities of a model, or its cables without cavities, within the limits of scene, cables and settings.
-
-    Raises:
-        SceneError: the model has neither, or its limits and the settings leave no range.
-    """
+    """The cavities of a model, or its cables without cavities, within the limits of scene, cables and settings."""
     if model.cavities.names:
         limits = model.scene.limits
         lowest = max(0.0, limits.lowest_pressure or 0.0)
@@ -262,11 +258,7 @@ class GraspSequence:
         }
 
     def advance(self, grasp: SensedGrasp, elapsed: float) -> None:
-        """Update what is asked for, `elapsed` [s] after the last time.
-
-        Raises:
-            ControllerFailed: the object cannot be grasped or lifted, or was dropped.
-        """
+        """Update what is asked for, `elapsed` [s] after the last time."""
         self._advance[self.phase](grasp, elapsed)
 
     def save(self) -> dict[str, Any]:
@@ -451,21 +443,12 @@ class ClosedLoopController(Controller):
     tunable = tunable_settings(GraspSettings)
 
     def __init__(self, **settings: Any):
-        """Take the settings that `GraspSettings` describes.
-
-        Raises:
-            SceneError: one of them is not valid.
-        """
+        """Take the settings that `GraspSettings` describes."""
         self._settings = GraspSettings.checked(**settings)
         self._sequence: GraspSequence | None = None
 
     def reset(self, model: "Model") -> None:
-        """Begin the grasp from its first phase.
-
-        Raises:
-            SceneError: the model lacks gravity, fingers, cavities and cables, an object to grasp, or pressures or pulls
-                to choose from.
-        """
+        """Begin the grasp from its first phase."""
         self._actuation = actuation_of(model, self._settings)
         self._sensing = GraspSensing(model, self._actuation.drive, self._settings.touch_force)
         self._sequence = GraspSequence(self._settings, self._sensing.object, self._actuation)
@@ -474,11 +457,7 @@ class ClosedLoopController(Controller):
         self._held_since: float | None = None
 
     def control(self, observation: Observation) -> Control:
-        """The pressure or pull and the height of the base that the present phase of the grasp asks for.
-
-        Raises:
-            ControllerFailed: the object cannot be grasped or lifted, or was dropped.
-        """
+        """The pressure or pull and the height of the base that the present phase of the grasp asks for."""
         if self._base is None:
             self._base, self._time = observation.base_translation, observation.time
         sequence = self._sequence

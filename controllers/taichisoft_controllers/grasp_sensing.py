@@ -117,9 +117,6 @@ class GraspSensing:
             model: the model of the run.
             drive: the way in which its actuators are driven.
             touch_force: normal force from which a finger counts as touching [mN].
-
-        Raises:
-            SceneError: the model lacks gravity, fingers, actuators, or an object to grasp.
         """
         if not any(model.scene.gravity):
             raise SceneError("gravity = [0, 0, 0]: the controller 'closed-loop' lifts against it; give it a direction")

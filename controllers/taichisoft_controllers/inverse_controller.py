@@ -53,20 +53,11 @@ class InverseController(Controller):
     """
 
     def __init__(self, **settings: Any):
-        """Take the settings that `InverseSettings` describes.
-
-        Raises:
-            SceneError: one of them is not valid.
-        """
+        """Take the settings that `InverseSettings` describes."""
         self._settings = InverseSettings.checked(**settings)
 
     def reset(self, model: "Model") -> None:
-        """Find the controls of the path.
-
-        Raises:
-            SceneError: a name is unknown, or the path has another shape than the figure.
-            ControllerFailed: a place on the path is out of reach.
-        """
+        """Find the controls of the path."""
         settings, simulation = self._settings, taichisoft.Simulation(model)
         name = settings.figure or _only_tip(model)
         self._names = tuple(settings.bounds)

@@ -89,11 +89,7 @@ class KeyboardController(Controller):
     """Frames that keys leave alone."""
 
     def __init__(self, **settings: Any):
-        """Take the settings that `KeyboardSettings` describes.
-
-        Raises:
-            SceneError: one of them is not valid.
-        """
+        """Take the settings that `KeyboardSettings` describes."""
         self._steps = KeyboardSettings.checked(**settings)
         self._chosen = [_chosen(kind, self._steps) for kind in ACTUATOR_KINDS]
         self._drives: dict[str, Drive] = {}

@@ -12,11 +12,7 @@ if TYPE_CHECKING:
 
 
 def actuators_called(name: str | None, names: Sequence[str], kind: str) -> list[str]:
-    """The actuators of "finger1", or "finger1.cavity" alone, out of the names of all of a kind, "cavity" or "cable".
-
-    Raises:
-        SceneError: nothing has that name.
-    """
+    """The actuators of "finger1", or "finger1.cavity" alone, out of the names of all of a kind, "cavity" or "cable"."""
     chosen = [actuator for actuator in names if name is None or name in (actuator, finger_of(actuator))]
     return chosen or called(name, [*dict.fromkeys(map(finger_of, names)), *names], f"finger or {kind}")
 
@@ -27,11 +23,7 @@ def finger_of(actuator: str) -> str:
 
 
 def values_by_actuator(given: float | Mapping[str, float], names: Sequence[str], kind: str) -> dict[str, float]:
-    """Values by the names of actuators of a kind, from one for all or from some by finger or actuator.
-
-    Raises:
-        SceneError: a name is unknown, an actuator is named twice, or the model has no actuator for a value.
-    """
+    """Values by the names of actuators of a kind, from one for all or from some by finger or actuator."""
     if not isinstance(given, Mapping):
         # 0 fits every scene, also without actuators: a script may keep them at rest.
         return dict.fromkeys(actuators_called(None, names, kind) if given else names, given)
@@ -45,21 +37,13 @@ def values_by_actuator(given: float | Mapping[str, float], names: Sequence[str],
 
 
 def fingers_called(name: str | None, model: "Model") -> list[str]:
-    """The soft body of that name, if its bending is observed.
-
-    Raises:
-        SceneError: nothing has that name.
-    """
+    """The soft body of that name, if its bending is observed."""
     bodies = model.scene.soft_bodies.items()
     return called(name, [finger for finger, body in bodies if body.anchors or body.tip is not None], "finger")
 
 
 def object_called(name: str | None, model: "Model") -> str:
-    """The rigid body of that name; without a name the goal's object, or the only rigid body.
-
-    Raises:
-        SceneError: nothing has that name, or several bodies are possible.
-    """
+    """The rigid body of that name; without a name the goal's object, or the only rigid body."""
     names = [body.name for body in model.rigid_bodies] if name is not None else grasped_objects(model)
     chosen = called(name, names, "rigid body")
     if len(chosen) > 1:
@@ -68,11 +52,7 @@ def object_called(name: str | None, model: "Model") -> str:
 
 
 def pairs_called(name: str | None, model: "Model") -> list["Pair"]:
-    """The pair of bodies called "finger1|cube", whichever way round; without a name soft bodies with grasped objects.
-
-    Raises:
-        SceneError: nothing has that name.
-    """
+    """The pair of bodies called "finger1|cube", in either order; None: soft bodies with grasped objects."""
     if name is None:
         objects = grasped_objects(model)
         return [(soft, other) for soft in called(None, list(model.scene.soft_bodies), "soft body") for other in objects]
@@ -85,22 +65,14 @@ def pairs_called(name: str | None, model: "Model") -> list["Pair"]:
 
 
 def grasped_objects(model: "Model") -> list[str]:
-    """The goal's object, or all rigid bodies that no frame carries when the scene has no goal.
-
-    Raises:
-        SceneError: nothing has that name.
-    """
+    """The goal's object, or all rigid bodies that no frame carries when the scene has no goal."""
     goal = model.scene.goal
     names = [goal.object] if goal is not None else model.scene.objects
     return called(None, names, "rigid body")
 
 
 def called(name: str | None, names: Sequence[str], what: str) -> list[str]:
-    """The `names` that are equal to `name`, or all for None; `what` says in errors what they name.
-
-    Raises:
-        SceneError: nothing has that name.
-    """
+    """The `names` that are equal to `name`, or all for None; `what` says in errors what they name."""
     chosen = [known for known in names if name is None or known == name]
     if chosen:
         return chosen

@@ -32,11 +32,7 @@ HEADING = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(\[\s*(?P<unit>[^\[\]]*?)\s*\])?
 
 
 def read_keyframes(text: str) -> dict[str, Any]:
-    """Give the tables that the same script has in TOML. Empty lines and lines that begin with # are comments.
-
-    Raises:
-        SceneError: a column is unknown, there twice or in another unit, or a cell is not a number.
-    """
+    """Give the tables that the same script has in TOML. Empty lines and lines that begin with # are comments."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     try:
         headings, *rows = csv.reader(lines, skipinitialspace=True)
@@ -290,11 +286,7 @@ ScriptKind = TypeVar("ScriptKind", bound=Script)
 
 
 def read_script(path: Path, kind: type[ScriptKind]) -> ScriptKind:
-    """Read a TOML or CSV file as a kind of script.
-
-    Raises:
-        SceneError: it is not readable, or something in it is not valid; the message names file, key and value.
-    """
+    """Read a TOML or CSV file as a kind of script."""
     try:
         text = path.read_text(encoding="utf-8-sig")
         tables = read_keyframes(text) if path.suffix.lower() == ".csv" else parse_toml(text)

@@ -31,12 +31,7 @@ class KeyframeController(Controller):
         self._times = np.array([frame.time for frame in keyframes])
 
     def reset(self, model: "Model") -> None:
-        """Lay out the values by the model's cavities and cables.
-
-        Raises:
-            SceneError: a keyframe names an unknown finger, cavity or cable, leaves out a cavity, or a cable
-                that another one names, or gives a cable a pull and a tension.
-        """
+        """Lay out the values by the model's cavities and cables."""
         self._targets = targets = Targets(model, FreeBase())
         efforts = [self._efforts(index) for index in range(len(self._keyframes))]
         named = np.zeros(len(targets.places), dtype=bool)
@@ -146,9 +141,6 @@ class StepController(Controller):
             smooth: whether motions of a duration start and end at rest.
             factors: of pressures, pulls and tensions, and of their rates.
             base: what moves the base; None: nothing carries it.
-
-        Raises:
-            SceneError: a condition is not understood.
         """
         self._path, self._steps, self._smooth, self._factors = path, steps, smooth, factors
         self._base: BaseMover = base or FreeBase()
@@ -162,11 +154,7 @@ class StepController(Controller):
         self._begun: list[float] = []
 
     def reset(self, model: "Model") -> None:
-        """Check all names; the first step begins with the first observation.
-
-        Raises:
-            SceneError: a step names an unknown finger, cavity, cable or body.
-        """
+        """Check all names; the first step begins with the first observation."""
         self._targets = Targets(model, self._base)
         self._driven = self._targets.driven_first
         for index, waiting in enumerate(self._waiting):
@@ -177,11 +165,7 @@ class StepController(Controller):
         self._current, self._begun = None, []
 
     def control(self, observation: Observation) -> Control:
-        """The values that the present step asks for.
-
-        Raises:
-            ControllerFailed: a condition was not true in time.
-        """
+        """The values that the present step asks for."""
         values = self._values(observation)
         return self._targets.control(values, self._driven, {SIGNAL: float(len(self._begun) - 1)})
 
@@ -194,11 +178,7 @@ class StepController(Controller):
         }
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Go on in the step in which the run was.
-
-        Raises:
-            StateError: the script has fewer steps, or drives other things.
-        """
+        """Go on in the step in which the run was."""
         begun, driven, step = list(saved["begun"]), np.array(saved["driven"], dtype=bool), saved["step"]
         if len(begun) > len(self._steps) + 1 or len(driven) != len(self._driven):
             raise StateError(
@@ -267,11 +247,7 @@ class StepController(Controller):
         return self._waiting[index], self._steps[index].hold or 0.0
 
     def _way(self, index: int, start: Sequence[float] | np.ndarray) -> CommonWay:
-        """The way from the values at the start of a step to its targets; after the last step it ends at once.
-
-        Raises:
-            ControllerFailed: what moves the base cannot go this way.
-        """
+        """The way from the values at the start of a step to its targets; after the last step it ends at once."""
         last = index == len(self._steps)
         step, efforts = (REST, {}) if last else (self._steps[index], self._efforts(index))
         others, base = np.split(np.asarray(start, dtype=np.float64), [self._targets.base.start])
@@ -359,11 +335,7 @@ class ScriptSettings(LargestValues):  # type: ignore[misc] # a table with the ke
 
 
 def scripted_controller(script: str | Path, interpolation: str | None = None, **largest: float | None) -> Controller:
-    """The controller that does what a script says; `ScriptSettings` describes the arguments.
-
-    Raises:
-        SceneError: the script is missing, or something in it or in the settings is not valid.
-    """
+    """The controller that does what a script says; `ScriptSettings` describes the arguments."""
     ScriptSettings.checked(script=script, interpolation=interpolation, **largest)
     path = find_file(script, "scripts", SUFFIXES, error=SceneError)
     content = read_script(path, Script)
@@ -375,11 +347,7 @@ def scripted_controller(script: str | Path, interpolation: str | None = None, **
 
 
 def scaling(content: Script, path: Path, largest: Mapping[str, float | None]) -> dict[Drive, float]:
-    """The factors that make the largest pressure, pull and so on of a script what the settings want.
-
-    Raises:
-        SceneError: the script at `path` has nothing to scale.
-    """
+    """The factors that make the largest pressure, pull and so on of a script what the settings want."""
     factors = {}
     for drive in DRIVES:
         wanted, highest = largest.get(drive.name), content.highest(drive)

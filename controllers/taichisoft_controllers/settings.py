@@ -53,11 +53,7 @@ class ControllerSettings(Table):
 
     @classmethod
     def checked(cls, **settings: Any) -> Self:
-        """The settings as valid data.
-
-        Raises:
-            SceneError: a key is unknown or missing, or a value is not valid.
-        """
+        """The settings as valid data."""
         try:
             return cls.model_validate(settings)
         except ValidationError as error:

@@ -155,9 +155,6 @@ class TerminalKeys:
         Args:
             session: the run that gets the keys, and is stopped when the terminal has gone.
             file_descriptor: the terminal's.
-
-        Raises:
-            termios.error: the file is not a terminal, or the terminal has gone.
         """
         self._session = session
         self._fd = file_descriptor
@@ -264,11 +261,7 @@ _sources: dict[int, Any] = {}
 
 
 def begin_keys(session: "Session") -> None:
-    """Read keys from the terminal for a run with an interactive controller, unless an earlier session gives them.
-
-    Raises:
-        ControllerFailed: this system has no POSIX terminal, and no output of the run gives keys either.
-    """
+    """Read keys from the terminal for a run with an interactive controller, unless an earlier session gives them."""
     if session.replaying or not session.controller.interactive:
         return
     outputs_give_keys = any(output.gives_keys for output in session.outputs)

@@ -33,11 +33,7 @@ class TerminalMode:
     """
 
     def __init__(self, file_descriptor: int):
-        """Remember the mode of a terminal, and start the child that puts it back should this process be killed.
-
-        Raises:
-            termios.error: the file is not a terminal, or the terminal has gone.
-        """
+        """Remember the mode of a terminal, and start the child that puts it back should this process be killed."""
         self.is_for_keys = False
         self._fd = file_descriptor
         self._own = termios.tcgetattr(file_descriptor)
@@ -54,11 +50,7 @@ class TerminalMode:
             return True
 
     def begin_keys(self) -> None:
-        """Switch to the mode for keys, if this process has the terminal.
-
-        Raises:
-            termios.error: the terminal has gone.
-        """
+        """Switch to the mode for keys, if this process has the terminal."""
         if self.is_in_foreground:
             termios.tcsetattr(self._fd, termios.TCSANOW, self._for_keys)
         self.is_for_keys = self.is_in_foreground

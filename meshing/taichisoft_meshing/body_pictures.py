@@ -59,12 +59,7 @@ TIME_LIMIT = 300.0
 
 
 def draw_parts(parts: Sequence[CheckedPart]) -> list[Path]:
-    """Draw each part to a PNG beside its STL file.
-
-    Raises:
-        PackageMissing: Open3D is not installed.
-        MeshError: nothing can be drawn here, or a file cannot be written.
-    """
+    """Draw each part to a PNG beside its STL file."""
     require("pictures of a mould", "open3d")
     from PIL import Image
 
@@ -138,11 +133,7 @@ TRIED = 6  # triangles of a face, those near its middle and those near the eye, 
 
 
 def draw_faces(body: CadBody, path: Path) -> None:
-    """Draw a body with its faces in many colours, each with its number where it is seen.
-
-    Raises:
-        MeshError: the file cannot be written.
-    """
+    """Draw a body with its faces in many colours, each with its number where it is seen."""
     require("a picture of faces", "matplotlib")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

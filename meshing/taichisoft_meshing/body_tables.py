@@ -88,9 +88,6 @@ class Sizes(Table):
             volume: volume of the silicone [mm^3].
             size: largest size, instead of the table's; scales the smallest with it [mm].
             cavity_volumes: volumes of the cavities, where they are known [mm^3].
-
-        Raises:
-            ValueError: a size is larger than the body, or so small that the mesh would not end.
         """
         largest = size or self.largest or preset_sizes(extent)["coarse"]
         if not largest <= extent.max():

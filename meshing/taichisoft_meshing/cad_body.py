@@ -34,11 +34,7 @@ NO_NAME = "Open CASCADE STEP translator"
 
 
 def refuse_broken_step(path: Path) -> None:
-    """Check that a file is a whole STEP file without NaN.
-
-    Raises:
-        MeshError: it is missing, empty, of another kind, stops too early, or has a number that is not finite.
-    """
+    """Check that a file is a whole STEP file without NaN."""
     require_suffix(path, "STEP", STEP_SUFFIXES)
     try:
         text = path.read_text(encoding="latin-1")  # any byte is a letter
@@ -65,9 +61,6 @@ def import_solids(gmsh: Any, path: Path) -> dict[int, str]:
 
     Returns:
         For each solid, in the file's order, gmsh's number and its name, which is empty where the file gives none.
-
-    Raises:
-        MeshError: the file cannot be read, has no solid, or has solids that overlap or are not joined by faces.
     """
     # Always set: OpenCASCADE keeps the unit of an earlier session.
     gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
@@ -253,12 +246,7 @@ class CadBody:
 
 
 def read_step(path: Path) -> CadBody:
-    """Read a STEP file and measure its body.
-
-    Raises:
-        MeshError: the file is missing, empty, of another kind or broken, or has no solid, or solids that overlap or
-            are not joined by faces.
-    """
+    """Read a STEP file and measure its body."""
     refuse_broken_step(path)
 
     def read(gmsh: Any, algorithm: int) -> CadBody:

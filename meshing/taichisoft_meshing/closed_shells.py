@@ -84,12 +84,7 @@ class Shell:
 
 
 def read_shells(path: Path, scale: float = 1.0) -> list[Shell]:
-    """Read an STL, OBJ or PLY file of one or more closed surfaces; `scale` is the millimetres in one unit of the file.
-
-    Raises:
-        MeshError: the file is missing, empty, of another kind, has a NaN, or a surface in it is not closed or touches
-            itself.
-    """
+    """Read an STL, OBJ or PLY file of closed surfaces; `scale` is the millimetres in one unit of the file."""
     vertices, triangles = read_surface(path)
     return closed_shells(scale * vertices, triangles, str(path))
 
@@ -101,9 +96,6 @@ def closed_shells(vertices: np.ndarray, triangles: np.ndarray, source: str) -> l
         vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
         source: begins every error and warning.
-
-    Raises:
-        MeshError: a part is not closed, has one side only, touches itself, or encloses nothing.
     """
     triangles = _with_merged_vertices(vertices, triangles, source)
     piece = _pieces(len(triangles), _neighbours(vertices, triangles, source))
@@ -129,11 +121,7 @@ def _with_merged_vertices(vertices: np.ndarray, triangles: np.ndarray, source: s
 
 
 def _neighbours(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
-    """The two triangles at each edge, shape (edge_count, 2).
-
-    Raises:
-        MeshError: an edge has fewer or more than two.
-    """
+    """The two triangles at each edge, shape (edge_count, 2)."""
     edges, edge, counts = np.unique(undirected_sides(triangles), axis=0, return_inverse=True, return_counts=True)
     for wrong, what, remedy in (
         (counts > 2, "edges of more than two triangles", "remove double triangles and walls inside"),

@@ -77,9 +77,6 @@ def mesh_step(
         faces: surface groups, and the numbers of the faces of each.
         wall_ratio: longest edge in a wall over its thickness [-]; 0: as long as `sizes` say.
         curved: whether the middles of the sides on its surfaces are computed, too.
-
-    Raises:
-        MeshError: gmsh fails, or a volume comes out wrong.
     """
     behind = [opening.faces for opening in closed]
     shells = [sorted(shell) for shell in (body.outside.difference(*behind), *body.voids, *behind)]
@@ -119,9 +116,6 @@ def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
     """Cut a mesh so that no edge leads through a wall or layer, if its sizes ask for two elements across walls.
 
     Nodes and triangles of its surfaces keep their numbers and places; triangles between element groups are cut, too.
-
-    Raises:
-        MeshError: gmsh, which then moves the new nodes to better places, fails.
     """
     if sizes.elements_across_walls == 1:
         return mesh
@@ -251,9 +245,6 @@ def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMe
         body: body that is filled.
         sizes: sizes of its elements, of which only the largest has an effect.
         source: begins every error.
-
-    Raises:
-        MeshError: gmsh fails, or cannot fill it without changing a surface.
     """
     shells = (body.outer, *body.cavities)
     with gmsh_session(source) as gmsh:
@@ -279,9 +270,6 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
         sizes: sizes of its elements.
         feature_angle: angle between two triangles above which their edge stays an edge [degrees].
         source: begins every error.
-
-    Raises:
-        MeshError: gmsh fails, or a volume comes out wrong.
     """
     angle = math.radians(feature_angle)
     flat = all(_flat_faced(shell, angle) for shell in (body.outer, *body.cavities))

@@ -249,11 +249,7 @@ class FingerParameters(FingerDimensions):
 
 
 def positions_from_walls(finger: FingerDimensions) -> dict[str, BaseModel]:
-    """Tables that change, by name, for the thicknesses that are given in `Walls`.
-
-    Raises:
-        ValueError: "key = value: what would be valid", where a thickness leaves no room.
-    """
+    """Tables that change, by name, for the thicknesses that are given in `Walls`."""
     body, slots, channel, chambers, walls = finger.body, finger.slots, finger.channel, finger.chambers, finger.walls
     if finger.wall is not None and walls.side is not None:
         raise ValueError(f"wall = {finger.wall:g}: is short for walls.side, which is given too; give one of them")

@@ -35,21 +35,12 @@ class _CommonTables(BaseModel):
 
 
 def read_geometry(path: Path) -> Geometry:
-    """Read and check what a file describes, without meshing it.
-
-    Raises:
-        MeshError: the file is missing or no TOML, its kind is unknown, or something in it is not valid.
-        PluginError: the plug-in of its kind failed.
-    """
+    """Read and check what a file describes, without meshing it."""
     return make_geometry(*read_tables(path), path)
 
 
 def read_tables(path: Path) -> tuple[Any, dict[str, Any]]:
-    """The kind and the tables of a file; a STEP file is its own description.
-
-    Raises:
-        MeshError: the file is missing or no TOML.
-    """
+    """The kind and the tables of a file; a STEP file is its own description."""
     if path.suffix.lower() in STEP_SUFFIXES:
         return "step", {"file": path.name}
     try:
@@ -65,10 +56,6 @@ def make_geometry(kind: Any, tables: Mapping[str, Any], path: Path) -> Geometry:
     """Check tables that `read_tables` gave, perhaps changed since, and make a geometry of their kind.
 
     The table `quality` is the same for every kind, which does not see it.
-
-    Raises:
-        MeshError: the kind is unknown, or something in the tables is not valid.
-        PluginError: the plug-in of the kind failed.
     """
     make = find_kind(kind, path)
     quality_limits(tables, path)
@@ -80,11 +67,7 @@ def make_geometry(kind: Any, tables: Mapping[str, Any], path: Path) -> Geometry:
 
 
 def find_kind(kind: Any, path: Path) -> Callable[..., Geometry]:
-    """The class or function that makes geometries of a kind, which the file at `path` names.
-
-    Raises:
-        MeshError: no plug-in knows the kind.
-    """
+    """The class or function that makes geometries of a kind, which the file at `path` names."""
     kinds = provided("geometry kind")
     if not isinstance(kind, str) or kind not in kinds:
         raise MeshError(f"{path}: kind = {kind!r}: unknown; {nearest(str(kind), sorted(kinds), 'there are')}")
@@ -92,11 +75,7 @@ def find_kind(kind: Any, path: Path) -> Callable[..., Geometry]:
 
 
 def quality_limits(tables: Mapping[str, Any], path: Path) -> QualityLimits:
-    """The limits in the tables of a geometry file, or the defaults.
-
-    Raises:
-        MeshError: a limit is not valid; the message begins with the file.
-    """
+    """The limits in the tables of a geometry file, or the defaults."""
     return checked(_CommonTables, {key: tables[key] for key in (QUALITY,) if key in tables}, path).quality
 
 
@@ -143,11 +122,7 @@ class CheckedGeometry(Geometry):
         return self.table.model_dump(mode="json", exclude_none=True)  # type: ignore[no-any-return]
 
     def sized(self, size: float | None) -> Any:
-        """The tables with `size` [mm] as `mesh.largest`, and `mesh.smallest` scaled with it; unchanged for None.
-
-        Raises:
-            MeshError: the size is not valid.
-        """
+        """The tables with `size` [mm] as `mesh.largest`, and `mesh.smallest` scaled with it; unchanged for None."""
         if size is None:
             return self.table
         smallest = size * self.table.mesh.smallest / self.table.mesh.largest
@@ -156,12 +131,7 @@ class CheckedGeometry(Geometry):
 
 
 def mesh_geometry(geometry: Geometry, size: float | None, path: Path) -> VolumeMesh:
-    """Mesh the geometry that was read from `path`, with largest elements of `size` [mm], and check the result.
-
-    Raises:
-        MeshError: it cannot be meshed, or not to something that is fit to simulate.
-        PluginError: the plug-in of its kind failed.
-    """
+    """Mesh the geometry that was read from `path`, with largest elements of `size` [mm], and check the result."""
     with failures_of(f"{path}: {type(geometry).__name__} failed in mesh()"):
         mesh = geometry.mesh(size)
     if not isinstance(mesh, VolumeMesh):

@@ -40,11 +40,6 @@ def gmsh_session(body: str) -> Iterator[Any]:
 
     Args:
         body: name of what is meshed in errors, for example "this finger" or "body.step".
-
-    Raises:
-        PackageMissing: gmsh is not installed.
-        MeshError: gmsh cannot be loaded, is already in use in this process, or fails. A failure inside the session,
-            gmsh's or a GmshFailure, becomes one line that names the file with gmsh's log.
     """
     require("meshing", "gmsh")
     try:
@@ -83,9 +78,6 @@ def first_success(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Mad
 
     Returns:
         The result of the first way that did not fail.
-
-    Raises:
-        MeshError: the last way failed.
     """
     for number, way in enumerate(ways, 1):
         with gmsh_session(body) as gmsh:  # each its own: gmsh does nothing more after it has failed
@@ -103,9 +95,6 @@ def tetrahedra(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     Returns:
         Node positions [mm], shape (node_count, 3); elements, shape (element_count, 4); gmsh's number of each node,
         in ascending order.
-
-    Raises:
-        GmshFailure: there are none.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     corner_tags = gmsh.model.mesh.getElementsByType(TETRAHEDRON)[1]
@@ -187,9 +176,6 @@ def curved_sides(gmsh: Any, nodes: np.ndarray, elements: np.ndarray) -> CurvedSi
     Args:
         gmsh: the module, with a mesh of linear tetrahedra.
         nodes, elements: that mesh, as `tetrahedra` gave it: [mm], shape (node_count, 3), and (element_count, 4).
-
-    Raises:
-        GmshFailure: the corners of its mesh of order 2 are other ones.
     """
     mesh = gmsh.model.mesh
     mesh.setOrder(2)

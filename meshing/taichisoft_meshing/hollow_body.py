@@ -113,9 +113,6 @@ def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 
         outer: file of the outside, and perhaps of cavities.
         cavities: files of cavities; a cavity that `outer` has too counts once.
         scale: millimetres in one unit of the files.
-
-    Raises:
-        MeshError: a file or a surface in it is not valid, there are several bodies, or surfaces cross or touch.
     """
     return hollow_body(read_shells(outer, scale), [shell for path in cavities for shell in read_shells(path, scale)])
 
@@ -126,9 +123,6 @@ def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> Holl
     Args:
         shells: the outside and perhaps cavities, in any order.
         cavities: further cavities; one that is among `shells` too counts once.
-
-    Raises:
-        MeshError: there are several bodies, a cavity is not inside, or surfaces cross or touch.
     """
     outermost = max(shells, key=lambda shell: shell.volume)
     known = [shell for shell in shells if shell is not outermost]

@@ -65,9 +65,6 @@ def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str,
         name: the path of the file, or the name of the finger.
         overrides: texts "key=value" for the tables of the file.
         asked: the result of `asked_size`.
-
-    Raises:
-        MeshError: the file does not exist, or an override is not valid.
     """
     from taichisoft.mesh import SURFACE_SUFFIXES
     from taichisoft.scene import find_file
@@ -100,11 +97,7 @@ def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, asked: M
 def with_options(
     job: "MeshJob", order: int | None, faces: Sequence[str] | None, solids: Sequence[str] | None, close_inlets: bool
 ) -> "MeshJob":
-    """A job with what the options of the same names say in its tables.
-
-    Raises:
-        MeshError: a face or solid is not of the form NUMBER=NAME.
-    """
+    """A job with what the options of the same names say in its tables."""
     from taichisoft_meshing.scene_meshes import merge_tables
 
     changes: dict[str, Any] = {}
@@ -126,22 +119,14 @@ def with_options(
 
 
 def section_plane(text: str | None) -> "SectionPlane | None":
-    """The plane of the option `--section`.
-
-    Raises:
-        MeshError: it is not written as a plane.
-    """
+    """The plane of the option `--section`."""
     from taichisoft.mesh import SectionPlane
 
     return None if text is None else SectionPlane.parse(text)
 
 
 def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
-    """The one of the three options that was given, by its name; empty when none was.
-
-    Raises:
-        MeshError: the value is out of range, or two options were given.
-    """
+    """The one of the three options that was given, by its name; empty when none was."""
     asked = {name: value for name, value in (("size", size), ("nodes", nodes), ("preset", preset)) if value is not None}
     if len(asked) > 1:
         raise MeshError(f"{' and '.join(f'--{name}' for name in asked)}: only one of them can be given")
@@ -155,11 +140,7 @@ def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dic
 
 
 def overridden(tables: Mapping[str, Any], overrides: Sequence[str] | None) -> dict[str, Any]:
-    """A copy of the tables with the values of "key=value" in their places.
-
-    Raises:
-        MeshError: an override has no "=", or leads to no place.
-    """
+    """A copy of the tables with the values of "key=value" in their places."""
     import copy
 
     from taichisoft.scene import apply_override
@@ -373,11 +354,7 @@ def _materials(silicone: str | None, stiff: str | None) -> dict[str, "Material |
 
 
 def _report(folder: Path, materials: dict[str, "Material | None"]) -> None:
-    """Check, draw and print a mould.
-
-    Raises:
-        GoalMissed: something is wrong with it.
-    """
+    """Check, draw and print a mould."""
     from rich.console import Console
     from rich.table import Table
 

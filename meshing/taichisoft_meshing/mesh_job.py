@@ -41,9 +41,6 @@ def fingerprint(kind: Callable[..., Any], tables: Mapping[str, Any], folder: Pat
         tables: tables of the geometry file, its `kind` included.
         folder: folder of the files that the tables name: any text in them that is the path of a file there.
         request: size, preset or number of nodes.
-
-    Raises:
-        OSError: a file that the tables name cannot be read, or the code of the kind cannot be found.
     """
     parts = [
         json.dumps([tables, request], sort_keys=True, default=str).encode(),
@@ -116,11 +113,7 @@ class MeshJob:
     asked: Mapping[str, Any]
 
     def fingerprint(self) -> str:
-        """A hash of all inputs of the mesh.
-
-        Raises:
-            OSError: a file that the tables name cannot be read, or the code of the kind cannot be found.
-        """
+        """A hash of all inputs of the mesh."""
         kind = find_kind(self.kind, self.file)
         return fingerprint(kind, {**self.tables, "kind": self.kind}, self.file.parent, self.asked)
 
@@ -154,12 +147,7 @@ class MadeMesh:
 
 
 def make_mesh(job: MeshJob, stage: Callable[[str], None] = lambda name: None) -> MadeMesh:
-    """Make a mesh and measure it; `stage` is called with the name of each stage that begins.
-
-    Raises:
-        MeshError: something in the tables is not valid, or they cannot be meshed.
-        PluginError: the plug-in of the kind failed.
-    """
+    """Make a mesh and measure it; `stage` is called with the name of each stage that begins."""
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         geometry = make_geometry(job.kind, job.tables, job.file)
@@ -191,10 +179,6 @@ def mesh_as_asked(
         size: length of the largest element [mm].
         preset: name of one of the geometry's sizes, instead of `size`.
         nodes: approximate number of nodes, instead of `size`.
-
-    Raises:
-        MeshError: the preset does not exist, the number of nodes is not reached, or the mesh is not fit to simulate.
-        PluginError: the plug-in of its kind failed.
     """
     if nodes is not None:
         return size_for_nodes(geometry, nodes)[1]

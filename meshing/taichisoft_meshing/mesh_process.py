@@ -33,10 +33,6 @@ def make_mesh_apart(
         job: the request for the mesh.
         stage: called with the name of the stage that begins.
         time_limit: longest time [s].
-
-    Raises:
-        MeshError: something in the tables is not valid, they cannot be meshed, or the process ended without a mesh.
-        PluginError: the plug-in of the kind failed.
     """
     if not _known_elsewhere(job):
         return make_mesh(job, stage)
@@ -46,12 +42,7 @@ def make_mesh_apart(
 
 
 def write_mould_apart(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
-    """Write a mould as `write_mould` does, in a process of its own, or in this one as above.
-
-    Raises:
-        MeshError: something in the tables or the form is not valid, or OpenCASCADE fails.
-        PluginError: the plug-in of the kind failed.
-    """
+    """Write a mould as `write_mould` does, in a process of its own, or in this one as above."""
     if not _known_elsewhere(job):
         write_mould(job, folder, form)
     else:
@@ -80,11 +71,7 @@ def call_with_plugins(function: str, job: MeshJob, *arguments: Any, time_limit: 
 
 
 def read_step_apart(path: Path) -> CadBody:
-    """Read a STEP file as `read_step` does, in a process of its own.
-
-    Raises:
-        MeshError: it cannot be read, or the process ended before it was.
-    """
+    """Read a STEP file as `read_step` does, in a process of its own."""
     try:
         body: CadBody = call_apart("taichisoft_meshing.cad_body:read_step", path, time_limit=TIME_LIMIT)
     except WorkerLost as lost:

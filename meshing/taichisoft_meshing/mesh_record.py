@@ -119,11 +119,7 @@ def surface_figures(surface: SurfaceQuality) -> dict[str, Any]:
 
 
 def write_record(record: Mapping[str, Any], path: Path) -> None:
-    """Write a record as JSON.
-
-    Raises:
-        MeshError: the file cannot be written.
-    """
+    """Write a record as JSON."""
     with atomic_file(path, MeshError) as partial:
         partial.write_text(json.dumps(record, indent=2, allow_nan=False, default=list) + "\n", encoding="utf-8")
 

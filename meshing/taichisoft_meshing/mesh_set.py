@@ -21,11 +21,7 @@ PICTURE = "mesh-report.png"
 
 
 def is_file(output: Path) -> bool:
-    """Whether an output is one file: its name ends like one (.msh), not like a number (wall-1.5), and no folder has it.
-
-    Raises:
-        MeshError: the name ends like that of another kind of file.
-    """
+    """Whether an output is one file: it ends like one (.msh), not like a number (wall-1.5), and is no folder."""
     if output.is_dir() or not re.fullmatch(r"\.[A-Za-z]\w*", output.suffix):
         return False
     require_suffix(output, "volume mesh", VOLUME_SUFFIXES)
@@ -33,11 +29,7 @@ def is_file(output: Path) -> bool:
 
 
 def prepare(output: Path) -> None:
-    """Make the folder of an output before the work begins, so that an error about it comes at once.
-
-    Raises:
-        MeshError: the folder cannot be made, is not writable, or is a file.
-    """
+    """Make the folder of an output before the work begins, so that an error about it comes at once."""
     if not is_file(output) and output.exists() and not output.is_dir():
         raise MeshError(f"--output {output}: is a file; a folder, or a file ({', '.join(VOLUME_SUFFIXES)}) is needed")
     for folder in (output.parent, *([output] if output.is_dir() else [])):
@@ -45,11 +37,7 @@ def prepare(output: Path) -> None:
 
 
 def prepare_folder(folder: Path, output: Path | None = None) -> None:
-    """Make a folder unless it is there; errors call it `output`, which the user named.
-
-    Raises:
-        MeshError: the folder cannot be made, or is not writable.
-    """
+    """Make a folder unless it is there; errors call it `output`, which the user named."""
     output = folder if output is None else output
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -63,9 +51,6 @@ def write_output(made: MadeMesh, output: Path, section: SectionPlane | None = No
     """Write a mesh to a file or folder, as `is_file` says; only a second signal stops it half-way.
 
     `section` is the plane that cuts the mesh open in the picture.
-
-    Raises:
-        MeshError: something cannot be written.
     """
     with deferred_signals() as stop_if_asked:
         if is_file(output):
@@ -76,11 +61,7 @@ def write_output(made: MadeMesh, output: Path, section: SectionPlane | None = No
 
 
 def write_set(made: MadeMesh, folder: Path, section: SectionPlane | None = None) -> None:
-    """Write all files of a mesh, called like the folder, to a folder beside it, and move them when all are whole.
-
-    Raises:
-        MeshError: something cannot be written; the old set is as it was, unless the disk failed while files were moved.
-    """
+    """Write all files of a mesh, called like the folder, to a folder beside it, and move them when all are whole."""
     folder = folder.resolve()
     partial = partial_path(folder)
     try:
@@ -94,11 +75,7 @@ def write_set(made: MadeMesh, folder: Path, section: SectionPlane | None = None)
 
 
 def write_files(made: MadeMesh, folder: Path, name: str, section: SectionPlane | None = None) -> None:
-    """Write all files of a mesh to an empty folder.
-
-    Raises:
-        MeshError: a file cannot be written.
-    """
+    """Write all files of a mesh to an empty folder."""
     mesh, quality = made.mesh, made.quality
     for suffix in VOLUME_SUFFIXES:
         write_volume_mesh(mesh, folder / f"{name}{suffix}")
@@ -115,9 +92,6 @@ def move_set(partial: Path, folder: Path) -> None:
     Files that only the older set has are removed: its record lists them. The record is moved last, so that it never
     stands beside files that it does not describe. Of several that move at once each waits for the one before it, so
     that the folder has one set whole.
-
-    Raises:
-        OSError: a file cannot be moved.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _alone_in(folder):

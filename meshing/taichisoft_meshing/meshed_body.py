@@ -106,9 +106,6 @@ def compare_volumes(
         cavities: volumes of the body's cavities, in their order.
         tolerance: share of each that may be missing [-]; None for curved surfaces, which flat triangles cut short.
         parts: volumes of the body's element groups.
-
-    Raises:
-        MeshError: a volume differs too much.
     """
     volumes = element_volumes(mesh.nodes, mesh.elements)
     meshed = [float(volumes.sum()), *(float(volumes[mesh.element_groups[name]].sum()) for name in parts)]

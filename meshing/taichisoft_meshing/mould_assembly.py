@@ -56,9 +56,6 @@ def write_assembly(build: Build, folder: Path, name: str) -> dict[str, Any]:
 
     Returns:
         What the check needs to know, for `mould.json`.
-
-    Raises:
-        MeshError: OpenCASCADE fails, parts overlap, or a file cannot be written.
     """
     with gmsh_session(name) as gmsh:
         assembly = build(gmsh)

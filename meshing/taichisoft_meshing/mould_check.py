@@ -206,21 +206,13 @@ class CheckedCast:
 
 
 def check_mould(folder: Path) -> list[CheckedCast]:
-    """Check all moulds that the record in a folder lists.
-
-    Raises:
-        MeshError: the record or a file is missing or not readable.
-    """
+    """Check all moulds that the record in a folder lists."""
     record = read_mould_record(folder)
     return [check_cast(folder, cast, record["printable_mm"]) for cast in record["casts"]]
 
 
 def read_mould_record(folder: Path) -> dict[str, Any]:
-    """The record of a mould.
-
-    Raises:
-        MeshError: it is missing, or not a record of a mould.
-    """
+    """The record of a mould."""
     path = folder / RECORD
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
@@ -236,11 +228,7 @@ def read_mould_record(folder: Path) -> dict[str, Any]:
 
 
 def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> CheckedCast:
-    """Check one mould, whose walls must be `printable` [mm] thick.
-
-    Raises:
-        MeshError: a file is missing or not readable.
-    """
+    """Check one mould, whose walls must be `printable` [mm] thick."""
     names = [part["part"] for part in cast["parts"]]
     surfaces = [read_surface(folder / part["file"]) for part in cast["parts"]]
     corners = [vertices[triangles] for vertices, triangles in surfaces]

@@ -56,9 +56,6 @@ def outside_of(geometry: Geometry, file: str) -> tuple[Callable[[Any], Any], np.
     """What makes the outside of a body as a solid of gmsh, corners of its triangles, and volumes of its cavities.
 
     A STEP body keeps its curved faces; of any other the outside is that of its mesh, in flat triangles.
-
-    Raises:
-        MeshError: it cannot be read or meshed, or has too many triangles.
     """
     if isinstance(geometry, StepBody):
         body = geometry.body
@@ -84,11 +81,7 @@ def outside_of(geometry: Geometry, file: str) -> tuple[Callable[[Any], Any], np.
 
 
 def find_plane(corners: np.ndarray, wanted: str | None) -> Plane:
-    """The parting plane that is asked for, "z=0"; or the one through the middle of a side with the fewest undercuts.
-
-    Raises:
-        MeshError: it is no such text, or misses the body.
-    """
+    """The parting plane that is asked for, "z=0"; or the one through the middle of a side with the fewest undercuts."""
     points = corners.reshape(-1, 3)
     lower, upper = points.min(axis=0), points.max(axis=0)
     if wanted is None:
@@ -416,10 +409,6 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
         job: the body.
         folder: where the files go; it must exist.
         form: values that differ from FORM.
-
-    Raises:
-        MeshError: something in the tables or the form is not valid, or OpenCASCADE fails.
-        PluginError: the plug-in of the kind failed.
     """
     given, form = form, {**FORM, **form}
     name = job.file.stem

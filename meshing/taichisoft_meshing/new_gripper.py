@@ -95,9 +95,6 @@ def scene_text(count: int, finger: str, opening: float) -> str:
         count: number of fingers.
         finger: name or file of a geometry of the kind pneunet_finger.
         opening: distance from the axis to the undersides [mm].
-
-    Raises:
-        MeshError: the fingers would stand in each other or in the cube, or the geometry is not that of a finger.
     """
     from taichisoft_meshing import mesh_commands
     from taichisoft_meshing.geometry_file import make_geometry

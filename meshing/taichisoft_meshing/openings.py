@@ -68,9 +68,6 @@ def cap_triangles(rim: np.ndarray) -> np.ndarray:
 
     Returns:
         Indices of corners, shape (count - 2, 3).
-
-    Raises:
-        ValueError: the polygon, seen along its normal, crosses itself.
     """
     middle = rim - rim.mean(axis=0)
     normal = np.cross(middle, np.roll(middle, -1, axis=0)).sum(axis=0)

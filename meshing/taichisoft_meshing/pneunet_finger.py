@@ -208,9 +208,6 @@ def element_groups(finger: FingerParameters, nodes: np.ndarray, elements: np.nda
         finger: the dimensions.
         nodes: positions [mm], shape (node_count, 3).
         elements: tetrahedra, shape (element_count, 4).
-
-    Raises:
-        ValueError: no element lies in the stiff layer.
     """
     groups = {"silicone": np.arange(len(elements), dtype=np.int32)}
     layer = stiff_layer_box(finger)
@@ -236,9 +233,6 @@ def surface_groups(nodes: np.ndarray, elements: np.ndarray) -> dict[str, np.ndar
     Args:
         nodes: positions [mm], shape (node_count, 3).
         elements: tetrahedra of positive volume, shape (element_count, 4).
-
-    Raises:
-        MeshError: the boundary has several outer skins, or none.
     """
     skins, cavities = skins_and_cavities(nodes, elements)
     if len(skins) != 1:
@@ -286,11 +280,7 @@ VOLUME_TOLERANCE = 1e-6
 
 
 def build_finger(gmsh: Any, finger: FingerParameters) -> None:
-    """Make the silicone, cut along the inner surfaces where elements are to end; the model then holds nothing else.
-
-    Raises:
-        GmshFailure: the solid has not the volume of the drawing.
-    """
+    """Make the silicone, cut along the inner surfaces where elements are to end; the model then holds nothing else."""
     occ = gmsh.model.occ
     silicone, _ = occ.cut(finger_outside(occ, finger), finger_cavity(occ, finger))
     inner = [occ.intersect([solid], silicone, removeTool=False)[0] for solid in _inner_solids(occ, finger)]
@@ -411,9 +401,6 @@ def mesh_finger(parameters: FingerParameters, source: str = "finger") -> VolumeM
     Args:
         parameters: every dimension.
         source: name of the finger in errors, for example its file.
-
-    Raises:
-        MeshError: gmsh cannot be loaded, fails, or gives a body of another volume.
     """
     with gmsh_session(source) as gmsh:
         build_finger(gmsh, parameters)

@@ -46,11 +46,7 @@ class CutMesh:
 
 
 def cut_open(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality], section: SectionPlane | None = None) -> CutMesh:
-    """Cut a mesh along a plane, or along its two longest dimensions through the middle of the cavities if any.
-
-    Raises:
-        MeshError: the plane does not cut the mesh.
-    """
+    """Cut a mesh along a plane, or along its two longest dimensions through the middle of the cavities if any."""
     axes = np.argsort(-np.ptp(mesh.nodes, axis=0), kind="stable")
     walls = np.unique(np.concatenate([np.empty(0, dtype=int), *(s.triangles.ravel() for s in surfaces if s.of_cavity)]))
     if section is None:
@@ -116,11 +112,7 @@ def draw_report(
     path: Path,
     section: SectionPlane | None = None,
 ) -> None:
-    """Draw a mesh cut open, by its shapes and by its parts, and the histograms of radius ratios and dihedral angles.
-
-    Raises:
-        MeshError: the section does not cut the mesh, or the file cannot be written.
-    """
+    """Draw a mesh cut open, by its shapes and by its parts, and the histograms of radius ratios and dihedral angles."""
     require("a report's picture", "matplotlib")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

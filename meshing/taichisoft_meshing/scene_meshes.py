@@ -35,10 +35,6 @@ def mesh_for_scene(
         nodes: approximate number of nodes.
         order: 1 or 2, instead of the geometry's `mesh.order`.
         set: tables that replace the file's, key by key.
-
-    Raises:
-        MeshError: the file, the request or the mesh is not valid.
-        PluginError: the plug-in of its kind failed.
     """
     kind, tables = read_tables(file)
     possible = {"size": size, "preset": preset, "nodes": nodes}

@@ -74,9 +74,6 @@ def follow_walls(gmsh: Any, sizes: FittedSizes, ratio: float, source: str) -> No
         sizes: sizes of its elements.
         ratio: longest edge in a wall over the wall's thickness [-].
         source: begins every error.
-
-    Raises:
-        MeshError: there would be too many elements.
     """
     nodes, elements, _ = tetrahedra(gmsh)
     walls = find_walls(nodes, elements)

@@ -82,9 +82,6 @@ def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
 
     Returns:
         The size [mm], and the mesh.
-
-    Raises:
-        MeshError: no size that was tried gives so many nodes, or the body cannot be meshed.
     """
     refuse_nodes(nodes, f"nodes = {nodes}")
     counts: dict[float, float] = {}  # 0 where the size is too large for the body, infinite where it is too small
