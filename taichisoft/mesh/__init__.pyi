@@ -8,8 +8,7 @@ from .mesh_files import require_suffix as require_suffix
 from .mesh_files import unreadable as unreadable
 from .mesh_files import write_stl as write_stl
 from .mesh_files import write_volume_mesh as write_volume_mesh
-from .msh_reader import is_msh41 as is_msh41
-from .msh_reader import read_msh41 as read_msh41
+from .msh_reader import read_msh as read_msh
 from .surface import MappedSurface as MappedSurface
 from .surface import SectionPlane as SectionPlane
 from .surface import closed_cap as closed_cap

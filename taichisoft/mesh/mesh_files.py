@@ -13,7 +13,7 @@ import numpy as np
 from taichisoft.base.files import atomic_file, is_file
 from taichisoft.base.kept_files import kept_arrays, source_of
 from taichisoft.errors import MeshError
-from taichisoft.mesh.msh_reader import is_msh41, read_msh41
+from taichisoft.mesh.msh_reader import read_msh
 from taichisoft.mesh.volume_mesh import MeshContent, VolumeMesh, four_triangles, refuse_coordinates
 
 # Errors about a mesh or surface file that is of another kind, missing or broken.
@@ -86,10 +86,11 @@ GROUP_PREFIX = "group:"
 
 
 def _read_msh(path: Path) -> MeshContent:
-    if is_msh41(path):
-        return read_msh41(path)
-    _refuse_truncated(path)
-    return _read_with_meshio(path, "gmsh", _named_groups)
+    content = read_msh(path)
+    if content is None:
+        _refuse_truncated(path)
+        content = _read_with_meshio(path, "gmsh", _named_groups)
+    return content
 
 
 def _read_with_meshio(
@@ -460,7 +461,7 @@ VOLUME_SUFFIXES = tuple(FORMATS)
 
 
 def read_volume_mesh(path: str | Path) -> VolumeMesh:
-    """Read tetrahedra of four or ten nodes from legacy VTK, VTU or MSH (2.2, 4.0, 4.1, text or binary).
+    """Read tetrahedra of four or ten nodes from legacy VTK, VTU or MSH (1, 2.2, 4.0, 4.1, text or binary).
 
     Nodes and tetrahedra keep the file's order, in MSH 4.1 that of their numbers, but ten nodes of a tetrahedron come in
     VTK's order; positions are in [mm]. Named groups of triangles (the physical groups of MSH, cell data called

@@ -1,6 +1,6 @@
-"""gmsh's MSH 4.1, text and binary: with the groups of entities that are in several of them, or in none."""
+"""gmsh's MSH 1, and 4.1 as text and binary: with the groups of entities that are in several of them, or in none."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -58,25 +58,46 @@ class Numbers:
         return values
 
 
-def is_msh41(path: Path) -> bool:
-    """Whether a file says that it is of this version; gmsh calls it 4, too.
+def read_msh(path: Path) -> MeshContent | None:
+    """Read nodes and cells in the order of their numbers, and of MSH 4.1 the named groups.
 
-    Raises:
-        OSError: the file cannot be read.
-    """
-    with path.open("rb") as file:
-        head = file.read(80).split()
-    return head[:1] == [b"$MeshFormat"] and head[1:2] in ([b"4.1"], [b"4"])
-
-
-def read_msh41(path: Path) -> MeshContent:
-    """Read nodes and cells in the order of their numbers, and the named groups.
+    None for a file of another version; gmsh calls 4.1 4, too.
 
     Raises:
         ValueError: the file is broken.
         OSError: it cannot be read.
     """
-    sections = _sections(path.read_bytes())
+    content = path.read_bytes()
+    match content[:80].split()[:2]:
+        case [b"$NOD", _]:
+            return _read_msh1(content.decode(errors="replace"))
+        case [b"$MeshFormat", b"4.1" | b"4"]:
+            return _read_msh41(content)
+    return None
+
+
+def _read_msh1(text: str) -> MeshContent:
+    """Nodes between $NOD and $ENDNOD, cells between $ELM and $ENDELM: number, type, group, entity, count and nodes."""
+    (nod, _, *numbers), elm = (part.split() for part in text.partition("$ENDNOD")[::2])
+    if nod != "$NOD" or elm[:1] != ["$ELM"] or elm[-1:] != ["$ENDELM"]:
+        raise ValueError("it stops before $ENDELM")
+    rows = np.array(numbers, dtype=np.float64).reshape(-1, 4)
+    order = np.argsort(rows[:, 0], kind="stable")
+    values, place = np.array(elm[2:-1], dtype=np.int64), 0
+    found: dict[int, list[np.ndarray]] = {}
+    for _ in range(int(elm[1])):
+        _, kind, _, _, count = values[place : place + 5]
+        found.setdefault(int(kind), []).append(values[place + 5 : place + 5 + count])
+        place += 5 + int(count)
+    cells = {
+        kind: _indices(np.array(found.get(kind, np.empty((0, NODE_COUNTS[kind]))), dtype=np.int64), rows[order, 0])
+        for kind in (TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES, HEXAHEDRON)
+    }
+    return _content(rows[order, 1:], cells, {kind: len(nodes) for kind, nodes in found.items()}, lambda *_: {})
+
+
+def _read_msh41(content: bytes) -> MeshContent:
+    sections = _sections(content)
     for needed in ("MeshFormat", "Nodes", "Elements"):
         if needed not in sections:
             raise ValueError(f"it has no ${needed}")
@@ -86,7 +107,9 @@ def read_msh41(path: Path) -> MeshContent:
     node_numbers, nodes = _nodes(Numbers(sections["Nodes"], size_bytes))
     cells, entities, counts = _cells(Numbers(sections["Elements"], size_bytes), node_numbers)
 
-    def groups(dimension: int, entity: np.ndarray) -> dict[str, np.ndarray]:
+    def groups(dimension: int, *kinds: int) -> dict[str, np.ndarray]:
+        # A triangle of six nodes becomes four.
+        entity = np.concatenate([np.repeat(entities[kind], 4 if kind == SIX_NODES else 1) for kind in kinds])
         inside = {
             tag: [number for (dim, number), carried in tags.items() if dim == dimension and tag in carried]
             for dim, tag in names
@@ -94,6 +117,16 @@ def read_msh41(path: Path) -> MeshContent:
         }
         return {names[dimension, tag]: np.flatnonzero(np.isin(entity, members)) for tag, members in inside.items()}
 
+    return _content(nodes, cells, counts, groups)
+
+
+def _content(
+    nodes: np.ndarray,
+    cells: Mapping[int, np.ndarray],
+    counts: Mapping[int, int],
+    groups: Callable[..., dict[str, np.ndarray]],
+) -> MeshContent:
+    """What was read, with the groups of a dimension and of cells of some types."""
     if TETRAHEDRON in counts and TEN_NODES in counts:
         raise ValueError("it has tetrahedra of four and of ten nodes; mesh again with one order of elements")
     tetrahedra, kind = cells[TETRAHEDRON], TETRAHEDRON
@@ -103,11 +136,11 @@ def read_msh41(path: Path) -> MeshContent:
         nodes,
         tetrahedra,
         np.concatenate([cells[TRIANGLE], four_triangles(cells[SIX_NODES])]),
-        groups(3, entities[kind]),
-        groups(2, np.concatenate([entities[TRIANGLE], np.repeat(entities[SIX_NODES], 4)])),
+        groups(3, kind),
+        groups(2, TRIANGLE, SIX_NODES),
         {name: counts[kind] for kind, name in VOLUME_NAMES.items() if kind in counts},
         cells[HEXAHEDRON],
-        groups(3, entities[HEXAHEDRON]),
+        groups(3, HEXAHEDRON),
     )
 
 

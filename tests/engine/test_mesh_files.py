@@ -448,3 +448,36 @@ def test_pyramid_beside_tetrahedra_is_named(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("1 2 1 2\n3 1 4 2", "2 3 1 3\n3 1 7 1\n3 1 2 3 4 5\n3 1 4 2"))
     with pytest.raises(MeshError, match=r"has cells that are no tetrahedra \(1 of pyramid\)"):
         read_volume_mesh(path)
+
+
+MSH_1 = """$NOD
+5
+7 0 0 0
+1 10 0 0
+3 0 10 0
+4 0 0 10
+9 10 10 10
+$ENDNOD
+$ELM
+3
+1 15 0 1 1 7
+2 4 5 1 4 7 1 3 4
+3 4 6 1 4 1 9 3 4
+$ENDELM
+"""
+
+
+def test_msh_1_is_read_by_the_numbers_of_its_nodes(tmp_path: Path) -> None:
+    path = tmp_path / "old.msh"
+    path.write_text(MSH_1)
+    mesh = read_volume_mesh(path)
+    assert mesh.nodes.tolist() == [[10, 0, 0], [0, 10, 0], [0, 0, 10], [0, 0, 0], [10, 10, 10]]
+    assert mesh.elements.tolist() == [[3, 0, 1, 2], [0, 4, 1, 2]]
+
+
+@pytest.mark.parametrize("end", range(0, len(MSH_1) - 2, 7))
+def test_msh_1_that_stops_anywhere_is_refused(tmp_path: Path, end: int) -> None:
+    path = tmp_path / "old.msh"
+    path.write_text(MSH_1[:end])
+    with pytest.raises(MeshError, match="old.msh"):
+        read_volume_mesh(path)

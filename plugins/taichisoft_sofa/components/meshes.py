@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.mesh import existing_file, is_msh41, read_msh41, unreadable
+from taichisoft.mesh import existing_file, read_msh, unreadable
 from taichisoft_sofa.components.reading import LOADERS, described, node_of, number, text, vector
 from taichisoft_sofa.tree.component import component, derived, unused, without_effect
 from taichisoft_sofa.tree.modules import running
@@ -259,8 +259,8 @@ def _in_doubles(head: re.Match[bytes]) -> bytes:
 
 
 def _read_gmsh(path: Path) -> LoadedMesh:
-    if is_msh41(path):
-        content = read_msh41(path)
+    content = read_msh(path)
+    if content is not None:
         return LoadedMesh(content.nodes, triangles=content.triangles, tetrahedra=content.tetrahedra)
     import meshio
 
