@@ -142,7 +142,7 @@ class Cavities(ActuatorSet):
         return {**air, **self.valves.start()}
 
     def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
-        """The air in the cavities after a step: shut in, through a valve, or as much as a regulator let in."""
+        """The air in the cavities after a step: sealed, through a valve, or as a regulator supplies it."""
         space = value + self._dead_volume
         let_in = air_mass(effort + self.atmosphere, space)
         mass, in_tube = np.where(self.has_law, start.air_mass, let_in), start.tube_air_mass.copy()

@@ -27,7 +27,7 @@ class EndOfStep:
         M (v - v0) = h (f(x) - d0 - b D0 (u - v0) - a M u + M g + anchors + p dq/dx(x)) + J^T l,
 
     in overdamped dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)) + J^T l, and in statics that without M v. The
-    damping is that of the first linearisation: d0 where the bodies go on with v0, and D0, which has no negative
+    damping is that of the first linearisation: d0 where the bodies keep v0, and D0, which has no negative
     eigenvalues.
     `SoftMotion` solves them linearised at the start of the step, or ahead of it; this class evaluates and linearises
     them at other velocities. A linearisation omits the rotation of follower loads with the body.
