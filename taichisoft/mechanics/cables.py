@@ -29,7 +29,7 @@ from taichisoft.runtime.language import SOFT, STATIC
 from taichisoft.scene import actuators as settings
 
 if TYPE_CHECKING:
-    from taichisoft.scene.scene import Scene
+    pass
 
 # Cables at rest: their points, found in the bodies that carry them.
 
@@ -336,12 +336,6 @@ class CableShapes:
         return np.where(paths.first_point == first, -beyond, beyond)
 
 
-def _make(
-    scene: "Scene", soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"
-) -> Cables:
-    return Cables(list(scene.all_frames), soft, rigid, obstacles)
-
-
 CABLES = ActuatorKind(
     name="cable",
     plural="cables",
@@ -379,5 +373,5 @@ CABLES = ActuatorKind(
     imposed="pull_imposed",
     loss="tension_loss",
     drawn="lines",
-    make=_make,
+    make=lambda scene, soft, rigid, obstacles: Cables(list(scene.all_frames), soft, rigid, obstacles),
 )

@@ -378,12 +378,9 @@ class NonlinearStep:
 
     def _missing(self, solution: StepSolution, requests: ActuatorRequests, aim: np.ndarray) -> float:
         """Largest move of a node by another linearisation, or to the aims of the actuators' rows [mm]."""
-        return self._time_step * max(self._missing_velocity(solution), self._missing_rate(requests, aim))
-
-    def _missing_velocity(self, solution: StepSolution) -> float:
-        """Largest change of velocity by the residual impulses of the equations [mm/s]."""
         lacking = self.equations.residual(solution.effort) + self._soft.on_unknowns(solution.contact_node_impulse)
-        return float(np.abs(self._soft.response_of_unknowns(lacking)).max())
+        speed = float(np.abs(self._soft.response_of_unknowns(lacking)).max())
+        return self._time_step * max(speed, self._missing_rate(requests, aim))
 
     def _missing_rate(self, requests: ActuatorRequests, aim: np.ndarray) -> float:
         """Largest over the rows of the least node velocity that brings the coordinate to its aim [mm/s]."""
