@@ -26,6 +26,7 @@ from taichisoft.mechanics.selection import (
     SMALLEST_WEIGHT,
     anchor_stiffness,
     embed,
+    far_outside,
     nodal_forces,
     select_elements,
     select_nodes,
@@ -50,10 +51,6 @@ from taichisoft.mesh.volume_mesh import (
 )
 from taichisoft.scene import soft_body as settings
 from taichisoft.scene.actuators import CavitySettings
-
-# A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
-# mesh cuts the corners of a fine surface.
-EMBEDDING_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -315,15 +312,13 @@ def _follow(
     mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str, body: settings.SoftBodySettings
 ) -> MappedSurface:
     """A surface of its own, embedded in the elements as the body's settings say."""
-    lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
-    margin = EMBEDDING_MARGIN * (upper - lower).max()
     nodes, weights = embed(vertices, mesh.nodes, linear_parts(mesh.elements), body.embedding)
-    outside = ((vertices < lower - margin) | (vertices > upper + margin)).any(axis=1)
+    outside, box = far_outside(vertices, mesh)
     outside |= weights.min(axis=1) < SMALLEST_WEIGHT
     if outside.any() and body.points_outside == "refused":
         raise MeshError(
             f"{source}: vertex {int(np.argmax(outside))} at {np.round(vertices[outside][0], 3).tolist()} mm lies "
-            f"outside the body {mesh.source} ({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm); "
-            "give the surface of this mesh, in its coordinates, or mesh the body more finely"
+            f"outside the body {mesh.source} ({box}); give the surface of this mesh, in its coordinates, or mesh the "
+            "body more finely"
         )
     return MappedSurface(nodes, weights, triangles.astype(np.int32))
