@@ -146,7 +146,7 @@ class StateFigure(ActuatorFigure):
 
     Attributes:
         field: field of `State`, shape (actuator_count of the kind,).
-        matters: whether plots show it unasked for an actuator with this table in the scene.
+        matters: whether plots show it by default for an actuator with this table in the scene.
     """
 
     field: str = ""
@@ -158,7 +158,7 @@ class Drive(ActuatorFigure):
     """A figure by which actuators can be driven: their effort or their coordinate.
 
     Attributes:
-        asked: key of `Control` that asks for it.
+        asked: key of `Control` that requests it.
         rate: key of its fastest change in limits of scenes and in steps of scripts; "" where it changes at once.
         step: change by one press of a key.
         furthest: end of sliders where no limit gives one; of coordinates with `relative` a share of the value at rest.
@@ -191,7 +191,7 @@ class StateDrive(Drive, StateFigure):
     """A way to drive actuators beside their efforts and coordinates, such as by valves.
 
     Attributes:
-        request: field of `State` with what was asked for, shape (actuator_count of the kind,).
+        request: field of `State` with the requests, shape (actuator_count of the kind,).
     """
 
     request: str = ""
@@ -206,12 +206,12 @@ class ActuatorKind:
         effort: what does work on the coordinate.
         coordinate: what is driven otherwise.
         value: what is measured of the bodies.
-        rate: rate of the value; None where nobody sees it.
+        rate: rate of the value; None where it is not observed.
         figures: further figures, which states have; actuators can be driven by some of them.
         imposed: dataset of recordings that says whether the coordinate is driven.
         loss: dataset of recordings with the efforts lost at the actuators' further coordinates; "" without any.
         drawn: as the walls of bodies that have the name of the actuator, or as lines, in the colour of the effort.
-        always_driven: whether a script asks for its effort from the start on, also where it is not named.
+        always_driven: whether a script requests its effort from the start, also where it is not named.
         make: gives the actuators of the kind in soft bodies, some of which may act on rigid bodies and obstacles, of a
             scene.
     """
@@ -260,8 +260,8 @@ class ActuatorSet(ABC):
         rubs: whether friction resists a coordinate's motion, shape (actuator_count,).
         compliance: by how much each actuator's coordinates give way to its efforts, (coordinate_count of it,) twice.
         has_law: whether coordinate and effort of an actuator follow a law of their own, instead of one of them being
-            what is asked for, shape (actuator_count,).
-        takes_effort: whether the effort can be asked for, shape (actuator_count,).
+            what is requested, shape (actuator_count,).
+        takes_effort: whether the effort can be requested, shape (actuator_count,).
         lines: what a frame shows of actuators that are drawn as lines.
     """
 
@@ -276,7 +276,7 @@ class ActuatorSet(ABC):
         effort_range: np.ndarray,
         soft_entries: list[np.ndarray],
     ):
-        """Actuators with a coordinate each, which depend on soft bodies alone and give no way of their own."""
+        """Actuators with a coordinate each, which depend on soft bodies alone and do not stretch."""
         count = len(names)
         self.names, self.rest_value, self.soft_entries = tuple(names), rest_value, soft_entries
         self.coordinate_range, self.effort_range = coordinate_range.reshape(-1, 2), effort_range.reshape(-1, 2)

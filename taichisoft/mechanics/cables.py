@@ -20,8 +20,8 @@ from taichisoft.mechanics.actuator_kind import (
 )
 from taichisoft.mechanics.body_geometry import Poses
 from taichisoft.mechanics.rigid_body_arrays import Obstacle, RigidBody
-from taichisoft.mechanics.selection import embed
-from taichisoft.mechanics.soft_body_arrays import EMBEDDING_MARGIN, SoftBody
+from taichisoft.mechanics.selection import embed, far_outside
+from taichisoft.mechanics.soft_body_arrays import SoftBody
 from taichisoft.mesh.mesh_files import read_points
 from taichisoft.mesh.surface import stacked
 from taichisoft.mesh.volume_mesh import linear_parts
@@ -29,7 +29,7 @@ from taichisoft.runtime.language import SOFT, STATIC
 from taichisoft.scene import actuators as settings
 
 if TYPE_CHECKING:
-    from taichisoft.scene.scene import Scene
+    pass
 
 # Cables at rest: their points, found in the bodies that carry them.
 
@@ -160,14 +160,12 @@ def _embedded(
     body: SoftBody, places: Sequence[np.ndarray], numbers: Sequence[int], key: str
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Nodes of the body, and their weights, that carry the points of each place in mesh coordinates [mm]."""
-    lower, upper = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
-    margin = EMBEDDING_MARGIN * (upper - lower).max()
     for number, points in zip(numbers, places, strict=True):
-        outside = ((points < lower - margin) | (points > upper + margin)).any(axis=1)
+        outside, box = far_outside(points, body.mesh)
         if outside.any() and body.settings.points_outside == "refused":
             raise SceneError(
                 f"{key}.{number} = {points[np.argmax(outside)].tolist()}: lies outside the mesh of '{body.name}' "
-                f"({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm, before it is placed)"
+                f"({box}, before it is placed)"
             )
     nodes, weights = embed(
         np.vstack(places), body.mesh.nodes, linear_parts(body.mesh.elements), body.settings.embedding
@@ -336,12 +334,6 @@ class CableShapes:
         return np.where(paths.first_point == first, -beyond, beyond)
 
 
-def _make(
-    scene: "Scene", soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"
-) -> Cables:
-    return Cables(list(scene.all_frames), soft, rigid, obstacles)
-
-
 CABLES = ActuatorKind(
     name="cable",
     plural="cables",
@@ -379,5 +371,5 @@ CABLES = ActuatorKind(
     imposed="pull_imposed",
     loss="tension_loss",
     drawn="lines",
-    make=_make,
+    make=lambda scene, soft, rigid, obstacles: Cables(list(scene.all_frames), soft, rigid, obstacles),
 )

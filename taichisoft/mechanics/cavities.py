@@ -21,11 +21,9 @@ from taichisoft.mesh import surface
 from taichisoft.mesh.surface import stacked
 
 if TYPE_CHECKING:
-    from taichisoft.mechanics.rigid_body_arrays import Obstacle, RigidBody
     from taichisoft.mechanics.soft_body_arrays import SoftBody
     from taichisoft.mechanics.state import State
     from taichisoft.scene.actuators import AirLine, CavitySettings
-    from taichisoft.scene.scene import Scene
 
 COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
@@ -142,7 +140,7 @@ class Cavities(ActuatorSet):
         return {**air, **self.valves.start()}
 
     def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
-        """The air in the cavities after a step: shut in, through a valve, or as much as a regulator let in."""
+        """The air in the cavities after a step: sealed, through a valve, or as a regulator supplies it."""
         space = value + self._dead_volume
         let_in = air_mass(effort + self.atmosphere, space)
         mass, in_tube = np.where(self.has_law, start.air_mass, let_in), start.tube_air_mass.copy()
@@ -207,20 +205,10 @@ class CavityVolumes:
         return self._volumes.volume
 
 
-def _make(
-    scene: "Scene", soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"
-) -> Cavities:
-    return Cavities(soft, scene.atmosphere, scene.time.step)
-
-
 def _tube(line: "AirLine | None") -> Tube | None:
     if line is None or line.tube_length is None or line.tube_diameter is None:
         return None
     return Tube(tube(line.tube_length, line.tube_diameter), tube_volume(line.tube_length, line.tube_diameter))
-
-
-def _is_regulated(cavity: "CavitySettings") -> bool:
-    return cavity.air == "regulated"
 
 
 def _has_regulator(cavity: "CavitySettings") -> bool:
@@ -273,7 +261,7 @@ CAVITIES = ActuatorKind(
         less="lower the pressure",
         fits=_has_regulator,
     ),
-    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth", fits=_is_regulated),
+    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth", fits=lambda cavity: cavity.air == "regulated"),
     value=ActuatorFigure(
         "volume",
         "mm^3",
@@ -320,5 +308,5 @@ CAVITIES = ActuatorKind(
     imposed="volume_imposed",
     drawn="walls",
     always_driven=True,
-    make=_make,
+    make=lambda scene, soft, rigid, obstacles: Cavities(soft, scene.atmosphere, scene.time.step),
 )

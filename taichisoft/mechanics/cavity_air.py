@@ -70,7 +70,7 @@ def tube_volume(length: float, diameter: float) -> float:
     return 0.25 * math.pi * diameter**2 * length
 
 
-# Air that is shut into a cavity: its pressure follows the volume.
+# Sealed air: its pressure follows the volume of the cavity.
 
 # Air as an ideal gas at 20 degrees C: gas constant of dry air, 287.05 J/(kg K), times temperature [mN mm/kg].
 GAS_CONSTANT, TEMPERATURE = 287.05e6, 293.15
@@ -188,7 +188,7 @@ class Valves:
         }
 
     def _delayed(self, waiting: np.ndarray, delay: int, target: float) -> float:
-        """The request of `delay` steps ago; requests on the way move up by one."""
+        """The request of `delay` steps ago; later requests move up by one."""
         if not delay:
             return target
         oldest = float(waiting[0])

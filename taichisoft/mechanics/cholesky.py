@@ -37,7 +37,7 @@ from taichisoft.runtime.language import THREADS
 def schedule(work: np.ndarray, prerequisites: list[list[int]], workers: int) -> list[int]:
     """Tasks in the order in which so many workers would start them.
 
-    Whoever is free starts, of the tasks that wait for nothing, the one with the longest way to the end. Threads that
+    A free worker starts, of the tasks that wait for nothing, the one with the longest path to the end. Threads that
     take tasks in this order hardly wait.
 
     Args:
@@ -353,7 +353,7 @@ class SymbolicFactor:
         order: node eliminated at each position, shape (unknown_count,); nodes without an entry on the diagonal of the
             pattern are no unknowns.
         node_count: number of nodes with those that are no unknowns.
-        tree: the way from a node up the tree of supernodes.
+        tree: the path from a node up the tree of supernodes.
         fronts: how the fronts lie in memory, and the tasks that compute them.
         size: columns of tiles that the fronts take.
         supernodes, branch_start: the same shared out for solves, see `kernels.forward_substitution.Substitution`.

@@ -372,7 +372,7 @@ def _find_supernodes(adjacency: sparse.csr_matrix) -> Supernodes:
 def predicted_work(grouped: Supernodes) -> float:
     """Multiplications that each thread waits for: its share of all, and of what no other thread can do meanwhile.
 
-    The supernodes on the way to a root come one after the other. Threads share their rows below, but not their pivots.
+    The supernodes on a path to a root come one after the other. Threads share their rows below, but not their pivots.
     """
     width = 3 * np.diff(grouped.first_column).astype(np.int64)
     height = 3 * np.diff(grouped.row_start).astype(np.int64)

@@ -31,7 +31,7 @@ class Modes:
         amplitude_range: smallest and largest amplitudes of the training [mm sqrt(kg)], shape (mode_count, 2); None:
             not known.
         fingerprint: `SoftBody.fingerprint` of the body: its element, laws, and ratios of moduli.
-        tolerance: relative error that was asked for [-]; None: not known.
+        tolerance: requested relative error [-]; None: not known.
         error: relative error that the validation found [-]; None: not known.
         imbalance: largest imbalance in the validation [mm], see `step/divergence.py`; None: not known.
         error_per_imbalance: largest error of a position over the largest imbalance of a run [-], the largest of runs;

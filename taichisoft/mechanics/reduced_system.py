@@ -263,7 +263,11 @@ class ReducedSystem:
             drag=elasticity.drag,
             gravity=np.empty((1, 3)),
         )
-        moments = [_moment(body, int(width)) for body, width in zip(elasticity.bodies, widths, strict=True)]
+        moments = []  # Phi^T M along x, y and z in columns of eight
+        for body, width in zip(elasticity.bodies, widths, strict=True):
+            assert body.modes is not None
+            weighted = body.node_mass[:, None, None] * padded(body.modes.modes, int(width))
+            moments.append(weighted.sum(axis=0).reshape(-1, TILE))
         self._amplitudes.moment[:] = np.vstack(moments)
         self.is_reduced = own.start[:, None] >= 0
         shared = elasticity.blocks
@@ -398,9 +402,3 @@ class ReducedSystem:
         self._velocity[:] = self._unknown[:] = unknown
         mode_motion.expand_velocities(self.modes, self._blocks, self._unknown, self._amplitudes, self._velocity, 1)
         return self._velocity.copy()
-
-
-def _moment(body: SoftBody, width: int) -> np.ndarray:
-    """Phi^T M along x, y and z in columns of eight, shape (3 width / 8, 8)."""
-    assert body.modes is not None
-    return np.asarray((body.node_mass[:, None, None] * padded(body.modes.modes, width)).sum(axis=0)).reshape(-1, TILE)

@@ -84,7 +84,7 @@ def round_shape(body: Shaped) -> RoundShape | None:
     return None
 
 
-# Frames that move as they are asked to, and carry what is anchored to them or follows them; the base is the first.
+# Frames that move as requested, and carry what is anchored to them or follows them; the base is the first.
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,9 @@ Embedding = Literal["deepest", "grid"]
 POINTS_AT_A_TIME = 64
 # The least weight of a node for a point outside all elements: those further out magnify errors of the elements' motion.
 SMALLEST_WEIGHT = -0.2
+# A surface or cable that follows the mesh may stick out of it by this share of the body's largest extent: a coarse mesh
+# cuts the corners of a fine surface.
+EMBEDDING_MARGIN = 0.05
 # A point on the boundary counts as inside: tolerance for the round-off of its barycentric weights.
 ON_BOUNDARY = 1e-9
 
@@ -54,6 +57,14 @@ def embed(
             chosen[some], inner[some] = tetrahedra.nearest(points[some])[:2]
     weights = np.column_stack([1.0 - inner.sum(axis=1), inner])
     return elements[chosen, :4].astype(np.int32), weights
+
+
+def far_outside(points: np.ndarray, mesh: VolumeMesh) -> tuple[np.ndarray, str]:
+    """Whether points [mm] lie outside the box around a mesh by more than the margin, and the box for a message."""
+    lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
+    margin = EMBEDDING_MARGIN * (upper - lower).max()
+    outside = ((points < lower - margin) | (points > upper + margin)).any(axis=1)
+    return outside, f"{np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm"
 
 
 class _Tetrahedra:

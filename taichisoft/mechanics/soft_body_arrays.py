@@ -26,6 +26,7 @@ from taichisoft.mechanics.selection import (
     SMALLEST_WEIGHT,
     anchor_stiffness,
     embed,
+    far_outside,
     nodal_forces,
     select_elements,
     select_nodes,
@@ -50,10 +51,6 @@ from taichisoft.mesh.volume_mesh import (
 )
 from taichisoft.scene import soft_body as settings
 from taichisoft.scene.actuators import CavitySettings
-
-# A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
-# mesh cuts the corners of a fine surface.
-EMBEDDING_MARGIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -198,6 +195,7 @@ def make_soft_body(
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
     laws, material = _materials(mesh, body, key)
+    is_linear = body.element == "linear" and bool((laws.kind == HOOKE).all())
     made = SoftBody(
         name=name,
         settings=body,
@@ -208,7 +206,7 @@ def make_soft_body(
         lame=laws.lame,
         laws=laws,
         material=first_material + material,
-        domains=_make_domains(rest_position, mesh.elements, material, laws, body),
+        domains=None if is_linear else ELEMENT_KINDS[body.element].domains(rest_position, mesh.elements, material),
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness(mesh, body.anchors, f"{key}.anchors"),
         node_force=nodal_forces(mesh, body.forces, f"{key}.forces"),
@@ -220,13 +218,11 @@ def make_soft_body(
         ),
         reinforcements=make_reinforcements(mesh, body, key),
     )
-    return made if body.reduced is None else _with_modes(made, body.reduced, f"{key}.reduced")
-
-
-def _with_modes(body: SoftBody, file: str, key: str) -> SoftBody:
-    modes = read_modes(Path(file), key)
-    check_modes(modes, file, key, body, len(body.mesh_domains.element))
-    return replace(body, modes=modes)
+    if body.reduced is None:
+        return made
+    modes = read_modes(Path(body.reduced), f"{key}.reduced")
+    check_modes(modes, body.reduced, f"{key}.reduced", made, len(made.mesh_domains.element))
+    return replace(made, modes=modes)
 
 
 def _materials(mesh: VolumeMesh, body: settings.SoftBodySettings, key: str) -> tuple[ElasticLaws, np.ndarray]:
@@ -241,18 +237,6 @@ def _materials(mesh: VolumeMesh, body: settings.SoftBodySettings, key: str) -> t
         poisson_ratio = body.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio
         laws.append(elastic_law(one.law or body.law, one.young_modulus, one.coefficients, poisson_ratio))
     return ElasticLaws.joined(laws).select(material), material
-
-
-def _make_domains(
-    rest_position: np.ndarray,
-    elements: np.ndarray,
-    material: np.ndarray,
-    laws: ElasticLaws,
-    body: settings.SoftBodySettings,
-) -> IntegrationDomains | None:
-    if body.element == "linear" and (laws.kind == HOOKE).all():
-        return None
-    return ELEMENT_KINDS[body.element].domains(rest_position, elements, material)
 
 
 def _node_masses(mesh: VolumeMesh, body: settings.SoftBodySettings) -> np.ndarray:
@@ -328,15 +312,13 @@ def _follow(
     mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str, body: settings.SoftBodySettings
 ) -> MappedSurface:
     """A surface of its own, embedded in the elements as the body's settings say."""
-    lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
-    margin = EMBEDDING_MARGIN * (upper - lower).max()
     nodes, weights = embed(vertices, mesh.nodes, linear_parts(mesh.elements), body.embedding)
-    outside = ((vertices < lower - margin) | (vertices > upper + margin)).any(axis=1)
+    outside, box = far_outside(vertices, mesh)
     outside |= weights.min(axis=1) < SMALLEST_WEIGHT
     if outside.any() and body.points_outside == "refused":
         raise MeshError(
             f"{source}: vertex {int(np.argmax(outside))} at {np.round(vertices[outside][0], 3).tolist()} mm lies "
-            f"outside the body {mesh.source} ({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm); "
-            "give the surface of this mesh, in its coordinates, or mesh the body more finely"
+            f"outside the body {mesh.source} ({box}); give the surface of this mesh, in its coordinates, or mesh the "
+            "body more finely"
         )
     return MappedSurface(nodes, weights, triangles.astype(np.int32))

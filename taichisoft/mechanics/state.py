@@ -52,7 +52,7 @@ class State:
         valve_request: requested openings of the valves, from -1 (to the exhaust) to 1, shape (cavity_count,).
         valve_opening: openings in the last step, after delay and response, shape (cavity_count,).
         supply_pressure: pressures of the lines' sources in the last step [kPa], shape (cavity_count,).
-        delayed_requests: openings or pressures [kPa] that were asked for and have had no effect yet, the oldest first,
+        delayed_requests: requested openings or pressures [kPa] that have had no effect yet, the oldest first,
             shape (cavity_count, longest delay in steps).
         pull_point: positions of the pull points before their frames moved them [mm], shape (cable_count, 3).
         sensor_memory: seed of the scene's sensors, 1 once they have samples, and these, sensor by sensor, the oldest

@@ -189,7 +189,7 @@ class SectionPlane:
     Attributes:
         normal: unit normal [-].
         offset: distance of the plane from the origin, along the normal [mm].
-        is_turned: whether the plane turns its normal to whoever looks (`facing`).
+        is_turned: whether the plane turns its normal to the eye (`facing`).
     """
 
     normal: tuple[float, float, float]
@@ -295,8 +295,8 @@ def cut_tetrahedra(
 def closed_cap(sides: np.ndarray, normal: tuple[float, float, float]) -> np.ndarray:
     """Fill the outline that a plane cuts out of closed surfaces, by the even-odd rule: also outlines within others.
 
-    The outline is divided into trapezoids between the heights of its corners, so that nothing need be said about how
-    its sides follow each other.
+    The outline is divided into trapezoids between the heights of its corners, so that
+    its sides may come in any order.
 
     Args:
         sides: the sides of the outline, in any order [mm], shape (side_count, 2, 3).

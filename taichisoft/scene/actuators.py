@@ -16,7 +16,7 @@ class AirLine(Table):
 
     supply: Number | None = None
     """Pressure of the source over the atmosphere's [kPa]; when it is not given, the source is a pressure regulator that
-    gives and takes air, at the pressure that is asked for."""
+    gives and takes air, at the requested pressure."""
     exhaust: Number = 0.0
     """Pressure where a valve with an opening below 0 leads to, over the atmosphere's [kPa]: negative for a vacuum."""
     conductance: Positive
@@ -24,7 +24,7 @@ class AirLine(Table):
     critical_ratio: Ratio = 0.3
     """Critical pressure ratio b of the valve [-]."""
     valve: Literal["proportional", "on/off"] = "proportional"
-    """A "proportional" valve opens by the share of its conductance that is asked for; an "on/off" valve opens wholly
+    """A "proportional" valve opens by the requested share of its conductance; an "on/off" valve opens wholly
     for that share of each period."""
     period: Positive | None = None
     """Time from one opening of an on/off valve to the next [s]."""
@@ -32,8 +32,8 @@ class AirLine(Table):
     """Time from a request to its first effect on regulator or valve [s], rounded to whole steps; 10 s at most, since
     what is on its way is kept."""
     response_time: NotNegative = 0.0
-    """Time in which the regulator's pressure, or the opening of a proportional valve, goes 63 % of the way to what is
-    asked for (time constant of first order) [s]."""
+    """Time in which the regulator's pressure, or the opening of a proportional valve, covers 63 % of the distance to
+    the request (time constant of first order) [s]."""
     tube_length: Positive | None = None
     """Length of the tube from the valve to the cavity [mm]; without a tube the valve is at the cavity."""
     tube_diameter: Positive | None = None
@@ -48,7 +48,7 @@ class AirLine(Table):
 
     @property
     def has_regulator(self) -> bool:
-        """Whether the source has the pressure that is asked for."""
+        """Whether the source has the requested pressure."""
         return self.supply is None
 
 
@@ -68,12 +68,12 @@ class CavitySettings(Table):
     highest_volume_growth: Number | None = None
     """How far the volume grows at most [mm^3]: the supply has no more air."""
     air: Literal["regulated", "sealed", "line"] = "regulated"
-    """What holds the pressure: a "regulated" source has the pressure or the volume that is asked for; "sealed" air is
-    shut in, and its pressure follows the volume; air of a "line" comes and goes through a valve."""
+    """What holds the pressure: a "regulated" source has the requested pressure or volume; "sealed" air
+    has a constant mass, and its pressure follows the volume; air of a "line" comes and goes through a valve."""
     line: AirLine | None = None
     """Source, valve and tube of a line."""
     shut_pressure: Number = 0.0
-    """Pressure over the atmosphere's at which sealed air is shut in, in the cavity as it is at rest [kPa]."""
+    """Pressure over the atmosphere's at which the air is sealed, in the cavity at rest [kPa]."""
     exponent: Annotated[float, Field(strict=True, ge=1.0, le=1.7)] = 1.0
     """Exponent n of sealed air, p V^n = const, with p its absolute pressure: 1 for slow changes (isothermal), 1.4 for
     fast ones without heat flow (adiabatic)."""

@@ -140,7 +140,7 @@ class CircularPattern(Table):
 
 
 def with_patterns(bodies: Mapping[str, Any], key: str, source: str) -> dict[str, Any]:
-    """Tables of bodies, with the copies that their key `pattern` asks for; `key` is that of the tables in the scene."""
+    """Tables of bodies, with the copies of their key `pattern`; `key` is that of the tables in the scene."""
     expanded: dict[str, Any] = {}
     for name, table in bodies.items():
         copies = {name: table}

@@ -122,7 +122,7 @@ class HingeSettings(Table):
 
 
 class FrameSettings(Table):
-    """Something that moves as it is asked to, whatever acts on it: a jaw, the root of a finger, a link of an arm."""
+    """Something that moves as requested, whatever acts on it: a jaw, the root of a finger, a link of an arm."""
 
     follows: str | None = None
     """Name of the frame that carries it, such as "base"; it moves in space when it is not given."""

@@ -211,7 +211,7 @@ class Goal(Table):
 
 
 class Appearance(Table):
-    """How pictures, videos and pages show the scene, as far as nobody asks for something else."""
+    """How pictures, videos and pages show the scene, unless options say otherwise."""
 
     background: Colour | None = None
     """Colour behind everything, "#rrggbb"; a light one when it is not given."""
@@ -345,7 +345,7 @@ class Scene(Table):
     def all_frames(self) -> dict[str, FrameSettings]:
         """The base and all other frames, each behind the frame that carries it."""
         limits = self.limits
-        # Every step asks for them, and these values have been validated.
+        # Every step needs them, and these values have been validated.
         base = FrameSettings.model_construct(
             pivot=self.base_pivot, speed=limits.base_speed, turning_speed=limits.base_turning_speed
         )

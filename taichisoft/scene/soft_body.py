@@ -248,7 +248,7 @@ class BodyMesh(Table):
 
     @model_serializer
     def _write_short(self) -> Any:
-        """The file alone where nothing else is asked for."""
+        """The file alone where no other key is given."""
         return {"file": self.file, **self.request} if self.request else self.file
 
     @property

@@ -55,7 +55,10 @@ def assemble_compliance(
     if contact_count:
         row_velocities.add_rigid_compliance(row_count, rows, rigid, w)
     if actuator_count:
-        _add_own_compliances(3 * contact_count, own_compliances, w[: row_count**2].reshape(row_count, row_count))
+        square = w[: row_count**2].reshape(row_count, row_count)
+        for row, own in own_compliances:
+            place = slice(3 * contact_count + row, 3 * contact_count + row + len(own))
+            square[place, place] += own
         if len(gradient.rigid):
             row_velocities.add_rigid_actuator_compliance(rows, coordinates, gradient, rigid, w)
     if moment_count:
@@ -81,12 +84,6 @@ def _assemble_soft_compliance(
     tree, fronts, w = symbolic.tree, symbolic.fronts, problem.compliance
     modes, factor, begun = soft.system.modes, solver.factor, solver.begun
     assemble(rows, coordinates, gradient, modes, tree, fronts, factor, columns, begun, w, workers, 1)
-
-
-def _add_own_compliances(first_row: int, own_compliances: tuple[tuple[int, np.ndarray], ...], w: np.ndarray) -> None:
-    for row, own in own_compliances:
-        place = slice(first_row + row, first_row + row + len(own))
-        w[place, place] += own
 
 
 # The active set: contacts that take part in the constraint problem of a step.

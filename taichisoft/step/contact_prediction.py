@@ -4,7 +4,7 @@ The inequality of a contact is linear in the velocities of the step, and accurat
 the measurement. So contacts are measured at the end of the step under constant velocities: a rolling ball then touches
 the ground below its centre, and a body that flies past an edge is past the edge and not in front of it.
 
-No pair of bodies may penetrate on the way there. If two bodies could approach each other by more than the contact
+No pair of bodies may penetrate before that. If two bodies could approach each other by more than the contact
 distance, conservative advancement (Mirtich 1996, Impulse-based Dynamic Simulation of Rigid Body Systems) finds the
 first time at which they come close, and their contacts are measured then; so no body passes through another at any
 speed. Bodies that overlap at the start of the step are measured at the start, because their depth counts.
@@ -34,7 +34,7 @@ from taichisoft.mechanics.state import State
 Part = tuple[Contacts, np.ndarray]
 # Fractions of the contact distance: two surfaces are advanced until their distance is between these two.
 NEAREST, NEAR = 0.5, 0.75
-# What contacts are sought again within, over the way that the motion without them has.
+# Range in which contacts are sought again, over the displacement without them.
 AMPLE = 1.5
 # Fraction of the step of a contact that is put back to the start: not 0, at which an overlap was there and may stay.
 AT_ONCE = 1e-9

@@ -235,21 +235,21 @@ STILL, MOST_MOVES = 1e-6, 300
 MOST_SEARCHES = 40
 """Most searches for contacts at the end: each moves the bodies to where the last one would have them touch."""
 SWINGS, SHORTEST = 0.5, 0.1
-"""Way of a move over that of the last one above which bodies go only a part of it, and the smallest part [-]."""
+"""Length of a move over that of the last above which bodies make only a part of it, and the smallest part [-]."""
 CONFIGURATION = (
     *("position", "rigid_position", "rigid_rotation", "frame_wrench"),
     *("actuator_effort", "actuator_value", "actuator_loss"),
     *("contact_body_pair", "contact_point", "contact_normal", "contact_impulse", "contact_slip"),
 )
-"""What of a state moves change; the rest is what is asked for, and the air at the start."""
+"""What of a state moves change; the rest are requests, and the air at the start."""
 
 ROUGH = 1e-3
-"""Newton's tolerance of moves from which others go on [mm]."""
+"""Newton's tolerance of moves that others follow [mm]."""
 FINER = 0.03
-"""Newton's tolerance of a move, over the way of the last one (inexact Newton: Dembo, Eisenstat and Steihaug 1982)."""
+"""Newton's tolerance of a move, over the length of the last (inexact Newton: Dembo, Eisenstat and Steihaug 1982)."""
 
 UNMIXED = (10, 40, 400)
-"""Linearisations without Anderson's mixing on the way from an unstable equilibrium, in one trial after the other."""
+"""Linearisations without Anderson's mixing away from an unstable equilibrium, in one trial after the other."""
 
 Move = Callable[[State, float, int], tuple[State, StepReport]]
 """Makes a static step from a state with its loads, to a tolerance of Newton's method [mm], with so many linearisations
@@ -268,7 +268,7 @@ class FoundEquilibrium:
         increments: number of parts in which the loads were changed.
         residual: largest move of a node by another linearisation, or by another move [mm].
         stiffness: least stiffness of a small move, see `Softest`; negative: unstable; None of rigid bodies alone.
-        left: that of the unstable equilibrium from which the bodies have gone on, or None.
+        left: that of the unstable equilibrium that the bodies have left, or None.
         unchecked: free rigid bodies that something presses: their stability is not known, see `Equilibrium.unchecked`.
         restless: by how much a last search for contacts has moved which body, if that is too much to be at rest.
     """
@@ -284,7 +284,7 @@ class FoundEquilibrium:
 
     @property
     def warning(self) -> str:
-        """What is to be said of its stability and its contacts, or nothing."""
+        """Line on its stability and its contacts, or nothing."""
         when = f"at {self.state.time:.6g} s the equilibrium"
         restless = f"{when} is not one: another search for contacts {self.restless}" if self.restless else ""
         return "; ".join(filter(None, (restless, self._instability(when))))
@@ -314,7 +314,7 @@ class EquilibriumSearch:
         self._model = model
 
     def find(self, start: State, requested: State, stable: bool = True) -> FoundEquilibrium:
-        """The equilibrium of the bodies of a state with what another asks for; an unstable one is left if it must be
+        """The equilibrium of the bodies of a state with the requests of another; an unstable one is left if it must be
         `stable`.
         """
         loads = _Loads(self._model, start, requested)
@@ -366,7 +366,7 @@ class EquilibriumSearch:
         is_settled, tolerance = False, max(finest, ROUGH) if self._has_free else finest
         while share < 1.0:
             aim = min(1.0, share + increment)
-            # Where nothing touches, what is on the way leaves no mark.
+            # Where nothing touches, intermediate states leave no trace.
             accuracy = tolerance if aim == 1.0 or self._may_touch else max(finest, ROUGH)
             body = problem = ""
             try:
@@ -510,7 +510,7 @@ class _Relaxation:
 
 
 class _Loads:
-    """What acts on the bodies, from a state to that which a control asks for."""
+    """What acts on the bodies, from a state to that with the requests of a control."""
 
     def __init__(self, model: Model, start: State, requested: State):
         self.start = start

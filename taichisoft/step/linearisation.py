@@ -1,4 +1,4 @@
-"""Derivatives of a step or of an equilibrium: how what a controller sees changes with what it asks for."""
+"""Derivatives of a step or of an equilibrium: how observations change with requests."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ AXES = ("x", "y", "z")
 BASE = {"base_translation": ("mm", "base_velocity"), "base_rotation": ("rad", "base_angular_velocity")}
 """Unit of a pose, and the key of `Control` that may ask for it in its place."""
 HALF_WIDTHS = {"kPa": 1e-3, "mN": 0.1, "mm^3": 0.1, "mm": 1e-3, "rad": 1e-5, "1": 1e-5}
-"""Half widths of the differences of what acts by what is asked for, which is all but linear."""
+"""Half widths of the differences of what acts by requests, which is nearly linear."""
 MOVE = 1e-3
 """Largest move of a node between observations whose difference is taken [mm]."""
 LOADS = ("actuator_target", "valve_opening", "supply_pressure", "frame_pose")
@@ -38,7 +38,7 @@ Weighted = tuple[tuple[float, Observation], ...]
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Derivatives of what is observed after a step, or in an equilibrium, by what is asked for.
+    """Derivatives of observations after a step, or in an equilibrium, by requests.
 
     `linearisation["tip_positions.finger1"]` has a column for each control, shape (3, control_count); names of figures
     are those of `rollouts`. Its unit is the figure's, as `Observation` says, over the control's.
@@ -81,7 +81,7 @@ class Input:
 
     Attributes:
         name, unit: as in `Linearisation`.
-        value: what is asked for; None for a force, which no control has.
+        value: the request; None for a force, which no control has.
         node_impulse: impulse of a unit force on the nodes [s], shape (node_count, 3).
         rigid_velocity: change of the rigid bodies' velocities by a unit force, shape (rigid_count, 6).
     """
@@ -193,10 +193,10 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
 
 
 def asking(state: State, values: Mapping[str, float], control: Control = NOTHING) -> Control:
-    """A control that asks for values of inputs, beside what another control asks for.
+    """A control that requests values of inputs, beside the requests of another control.
 
     Args:
-        state: has the pose of the base that is asked for, of which an input is one coordinate.
+        state: has the requested pose of the base, of which an input is one coordinate.
         values: by the names of `Linearisation`.
         control: the other one.
 
@@ -220,7 +220,7 @@ def asking(state: State, values: Mapping[str, float], control: Control = NOTHING
 
 
 def asked_for(model: Model, state: State, name: str) -> float:
-    """The value of an input that is asked for now, 0 of an actuator that is driven in another way."""
+    """The present request of an input, 0 of an actuator that is driven otherwise."""
     key, _, of = name.partition(".")
     if key in BASE:
         return float(state.frame_request[0, list(BASE).index(key), _axis(name, of)])

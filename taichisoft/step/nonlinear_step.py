@@ -27,7 +27,7 @@ class EndOfStep:
         M (v - v0) = h (f(x) - d0 - b D0 (u - v0) - a M u + M g + anchors + p dq/dx(x)) + J^T l,
 
     in overdamped dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)) + J^T l, and in statics that without M v. The
-    damping is that of the first linearisation: d0 where the bodies go on with v0, and D0, which has no negative
+    damping is that of the first linearisation: d0 where the bodies keep v0, and D0, which has no negative
     eigenvalues.
     `SoftMotion` solves them linearised at the start of the step, or ahead of it; this class evaluates and linearises
     them at other velocities. A linearisation omits the rotation of follower loads with the body.
@@ -378,12 +378,9 @@ class NonlinearStep:
 
     def _missing(self, solution: StepSolution, requests: ActuatorRequests, aim: np.ndarray) -> float:
         """Largest move of a node by another linearisation, or to the aims of the actuators' rows [mm]."""
-        return self._time_step * max(self._missing_velocity(solution), self._missing_rate(requests, aim))
-
-    def _missing_velocity(self, solution: StepSolution) -> float:
-        """Largest change of velocity by the residual impulses of the equations [mm/s]."""
         lacking = self.equations.residual(solution.effort) + self._soft.on_unknowns(solution.contact_node_impulse)
-        return float(np.abs(self._soft.response_of_unknowns(lacking)).max())
+        speed = float(np.abs(self._soft.response_of_unknowns(lacking)).max())
+        return self._time_step * max(speed, self._missing_rate(requests, aim))
 
     def _missing_rate(self, requests: ActuatorRequests, aim: np.ndarray) -> float:
         """Largest over the rows of the least node velocity that brings the coordinate to its aim [mm/s]."""

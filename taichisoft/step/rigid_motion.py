@@ -131,7 +131,7 @@ class RigidMotion:
         return self.end_velocity(moving_velocity(self._theta, self._before, velocity))
 
     def end_velocity(self, velocity: np.ndarray) -> np.ndarray:
-        """The velocities with which the bodies go on: those that frames carry as they moved, shape (rigid_count, 6)."""
+        """Velocities with which the bodies continue: those that frames carry as they moved, shape (rigid_count, 6)."""
         if self._theta == 1.0 or not len(self.carried.index):
             return velocity
         end = velocity.copy()

@@ -258,7 +258,7 @@ class StepDerivative:
     1986) solves with the slope, whose products are differences of forces, and with the factor as preconditioner.
 
     Attributes:
-        start: state at the start of the step, with what is asked for.
+        start: state at the start of the step, with its requests.
         shift: what separates overlapping bodies at the end of the step, or None.
         geometry: geometry of the actuators at the place of the linearisation.
         inverse_mass: of the rigid bodies [1/kg] and [1/(kg mm^2)], shape (rigid_count, 6, 6).
@@ -306,7 +306,7 @@ class StepDerivative:
         )
         self.start, self.shift = problem.start, shift
         self.inverse_mass = inverse_mass = rigid.state.inverse_mass.copy()
-        if model.scene.time.dynamics == "static":  # masses slow the way to an equilibrium; they have no say in it
+        if model.scene.time.dynamics == "static":  # masses slow the search, and do not change an equilibrium
             inverse_mass *= WEIGHTLESS
         self._rigid_response = np.einsum(
             "bij,rbj->bir", inverse_mass, self._of_rigid.reshape(len(self._impulse), len(inverse_mass), 6)

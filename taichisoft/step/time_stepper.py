@@ -123,7 +123,7 @@ class TimeStepper:
         return self.report
 
     def find_equilibrium(self, start: State, requested: State, stable: bool = True) -> FoundEquilibrium:
-        """Where the bodies of a state come to rest under what another asks for; of a model of static dynamics.
+        """Where the bodies of a state come to rest under the requests of another; of a model of static dynamics.
 
         An unstable equilibrium is left if it must be `stable`.
 
@@ -140,7 +140,7 @@ class TimeStepper:
             finally:
                 self._solver.tolerance, self._solver.unmixed = self.model.scene.time.newton_tolerance, 0
 
-        # Not kept: it would refer back to this object, which could not go as soon as nobody needs it.
+        # Not kept: it would refer back to this object, which could then not be freed at once.
         return EquilibriumSearch(self.model, move, self._stability).find(start, requested, stable)
 
     def _stability(self, end: State) -> StabilityCheck | None:
@@ -260,7 +260,7 @@ class TimeStepper:
         rigid_position, rigid_rotation = self._rigid.end_poses(*velocities)
         if self._is_static:
             node_velocity, velocity = np.zeros_like(position), np.zeros_like(velocity)
-        # Frames and so pull points have moved already: they are where the start of a step is asked to have them.
+        # Frames and so pull points have moved already: they are where the requests at the start of a step put them.
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
         cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, start.position)
         self._geometry.update(ahead, self.model.placed_pull_points(start))

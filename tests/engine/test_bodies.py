@@ -67,60 +67,52 @@ def test_anchors_and_tips_by_the_numbers_of_their_nodes(hollow: dict[str, Any]) 
     np.testing.assert_array_equal(body.tip_nodes, [3, 9, 20])
 
 
-def cavity_file(folder: Path, surface: trimesh.Trimesh) -> dict[str, Any]:
-    surface.export(folder / "cavity.stl")
+def cavity_file(folder: Path, offset: tuple[float, float, float], inverted: bool = False, hole: bool = False) -> Any:
+    """A cavity of a surface file, a cube of 8 mm^3 to the single precision of STL."""
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.vertices += offset
+    if inverted:
+        box.invert()
+    if hole:
+        box.update_faces(np.arange(1, 12))
+    box.export(folder / "cavity.stl")
     return {"cavities": {"air": {"surface": str(folder / "cavity.stl")}}}
 
 
-def test_a_cavity_of_a_file_has_its_volume(hollow: dict[str, Any], tmp_path: Path) -> None:
-    """Embedded in the material, not made of its nodes; 8 mm^3 to the single precision of STL."""
-    box = trimesh.creation.box(extents=[2, 2, 2])
-    box.vertices += [8, 8, 8]
-    made = model({**hollow, **cavity_file(tmp_path, box)})
+def test_cavity_of_a_file_has_its_volume(hollow: dict[str, Any], tmp_path: Path) -> None:
+    """Embedded in the material, not made of its nodes; one that is inside out is turned with a warning."""
+    made = model({**hollow, **cavity_file(tmp_path, (8.0, 8.0, 8.0))})
     assert made.cavities.rest_value[0] == pytest.approx(8.0, rel=1e-6)
-
-
-def test_a_cavity_with_a_hole_is_refused(hollow: dict[str, Any], tmp_path: Path) -> None:
-    box = trimesh.creation.box(extents=[2, 2, 2])
-    box.update_faces(np.arange(1, 12))
-    with pytest.raises(MeshError, match=r"cavity\.stl: is not closed: \d+ edges"):
-        model({**hollow, **cavity_file(tmp_path, box)})
-
-
-def test_a_cavity_inside_out_is_turned_round_with_a_warning(hollow: dict[str, Any], tmp_path: Path) -> None:
-    box = trimesh.creation.box(extents=[2, 2, 2])
-    box.vertices += [8, 8, 8]
-    box.invert()
     with pytest.warns(UserWarning, match=r"cavity\.stl: is inside out"):
-        made = model({**hollow, **cavity_file(tmp_path, box)})
+        made = model({**hollow, **cavity_file(tmp_path, (8.0, 8.0, 8.0), inverted=True)})
     assert made.cavities.rest_value[0] == pytest.approx(8.0, rel=1e-6)
 
 
-def test_a_cavity_outside_its_body_is_refused_with_a_vertex(hollow: dict[str, Any], tmp_path: Path) -> None:
-    """Whoever takes another finger's cavity, or metres for millimetres, must be told."""
-    box = trimesh.creation.box(extents=[2, 2, 2])
-    box.vertices += [0, 0, 30]
-    with pytest.raises(MeshError, match=r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside the body .*\.msh"):
-        model({**hollow, **cavity_file(tmp_path, box)})
+@pytest.mark.parametrize(
+    ("height", "hole", "message"),
+    [
+        (8.0, True, r"cavity\.stl: is not closed: \d+ edges"),
+        # Another finger's cavity, or metres for millimetres.
+        (30.0, False, r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside the body .*\.msh"),
+        # In the body's box, but in no element, nor near one; the hollow is 6.7 mm wide, its elements as large.
+        (0.0, False, r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside .*\.msh .* mm\); give the"),
+    ],
+)
+def test_cavity_that_does_not_fit_is_refused(
+    hollow: dict[str, Any], tmp_path: Path, height: float, hole: bool, message: str
+) -> None:
+    with pytest.raises(MeshError, match=message):
+        model({**hollow, **cavity_file(tmp_path, (0.0, 0.0, height), hole=hole)})
 
 
-def test_points_outside_a_body_follow_it_where_the_scene_says_so(hollow: dict[str, Any], tmp_path: Path) -> None:
-    """Extrapolated from the element with the nearest centroid: as the body is sheared, so is what lies outside."""
-    box = trimesh.creation.box(extents=[2, 2, 2])
-    box.vertices += [0, 0, 30]
-    made = model({**hollow, **cavity_file(tmp_path, box), "points_outside": "extrapolated"})
+def test_outer_points_are_extrapolated_on_request(hollow: dict[str, Any], tmp_path: Path) -> None:
+    """From the element with the nearest centroid: as the body is sheared, so is what lies outside."""
+    made = model({**hollow, **cavity_file(tmp_path, (0.0, 0.0, 30.0)), "points_outside": "extrapolated"})
     (cavity,) = made.soft_bodies[0].cavities
     shear = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.2], [0.0, 0.0, 1.0]])
     moved = cavity.surface.positions(made.rest_position @ shear.T)
     assert moved == pytest.approx(cavity.surface.positions(made.rest_position) @ shear.T)
     assert moved[:, 2].min() > 20.0
-
-
-def test_surface_in_a_hollow_is_refused(hollow: dict[str, Any], tmp_path: Path) -> None:
-    """It lies in the body's box, but in no element, nor near one; the hollow is 6.7 mm wide, its elements as large."""
-    box = trimesh.creation.box(extents=[2, 2, 2])
-    with pytest.raises(MeshError, match=r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside .*\.msh .* mm\); give the"):
-        model({**hollow, **cavity_file(tmp_path, box)})
 
 
 @pytest.mark.parametrize(
@@ -139,13 +131,10 @@ def test_bodies_that_overlap_at_the_start_are_refused(
     assert str(refused.value).startswith(f"bodies '{names[0]}' and '{names[1]}'")
 
 
-def test_soft_bodies_that_overlap_are_refused(hollow: dict[str, Any]) -> None:
+def test_overlapping_soft_bodies_and_impossible_inertia_are_refused(hollow: dict[str, Any]) -> None:
     bodies = {"left": hollow, "right": {**hollow, "translation": [19.0, 1.0, 2.0]}}
     with pytest.raises(SceneError, match="bodies 'left' and 'right' overlap at the start by 1 mm"):
         make_model(scene_from_dict({"soft_bodies": bodies}))
-
-
-def test_an_inertia_that_is_none_is_refused() -> None:
     cube = {"box": [1, 1, 1], "mass": 1, "inertia": [[1, 0, 0], [0, -1, 0], [0, 0, 1]]}
     with pytest.raises(SceneError, match=r"rigid_bodies\.cube\.inertia = .*: must be symmetric and positive definite"):
         make_model(scene_from_dict({"rigid_bodies": {"cube": cube}}))

@@ -214,26 +214,24 @@ def test_the_tutorials_meshes_keep_their_numbering(name: str, nodes: int, elemen
     np.testing.assert_array_equal(mesh.nodes, np.loadtxt(lines[start : start + nodes]))
 
 
-def test_an_element_written_twice_is_still_an_error(tmp_path: Path) -> None:
-    """MSH repeats an element for each of its groups; repeated within one group it is a fault of the mesh."""
-    group = {"all": np.arange(7)}
-    twice = VolumeMesh("cube", NODES, np.vstack([ELEMENTS, ELEMENTS[:1]]), element_groups=group)
-    for suffix in (".msh", ".vtk"):
-        write_volume_mesh(twice, tmp_path / f"twice{suffix}")
-        assert "element 6 stands twice" in refusal(tmp_path / f"twice{suffix}")
+@pytest.mark.parametrize(
+    ("nodes", "elements", "message"),
+    [
+        (NODES, np.vstack([ELEMENTS, ELEMENTS[:1]]), "element 6 stands twice"),  # also within a group of MSH
+        (NODES, ELEMENTS[:, [0, 1, 3, 2]], "is inverted"),  # and not turned round
+        (np.vstack([NODES, [9, 9, 9]]), ELEMENTS, "node 8 belongs to no element"),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
+def test_file_of_an_unsound_mesh_is_refused(
+    tmp_path: Path, suffix: str, nodes: np.ndarray, elements: np.ndarray, message: str
+) -> None:
+    mesh = VolumeMesh("cube", nodes, elements, element_groups={"all": np.arange(len(elements))})
+    write_volume_mesh(mesh, tmp_path / f"cube{suffix}")
+    assert message in refusal(tmp_path / f"cube{suffix}")
 
 
-def test_an_inverted_element_is_refused_and_not_turned_round(tmp_path: Path) -> None:
-    write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS[:, [0, 1, 3, 2]]), tmp_path / "inside-out.vtu")
-    assert "is inverted" in refusal(tmp_path / "inside-out.vtu")
-
-
-def test_a_node_of_no_element_is_refused(tmp_path: Path) -> None:
-    write_volume_mesh(VolumeMesh("cube", np.vstack([NODES, [9, 9, 9]]), ELEMENTS), tmp_path / "loose.msh")
-    assert "node 8 belongs to no element" in refusal(tmp_path / "loose.msh")
-
-
-def test_a_surface_is_no_volume_mesh(tmp_path: Path) -> None:
+def test_surface_is_no_volume_mesh(tmp_path: Path) -> None:
     import meshio
 
     meshio.vtk.write(tmp_path / "skin.vtk", meshio.Mesh(NODES, [("triangle", OUTER)]))
@@ -253,12 +251,6 @@ def test_cells_of_other_shapes_are_named(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
-def test_an_empty_file_is_named_as_such(tmp_path: Path, suffix: str) -> None:
-    (tmp_path / f"empty{suffix}").touch()
-    assert "is empty; a volume mesh (.msh, .vtk, .vtu) is needed" in refusal(tmp_path / f"empty{suffix}")
-
-
-@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
 def test_a_file_that_stops_anywhere_is_refused(tmp_path: Path, suffix: str) -> None:
     whole, broken = tmp_path / f"whole{suffix}", tmp_path / f"broken{suffix}"
     write_volume_mesh(cube(), whole)
@@ -269,11 +261,22 @@ def test_a_file_that_stops_anywhere_is_refused(tmp_path: Path, suffix: str) -> N
         refusal(broken)
 
 
-def test_what_is_missing_or_of_another_kind_is_refused(tmp_path: Path) -> None:
-    assert "no such file; a volume mesh (.msh, .vtk, .vtu) is needed" in refusal(tmp_path / "absent.msh")
-    assert "'.stl' is not a kind of volume mesh file; valid: .msh, .vtk, .vtu" in refusal(tmp_path / "skin.stl")
-    (tmp_path / "noise.msh").write_bytes(bytes(range(256)))
-    assert "not readable as MSH" in refusal(tmp_path / "noise.msh")
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("absent.msh", None, "no such file; a volume mesh (.msh, .vtk, .vtu) is needed"),
+        ("skin.stl", None, "'.stl' is not a kind of volume mesh file; valid: .msh, .vtk, .vtu"),
+        ("noise.msh", bytes(range(256)), "not readable as MSH"),
+        *(
+            (f"empty{suffix}", b"", "is empty; a volume mesh (.msh, .vtk, .vtu) is")
+            for suffix in (".msh", ".vtk", ".vtu")
+        ),
+    ],
+)
+def test_file_of_another_kind_is_refused(tmp_path: Path, name: str, content: bytes | None, message: str) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    assert message in refusal(tmp_path / name)
 
 
 def test_a_disk_that_fills_up_leaves_the_old_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,18 +294,27 @@ def test_a_disk_that_fills_up_leaves_the_old_file_as_it_was(tmp_path: Path, monk
     assert (tmp_path / "cube.vtu").read_text() == "the mesh of yesterday"
 
 
-def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
-    with pytest.raises(MeshError, match=r"cannot be written: No such file or directory"):
-        write_volume_mesh(cube(), tmp_path / "absent" / "cube.msh")
-    clash = VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER}, {"a": np.arange(2)})
-    with pytest.raises(MeshError, match="'a' names a surface group and an element group"):
-        write_volume_mesh(clash, tmp_path / "cube.msh")
-    with pytest.raises(MeshError, match="files need a name without quotes"):
-        write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS, {'"': OUTER}), tmp_path / "cube.msh")
-    with pytest.raises(MeshError, match=r"'\.txt' is not a kind of volume mesh file"):
-        write_volume_mesh(cube(), tmp_path / "cube.txt")
-    with pytest.raises(MeshError, match="cube: group 'a' names one triangle twice"):
-        write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER[[0, 0]]}), tmp_path / "cube.vtu")
+@pytest.mark.parametrize(
+    ("mesh", "name", "message"),
+    [
+        (cube(), "absent/cube.msh", r"cannot be written: No such file or directory"),
+        (cube(), "cube.txt", r"'\.txt' is not a kind of volume mesh file"),
+        (
+            VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER}, {"a": np.arange(2)}),
+            "cube.msh",
+            "'a' names a surface group and an element group",
+        ),
+        (VolumeMesh("cube", NODES, ELEMENTS, {'"': OUTER}), "cube.msh", "files need a name without quotes"),
+        (
+            VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER[[0, 0]]}),
+            "cube.vtu",
+            "cube: group 'a' names one triangle twice",
+        ),
+    ],
+)
+def test_failed_writing_leaves_nothing_behind(tmp_path: Path, mesh: VolumeMesh, name: str, message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        write_volume_mesh(mesh, tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
 

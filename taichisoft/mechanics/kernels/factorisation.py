@@ -4,7 +4,7 @@ A front is a supernode's panel (its columns of the factor, all its rows) and an 
 triangle) that the parent adds in. The panel is stored by rows of tiles, each with all columns one after the other;
 the update matrix likewise, each row up to the diagonal. Columns are padded to whole tiles with an identity matrix and
 rows with zeros, so that no tile is special. The diagonal of the factor is stored inverted. A right-hand side is
-substituted forward on the way, as if it were one more row of the matrix.
+substituted forward in passing, as if it were one more row of the matrix.
 
 A thread takes the first task of the list for which all is there: `done` counts the finished pieces of each front. Every
 front is computed from its children in a fixed order, so the result does not depend on the threads. A thread that finds
@@ -197,7 +197,7 @@ def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, fronts: Fronts, fac
 def work_on(
     t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Factor, solution: Substitution, one: ti.i32
 ):
-    """Do what a task asks for on one of its fronts."""
+    """Do what a task says to one of its fronts."""
     front, task = ti.static(fronts.table, fronts.tasks)
     columns = front[s, COLUMNS]
     first_row = task[t, FIRST_ROW]

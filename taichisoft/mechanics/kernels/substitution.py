@@ -2,7 +2,7 @@
 
 As the factorisation does with matrices, a front adds up what its children leave of the right-hand side for its rows,
 so that branches of the elimination tree need nothing of one another and sums have a fixed order. Threads take the
-branches in turn, and the one that finishes the last of them goes on with the supernodes above.
+branches in turn, and the one that finishes the last of them continues with the supernodes above.
 """
 
 from typing import NamedTuple
