@@ -1,22 +1,20 @@
 """The machine of a benchmark: processor, memory, load, versions, and how fast it does a fixed piece of work.
 
-    python -m taichisoft_benchmarks.machine
-
-prints JSON with the milliseconds of a dense product and of a sparse factorisation, the two kinds of arithmetic of a
-step; results of different machines compare as ratios to them. `calibrate` runs it in a process of its own on one
-thread, since the calibration must not depend on the threads of a case.
+The work is a dense product and a sparse factorisation, the two kinds of arithmetic of a step; results of different
+machines compare as ratios to its times. `calibrate` does it in a process of its own on one thread, whatever threads
+a case has.
 """
 
-import json
 import os
 import platform
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from taichisoft.base import call_apart
 
 PACKAGES = ("taichisoft", "taichi", "numpy", "scipy", "gmsh", "open3d-cpu", "cvxopt", "mujoco", "drake")
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
@@ -27,23 +25,26 @@ ROUNDS = 7
 
 def describe_machine() -> dict[str, str]:
     """Processor, memory and versions of the system."""
+    memory = 0
+    with suppress(AttributeError, ValueError, OSError):
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return {
         "system": f"{platform.system()} {platform.machine()}",
         "processor": _processor(),
         "cores": str(os.cpu_count()),
-        "memory_gb": _memory(),
+        "memory_gb": f"{memory / 2**30:.1f}" if memory else "unknown",
         "python": platform.python_version(),
     }
 
 
 def versions() -> dict[str, str]:
     """Versions of the packages that matter and are installed, and the commit when the code is a checkout."""
-    found = {}
+    installed = {}
     for package in PACKAGES:
         with suppress(PackageNotFoundError):
-            found[package] = version(package)
+            installed[package] = version(package)
     commit = _commit()
-    return {**found, "commit": commit} if commit else found
+    return {**installed, "commit": commit} if commit else installed
 
 
 def load() -> float:
@@ -53,14 +54,7 @@ def load() -> float:
 
 def calibrate() -> float:
     """Geometric mean of the times of both pieces of work on one thread [ms]."""
-    child = subprocess.run(
-        [sys.executable, "-m", "taichisoft_benchmarks.machine"],
-        env={**os.environ, **ONE_THREAD},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    times = json.loads(child.stdout)
+    times = call_apart("taichisoft_benchmarks.machine:measure", time_limit=60.0, environment=ONE_THREAD)
     return float((times["dense_ms"] * times["sparse_ms"]) ** 0.5)
 
 
@@ -92,19 +86,11 @@ def _least(work: Callable[[], object]) -> float:
 
 
 def _processor() -> str:
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        for line in information.read_text(encoding="utf-8").splitlines():
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or "unknown"
-
-
-def _memory() -> str:
-    try:
-        return f"{os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.1f}"
-    except (AttributeError, ValueError, OSError):
-        return "unknown"
 
 
 def _commit() -> str:
@@ -122,7 +108,3 @@ def _commit() -> str:
         ).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return ""
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure()))

@@ -7,7 +7,7 @@ programs that it is compared with alike.
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -23,25 +23,21 @@ from taichisoft_benchmarks.measures import Measured
 from taichisoft_benchmarks.results import CaseResult, RepeatedMetric, Results, derive
 
 
-@dataclass
-class Repetitions:
-    """The repetitions of a case so far.
+@dataclass(frozen=True)
+class Answer:
+    """The outcome of a repetition: figures, or why there are none.
 
     Attributes:
-        measured: of each repetition that could be measured.
-        calibration: beside each of them [ms].
-        skipped, problem: why the case ended, as in `Answer`; then it is not repeated.
+        measured: the figures.
+        skipped: why the case cannot be measured.
+        problem: how the case failed, one line.
+        calibration_ms: time of the calibration beside it [ms].
     """
 
-    measured: list[Measured] = field(default_factory=list)
-    calibration: list[float] = field(default_factory=list)
+    measured: Measured | None = None
     skipped: str = ""
     problem: str = ""
-
-    @property
-    def ended(self) -> bool:
-        """Whether a repetition could not be measured."""
-        return bool(self.skipped or self.problem)
+    calibration_ms: float = 0.0
 
 
 def run_cases(
@@ -62,30 +58,30 @@ def run_cases(
         on_progress: called with a line before each repetition.
         on_result: called with the name and the result of each case after its last repetition.
     """
-    load = machine.load()
-    all_repetitions = {named.name: Repetitions() for named in cases}
-    started = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    load, started = machine.load(), time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    answers: dict[str, list[Answer]] = {named.name: [] for named in cases}
     results: dict[str, CaseResult] = {}
 
     def conclude(named: NamedCase) -> None:
-        results[named.name] = _result(named, all_repetitions[named.name])
+        results[named.name] = _result(named, answers[named.name])
         on_result(named.name, results[named.name])
 
     interrupted = False
     try:
         for round_number in range(1, repeat + 1):
             for number, named in enumerate(cases, start=1):
-                repetitions = all_repetitions[named.name]
-                if repetitions.ended:
+                if named.name in results:  # it failed, or cannot be measured
                     continue
                 on_progress(f"round {round_number} of {repeat}, case {number} of {len(cases)}: {named.name}")
-                _repeat(named, meshes, quick, repetitions)
-                if repetitions.ended or round_number == repeat:
+                calibration = machine.calibrate()
+                answer = measure_in_process(named.case.shortened() if quick else named.case, meshes)
+                answers[named.name].append(replace(answer, calibration_ms=round(calibration, 4)))
+                if answer.measured is None or round_number == repeat:
                     conclude(named)
     except KeyboardInterrupt:
         interrupted = True
         for named in cases:
-            if named.name not in results and all_repetitions[named.name].measured:
+            if named.name not in results and answers[named.name]:
                 conclude(named)
     ordered = {named.name: results[named.name] for named in cases if named.name in results}
     return Results(
@@ -101,53 +97,24 @@ def run_cases(
     )
 
 
-def _repeat(named: NamedCase, meshes: Meshes, quick: bool, repetitions: Repetitions) -> None:
-    calibration = machine.calibrate()
-    answer = measure_in_process(named.case.shortened() if quick else named.case, meshes)
-    if answer.measured is None:
-        repetitions.skipped, repetitions.problem = answer.skipped, answer.problem
-    else:
-        repetitions.measured.append(answer.measured)
-        repetitions.calibration.append(calibration)
-
-
-def _result(named: NamedCase, repetitions: Repetitions) -> CaseResult:
-    """The result of a case from its repetitions; none count if one failed."""
-    about: dict[str, Any] = {
-        "group": named.group,
-        "parameter": named.parameter,
-        "title": named.case.title,
-        "kind": named.case.kind,
-        "threads": named.case.threads,
-    }
-    if repetitions.ended:
-        return CaseResult(**about, skipped=repetitions.skipped, problem=repetitions.problem)
-    measured, last = repetitions.measured, repetitions.measured[-1]
+def _result(named: NamedCase, answers: Sequence[Answer]) -> CaseResult:
+    """The result of a case from its repetitions; none count if the last one failed."""
+    case, last = named.case, answers[-1]
+    about: dict[str, Any] = {"group": named.group, "parameter": named.parameter, "title": case.title}
+    about |= {"kind": case.kind, "threads": case.threads}
+    if last.measured is None:
+        return CaseResult(**about, skipped=last.skipped, problem=last.problem)
+    measured = [answer.measured for answer in answers if answer.measured is not None]
     return CaseResult(
         **about,
         figures={
             metric: RepeatedMetric.of([each.figures[metric] for each in measured]) for metric in measured[0].figures
         },
-        facts=last.facts,
-        phases={phase: median(each.phases[phase] for each in measured) for phase in last.phases},
-        calibration_ms=[round(value, 4) for value in repetitions.calibration],
-        does_not=last.does_not,
+        facts=last.measured.facts,
+        phases={phase: median(each.phases[phase] for each in measured) for phase in last.measured.phases},
+        calibration_ms=[answer.calibration_ms for answer in answers],
+        does_not=last.measured.does_not,
     )
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The outcome of a repetition: exactly one of the three.
-
-    Attributes:
-        measured: the figures.
-        skipped: why the case cannot be measured.
-        problem: how the case failed, one line.
-    """
-
-    measured: Measured | None = None
-    skipped: str = ""
-    problem: str = ""
 
 
 def measure_in_process(case: Case, meshes: Meshes) -> Answer:

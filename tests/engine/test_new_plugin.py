@@ -19,14 +19,14 @@ from taichisoft.running.plugin_commands import FILES, TEMPLATES, check_name, wri
 from taichisoft.running.plugins import Registry
 
 
-def test_a_new_project_is_a_plugin_without_being_installed(tmp_path: Path, taichisoft_plugins: Registry) -> None:
+def test_new_project_is_a_plugin_at_once(tmp_path: Path, taichisoft_plugins: Registry) -> None:
     folder = write_project("soft-touch", tmp_path)  # which is there, and empty
     plugins.load_plugin(folder / "soft_touch.py")
     controller = hooks.find("controller", "soft-touch")(force=30.0)
     assert (controller.force, controller.rate) == (30.0, 50.0)
 
 
-def test_the_controller_of_a_new_project_closes_the_gripper_on_the_cube(
+def test_controller_of_a_new_project_closes_the_gripper(
     tmp_path: Path, taichisoft_plugins: Registry, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Until the fingers press with 20 mN and then for some steps more, at the pressure that this took."""
@@ -52,7 +52,7 @@ def test_the_controller_of_a_new_project_closes_the_gripper_on_the_cube(
     assert pressures[-1] == pytest.approx(50.0 * (closed - 1) * 0.01)
 
 
-def test_what_is_written_agrees_with_itself(tmp_path: Path) -> None:
+def test_written_files_agree(tmp_path: Path) -> None:
     folder = write_project("Soft.Touch", tmp_path / "new" / "folder")
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert files == {"README.md", "pyproject.toml", "soft_touch.py", "tests/test_soft_touch.py"}
@@ -66,7 +66,7 @@ def test_every_template_is_used() -> None:
     assert {path.name for path in TEMPLATES.iterdir()} == set(FILES)
 
 
-def test_folders_with_something_in_them_are_left_alone(tmp_path: Path) -> None:
+def test_filled_folders_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     for folder in (tmp_path, tmp_path / "notes.txt"):
         with pytest.raises(PluginError, match=rf"^{folder}: exists already; choose another name$"):
@@ -95,7 +95,7 @@ def test_folders_with_something_in_them_are_left_alone(tmp_path: Path) -> None:
         ("scripted", r"^a controller is called 'scripted' already; choose another name$"),
     ],
 )
-def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, problem: str) -> None:
+def test_wrong_name_is_refused(tmp_path: Path, name: str, problem: str) -> None:
     with pytest.raises(PluginError, match=problem):
         write_project(name, tmp_path / "new")
     assert not (tmp_path / "new").exists()
@@ -103,9 +103,7 @@ def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, problem: st
 
 @examples(50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.from_regex(r"[A-Za-z][A-Za-z0-9._-]{0,20}[A-Za-z0-9]", fullmatch=True))
-def test_every_name_that_is_accepted_gives_a_module_that_can_be_imported(
-    tmp_path_factory: pytest.TempPathFactory, name: str
-) -> None:
+def test_accepted_names_give_importable_modules(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     try:
         module = check_name(name)
     except PluginError:

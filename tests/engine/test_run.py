@@ -71,7 +71,7 @@ def fail() -> None:
     raise ZeroDivisionError("no air left")
 
 
-def test_outputs_see_the_start_every_step_and_the_end(simulation: Simulation) -> None:
+def test_outputs_see_start_steps_and_end(simulation: Simulation) -> None:
     first, second = Log(), Log()
     seen: list[int] = []
     assert run(simulation, Rest(), [first, second], on_step=lambda report: seen.append(report.step)) == "completed"
@@ -90,21 +90,17 @@ def test_outputs_see_the_start_every_step_and_the_end(simulation: Simulation) ->
         (math.inf, 0.01, math.inf),
     ],
 )
-def test_a_duration_is_the_nearest_whole_number_of_steps_and_at_least_one(
-    duration: float, step: float, count: int
-) -> None:
+def test_duration_is_a_whole_number_of_steps(duration: float, step: float, count: int) -> None:
     assert count_steps(duration, step) == count
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, math.nan])
-def test_a_duration_that_is_none_is_refused(simulation: Simulation, duration: float) -> None:
+def test_wrong_duration_is_refused(simulation: Simulation, duration: float) -> None:
     with pytest.raises(TaichisoftError, match=r"^duration = .*: must be a positive number of seconds$"):
         run(simulation, Rest(), duration=duration)
 
 
-def test_a_controller_that_fails_is_named_with_the_place_and_the_recording_is_kept(
-    simulation: Simulation, tmp_path: Path
-) -> None:
+def test_failed_controller_is_named_and_recording_kept(simulation: Simulation, tmp_path: Path) -> None:
     log = Log()
     with pytest.raises(PluginError) as failure:
         run(simulation, Rest(3, fail), [RecordingOutput(tmp_path), log])
@@ -117,7 +113,7 @@ def test_a_controller_that_fails_is_named_with_the_place_and_the_recording_is_ke
     assert recorded(tmp_path) == (message, [0, 1, 2, 3])
 
 
-def test_an_output_that_fails_is_named_and_the_others_are_ended(simulation: Simulation, tmp_path: Path) -> None:
+def test_failed_output_is_named_and_others_end(simulation: Simulation, tmp_path: Path) -> None:
     log = Log(2, fail)
     with pytest.raises(
         PluginError, match=r"^output test_run\.Log failed in record\(\): ZeroDivisionError: no air left"
@@ -127,7 +123,7 @@ def test_an_output_that_fails_is_named_and_the_others_are_ended(simulation: Simu
     assert len(log.calls) == 4  # begin, two steps, end
 
 
-def test_every_output_is_ended_and_a_failure_matters_more_than_a_missed_goal(simulation: Simulation) -> None:
+def test_failure_matters_more_than_a_missed_goal(simulation: Simulation) -> None:
     missed, broken, last = Log(at_end=GoalMissed("not held")), Log(at_end=OSError("disk full")), Log()
     with (
         pytest.warns(UserWarning, match="^not held$"),
@@ -144,7 +140,7 @@ class Leaving(BaseException):
 @pytest.mark.parametrize("method", ["begin", "record", "end"])
 @pytest.mark.parametrize("raised", [SystemExit(0), SystemExit("no light"), Leaving("now")])
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_whatever_an_output_raises_the_others_are_ended(
+def test_other_outputs_end_whatever_is_raised(
     simulation: Simulation, method: str, raised: BaseException, place: int
 ) -> None:
     """In any order of theirs: with those before and after it."""
@@ -165,7 +161,7 @@ def test_whatever_an_output_raises_the_others_are_ended(
 
 
 @pytest.mark.parametrize("raised", [SystemExit(0), Leaving("now")])
-def test_a_controller_that_leaves_is_a_failure_of_its_own(simulation: Simulation, raised: BaseException) -> None:
+def test_controller_that_exits_has_failed(simulation: Simulation, raised: BaseException) -> None:
     def leave() -> None:
         raise raised
 
@@ -177,20 +173,20 @@ def test_a_controller_that_leaves_is_a_failure_of_its_own(simulation: Simulation
     assert log.calls[-1].startswith("controller test_run.Rest failed in control()")
 
 
-def test_an_interruption_of_one_output_at_its_end_leaves_none_open(simulation: Simulation) -> None:
+def test_interrupted_end_leaves_no_output_open(simulation: Simulation) -> None:
     first, second = Log(at_end=KeyboardInterrupt()), Log()
     with pytest.raises(KeyboardInterrupt):
         run(simulation, Rest(), [first, second])
     assert second.calls[-1] == "completed"
 
 
-def test_a_missed_goal_reaches_the_caller(simulation: Simulation) -> None:
+def test_missed_goal_reaches_the_caller(simulation: Simulation) -> None:
     with pytest.raises(GoalMissed, match=r"^not held$"):
         run(simulation, Rest(), [Log(at_end=GoalMissed("not held"))])
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGINT)])
-def test_a_signal_is_heeded_when_every_output_has_the_step(simulation: Simulation, number: signal.Signals) -> None:
+def test_signal_waits_until_outputs_have_the_step(simulation: Simulation, number: signal.Signals) -> None:
     before = signal.getsignal(number)
     first, second = Log(1, lambda: signal.raise_signal(number)), Log()
     assert run(simulation, Rest(), [first, second]) == "interrupted"
@@ -198,7 +194,7 @@ def test_a_signal_is_heeded_when_every_output_has_the_step(simulation: Simulatio
     assert signal.getsignal(number) is before
 
 
-def test_a_second_signal_does_not_wait_for_the_step(simulation: Simulation) -> None:
+def test_second_signal_does_not_wait(simulation: Simulation) -> None:
     def twice() -> None:
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
@@ -221,7 +217,7 @@ def test_second_hang_up_waits_for_the_step(simulation: Simulation) -> None:
     assert first.calls == second.calls == [("begin", 0), (1, 0), (2, 1), "interrupted"]
 
 
-def test_a_signal_that_the_process_ignores_stays_ignored(simulation: Simulation) -> None:
+def test_ignored_signal_stays_ignored(simulation: Simulation) -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         assert run(simulation, Rest(1, lambda: signal.raise_signal(signal.SIGINT) or Control())) == "completed"
@@ -247,20 +243,20 @@ def test_a_signal_that_the_process_ignores_stays_ignored(simulation: Simulation)
         (Control(base_rotation="left"), "control.base_rotation = 'left': must be a number or"),  # type: ignore[arg-type]
     ],
 )
-def test_what_a_controller_cannot_ask_for_is_said(simulation: Simulation, answer: Any, message: str) -> None:
+def test_impossible_request_is_refused(simulation: Simulation, answer: Any, message: str) -> None:
     with pytest.raises(ControlError) as refused:
         run(simulation, Rest(2, lambda: answer))
     assert message in str(refused.value)
     assert simulation.state.step == 2
 
 
-def test_a_small_body_in_free_fall_does_not_explode(simulation: Simulation) -> None:
+def test_small_body_falls_freely(simulation: Simulation) -> None:
     """After 0.6 s of free fall a cube of 1 mm moves by 59 mm in a step of 10 ms."""
     assert run(simulation, Rest(), duration=0.6) == "completed"
     assert simulation.state.rigid_velocity[0, 2] == pytest.approx(-9810 * 0.6)
 
 
-def test_a_body_that_is_thrown_out_of_a_step_has_exploded() -> None:
+def test_thrown_body_has_exploded() -> None:
     """The last good state stays; body, step and advice are said."""
     force = {"body": "cube", "force": [1e6, 0.0, 0.0], "start": STEP, "duration": STEP}  # 100 mm in a step of 10 ms
     cube = {"box": [1] * 3, "mass": 1}
@@ -291,7 +287,7 @@ class LooksLikeBoth:
         return "<both>"
 
 
-def test_what_does_not_derive_from_the_base_classes_is_refused_before_anything_is_done(simulation: Simulation) -> None:
+def test_parts_without_base_class_are_refused(simulation: Simulation) -> None:
     both: Any = LooksLikeBoth()
     for controller, outputs, base in ((both, [], "Controller"), (Rest(), [Log(), both], "Output")):
         kind = f"taichisoft.{base}"
@@ -303,7 +299,7 @@ def test_what_does_not_derive_from_the_base_classes_is_refused_before_anything_i
         run(simulation, cast(Any, Rest))
 
 
-def test_a_controller_must_say_what_it_asks_for() -> None:
+def test_controller_must_have_control() -> None:
     class Mute(Controller):
         pass
 
@@ -311,8 +307,8 @@ def test_a_controller_must_say_what_it_asks_for() -> None:
         Mute()  # type: ignore[abstract]
 
 
-def test_run_stays_a_function_of_the_package() -> None:
+def test_run_is_a_function_of_the_package() -> None:
     """A module of the same name would take its place on its first import."""
     import taichisoft
 
-    assert callable(taichisoft.run) and callable(taichisoft.run)
+    assert callable(taichisoft.run)

@@ -36,19 +36,19 @@ class Pusher(Controller):
     interactive = True
 
     def __init__(self) -> None:
-        self.asked: list[int] = []
+        self.called: list[int] = []
         self.resets = 0
 
     def reset(self, model: Any) -> None:
         self.resets += 1
-        self.way = 0.0
+        self.shift = 0.0
 
     def key(self, event: KeyEvent) -> None:
-        self.way = event.value if event.value is not None else self.way + {"+": 1.0}.get(event.key, 0.0)
+        self.shift = event.value if event.value is not None else self.shift + {"+": 1.0}.get(event.key, 0.0)
 
     def control(self, observation: Observation) -> Control:
-        self.asked.append(observation.step)
-        return Control(base_translation=np.array([self.way, 0.0, 0.0]), signals={"way": self.way})
+        self.called.append(observation.step)
+        return Control(base_translation=np.array([self.shift, 0.0, 0.0]), signals={"shift": self.shift})
 
 
 def make_simulation(block: Callable[..., str], **controller: Any) -> Simulation:
@@ -86,14 +86,14 @@ def played(simulation: Simulation, folder: Path | None, keys: dict[int, str], **
     return run_session(session, press_at(session, keys)), session
 
 
-def test_keys_reach_the_controller_before_the_next_step(simulation: Simulation) -> None:
+def test_keys_reach_the_controller_before_the_step(simulation: Simulation) -> None:
     outcome, session = played(simulation, None, {2: "+", 4: "++"})
     assert outcome == "completed"
     assert simulation.state.base_translation[0] == 3.0
     assert [event.key for event in session.recent_keys] == ["+", "+", "+"]
 
 
-def test_a_replay_gives_the_same_bits(block: Callable[..., str], tmp_path: Path) -> None:
+def test_replay_gives_the_same_bits(block: Callable[..., str], tmp_path: Path) -> None:
     """Pauses, single steps and a new start included."""
     first, second = make_simulation(block), make_simulation(block)
     outcome, session = played(first, tmp_path / "a", {2: "+s", 3: "+_", 5: "+r", 9: "+?", 12: "!"}, duration=np.inf)
@@ -104,9 +104,7 @@ def test_a_replay_gives_the_same_bits(block: Callable[..., str], tmp_path: Path)
     assert (tmp_path / "a" / "keys.jsonl").read_text() == (tmp_path / "b" / "keys.jsonl").read_text()
 
 
-def test_sliders_are_replayed_too_and_one_that_is_called_like_a_key_is_none(
-    block: Callable[..., str], tmp_path: Path
-) -> None:
+def test_sliders_are_replayed(block: Callable[..., str], tmp_path: Path) -> None:
     """0.1 + 0.2 is a number that only all of its digits give back."""
     first, second = make_simulation(block), make_simulation(block)
     session = Session(first, Pusher(), folder=tmp_path, duration=0.07)
@@ -123,7 +121,7 @@ def test_sliders_are_replayed_too_and_one_that_is_called_like_a_key_is_none(
     assert second.state == first.state
 
 
-def test_a_replay_of_a_run_that_ended_by_itself_ends_there(block: Callable[..., str], tmp_path: Path) -> None:
+def test_replay_ends_where_the_run_did(block: Callable[..., str], tmp_path: Path) -> None:
     first, second = make_simulation(block), make_simulation(block)
     played(first, tmp_path, {3: "+"}, duration=0.07)
     outcome, _ = played(second, None, {}, replay=KeyReplay(tmp_path / "keys.jsonl"))
@@ -131,12 +129,12 @@ def test_a_replay_of_a_run_that_ended_by_itself_ends_there(block: Callable[..., 
     assert second.state == first.state
 
 
-def test_escape_ends_a_run_cleanly(simulation: Simulation) -> None:
+def test_escape_ends_a_run(simulation: Simulation) -> None:
     outcome, session = played(simulation, None, {4: "!"}, duration=np.inf)
     assert outcome == "stopped" and session.steps_made == 4
 
 
-def test_a_paused_run_makes_single_steps_only(simulation: Simulation) -> None:
+def test_paused_run_makes_single_steps(simulation: Simulation) -> None:
     seen = []
 
     class Watch:
@@ -157,7 +155,7 @@ def test_a_paused_run_makes_single_steps_only(simulation: Simulation) -> None:
     assert seen == [(k, k in (3, 4)) for k in range(10)]
 
 
-def test_starting_anew_goes_back_to_the_first_state_and_tells_everybody(simulation: Simulation) -> None:
+def test_restart_goes_back_to_the_first_state(simulation: Simulation) -> None:
     restarts: list[float] = []
 
     class Log(Output):
@@ -173,24 +171,22 @@ def test_starting_anew_goes_back_to_the_first_state_and_tells_everybody(simulati
     assert simulation.state.base_translation[0] == 0.0
 
 
-def test_a_controller_is_asked_once_a_period(block: Callable[..., str]) -> None:
+def test_controller_is_called_once_a_period(block: Callable[..., str]) -> None:
     _, session = played(make_simulation(block, period=0.03), None, {})
-    assert session.controller.asked == [0, 3, 6, 9]
+    assert session.controller.called == [0, 3, 6, 9]
 
 
 @pytest.mark.parametrize(
     ("period", "near"), [(0.015, "0.01 or 0.02"), (0.004, "0.01"), (0.0349, "0.03 or 0.04"), (0.0001, "0.01")]
 )
-def test_a_period_that_is_no_multiple_of_the_step_is_refused_with_both(
-    block: Callable[..., str], period: float, near: str
-) -> None:
+def test_period_between_steps_is_refused(block: Callable[..., str], period: float, near: str) -> None:
     with pytest.raises(SceneError) as refused:
         make_simulation(block, period=period)
     wanted = f"controller.period = {period:g} s must be a whole multiple of time.step = 0.01 s, such as {near} s"
     assert wanted in str(refused.value)
 
 
-def test_a_controller_that_takes_too_long_ends_the_run(block: Callable[..., str]) -> None:
+def test_slow_controller_ends_the_run(block: Callable[..., str]) -> None:
     class Slow(Pusher):
         def control(self, observation: Observation) -> Control:
             if observation.step == 3:
@@ -206,7 +202,7 @@ def test_a_controller_that_takes_too_long_ends_the_run(block: Callable[..., str]
     assert simulation.state.step == 3
 
 
-def test_a_controller_that_gives_up_says_so(simulation: Simulation) -> None:
+def test_controller_may_give_up(simulation: Simulation) -> None:
     class Doubtful(Pusher):
         def control(self, observation: Observation) -> Control:
             raise ControllerFailed("no contact below 150 kPa")
@@ -215,15 +211,15 @@ def test_a_controller_that_gives_up_says_so(simulation: Simulation) -> None:
         run_session(Session(simulation, Doubtful()))
 
 
-def test_signals_are_in_the_report(simulation: Simulation) -> None:
-    ways = []
+def test_report_has_signals(simulation: Simulation) -> None:
+    shifts = []
     session = Session(simulation, Pusher())
     press = press_at(session, {2: "+"})
-    run_session(session, lambda report: (ways.append(report.signals["way"]), press(report)))  # type: ignore[arg-type]
-    assert ways == [0.0] * 2 + [1.0] * 8
+    run_session(session, lambda report: (shifts.append(report.signals["shift"]), press(report)))  # type: ignore[arg-type]
+    assert shifts == [0.0] * 2 + [1.0] * 8
 
 
-def test_hooks_see_the_beginning_the_steps_and_the_end_whatever_happens(simulation: Simulation) -> None:
+def test_hooks_see_begin_steps_and_end_of_a_failure(simulation: Simulation) -> None:
     calls: list[Any] = []
 
     class Watch:
