@@ -45,11 +45,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of as many steps that nobody has closed, but for the last step."""
-    writer = RecordingOutput(tmp_path_factory.mktemp("killed"))
-    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
-    for step in range(1, STEPS + 2):
-        writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
-    return writer.path
+    return fake_run.begun(RecordingOutput(tmp_path_factory.mktemp("killed")), range(1, STEPS + 2)).path
 
 
 def check_instants(recording: Recording) -> None:
@@ -209,10 +205,7 @@ def test_another_process_reads_what_is_being_written(tmp_path: Path) -> None:
 
 
 def test_a_step_is_written_when_the_next_one_comes(tmp_path: Path) -> None:
-    writer = RecordingOutput(tmp_path)
-    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
-    for step in (1, 2, 3):
-        writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
+    writer = fake_run.begun(RecordingOutput(tmp_path), (1, 2, 3))
     with read_recording(tmp_path / "recording.h5") as running:
         assert running.frame_count == 3
         fake_run.check_frame(running, 2, 2)

@@ -69,7 +69,7 @@ def test_a_resumed_run_is_the_one_that_went_straight_on(straight, tmp_path, mome
             assert ((a == b) | (a != a)).all(), name
 
 
-def test_a_recording_of_a_resumed_run_resumes_from_a_recording_of_some_steps(straight, tmp_path):
+def test_a_resumed_run_can_be_resumed(straight, tmp_path):
     assert resume(straight, "--at", 0.1, "--duration", 0.1, "--output", tmp_path / "a", "--every", 7) == 0
     assert taichisoft("resume", tmp_path / "a" / "recording.h5", "--output", tmp_path / "b") == 0
     with read_recording(straight / "recording.h5") as whole, read_recording(tmp_path / "b" / "recording.h5") as rest:

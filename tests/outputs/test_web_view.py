@@ -82,7 +82,7 @@ recording.end("completed")
 """
 
 
-def test_a_run_that_goes_on_is_followed_and_ends_as_if_nobody_watched(tmp_path: Path) -> None:
+def test_a_page_follows_a_running_simulation(tmp_path: Path) -> None:
     """The lock of a reader would keep the run from closing its file."""
     command = [sys.executable, "-c", GOING_ON, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as run:

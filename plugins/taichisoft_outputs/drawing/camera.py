@@ -67,7 +67,6 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
 
     Args:
         points: points to be seen [mm], shape (point_count, 3).
-        up: unit vector against gravity, shape (3,).
         view: a key of VIEW_DIRECTIONS.
         aspect: width / height of the picture.
     """
@@ -106,7 +105,6 @@ def view_direction(up: np.ndarray, view: str, turned: float = 0.0) -> tuple[np.n
     """The unit vector from the scene to the camera, and the direction that is up in the picture.
 
     Args:
-        up: unit vector against gravity, shape (3,).
         view: a key of VIEW_DIRECTIONS.
         turned: angle about `up`, counterclockwise as seen from above [rad].
     """
@@ -123,7 +121,6 @@ def picture_up(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
 
     Args:
         backward: unit vector from the scene to the camera, shape (3,).
-        up: unit vector against gravity, shape (3,).
     """
     # Seen from the top, what is in front lies at the bottom of the picture.
     return up if abs(backward @ up) < 0.999 else -scene_axes(up)[1]
@@ -141,10 +138,8 @@ def pixel_matrix(
     """The projection from coordinates on a plane, or in space, to pixels.
 
     Args:
-        camera: the camera that sees them.
         origin: point where the coordinates are 0 [mm], shape (3,).
         directions: directions of the coordinates, shape (count, 3).
-        size: width and height of the picture [pixels].
 
     Returns:
         Shape (3, count + 1): times (coordinates..., 1) it gives (w x, w y, w) with the pixel (x, y), to the right of
@@ -158,11 +153,6 @@ def pixel_matrix(
 
 def project(camera: PictureCamera, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Where the camera sees points.
-
-    Args:
-        camera: the camera that sees them.
-        points: points [mm], shape (point_count, 3).
-        size: width and height of the picture [pixels].
 
     Returns:
         Pixels to the right of the left edge and below the upper edge, shape (point_count, 2), and distances in front of
@@ -214,10 +204,8 @@ def camera_path(
     """The path that a style asks for.
 
     Args:
-        style: what the user chose.
         frames: all frames that will be drawn, in order.
         points: `outermost_points` of these [mm], shape (point_count, 3).
-        up: unit vector against gravity, shape (3,).
         aspect: width / height of the part of the picture that things are fitted into.
         followed: what the camera moves with; None where it does not.
     """
@@ -237,7 +225,6 @@ def outermost_points(surfaces: Iterable[RecordedSurface], frames: Iterable[int])
 
     Args:
         surfaces: surfaces of a recording; obstacles may be large and are left out, unless there is nothing else.
-        frames: all frames that will be drawn.
     """
     surfaces = list(surfaces)
     moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid", "line")] or surfaces

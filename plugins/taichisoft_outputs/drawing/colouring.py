@@ -37,7 +37,6 @@ def with_visual_surfaces(recording: Recording, path: Path | None) -> list[Record
     """The surfaces of a recording; a file replaces the surfaces of soft bodies.
 
     Args:
-        recording: the recording, which stays open.
         path: file of a surface in the coordinates of the bodies' mesh files [mm]; None leaves all as they are.
     """
     if path is None:
@@ -104,9 +103,6 @@ class Colouring:
     """Gives every surface its colours.
 
     Args:
-        recording: the recording, which stays open.
-        style: what the user chose.
-        frames: all frames that will be drawn.
         surfaces: all surfaces that will be drawn.
 
     Attributes:

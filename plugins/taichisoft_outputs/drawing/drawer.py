@@ -120,8 +120,6 @@ class Drawer:
     """Draws frames of a recording as its style says; a process can have only one.
 
     Args:
-        recording: the recording, which stays open as long as frames are drawn.
-        style: what the user chose.
         frames: all frames that will be drawn, in order: the camera and the ranges of the colours suit them all.
         room: room around what these frames show, in parts of its extent [-]: for more frames, which are not known yet.
     """

@@ -45,11 +45,7 @@ class Overlay:
     """Paints all that a style wants over a picture.
 
     Args:
-        recording: the recording, which stays open.
-        style: what the user chose.
-        frames: all frames that will be drawn.
         scales: what the colours of the surfaces mean.
-        radius: radius of the scene [mm].
     """
 
     def __init__(
@@ -131,14 +127,7 @@ def colour_bars_width(scales: Sequence[ColourScale], letters: float) -> float:
 
 
 def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, letters: float) -> None:
-    """Paint a bar for each scale, one under the other, at the right edge of a Pillow image, within a line of ink.
-
-    Args:
-        picture: a Pillow image in RGB, which is changed.
-        scales: what the bars show.
-        ink: colour of text and lines.
-        letters: height of the letters [pixels].
-    """
+    """Paint a bar for each scale, one under the other, at the right edge of a Pillow image, within a line of ink."""
     from PIL import Image, ImageDraw
 
     height = picture.height
@@ -188,10 +177,7 @@ def paint_caption(picture: Any, parts: list[str], ink: Colour, letters: float) -
     """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit.
 
     Args:
-        picture: a Pillow image in RGB, which is changed.
-        parts: what to write.
         ink: colour of the letters.
-        letters: height of the letters [pixels].
     """
     edge = 0.03 * picture.height
     lines: list[str] = []

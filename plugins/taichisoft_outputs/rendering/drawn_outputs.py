@@ -13,13 +13,14 @@ from taichisoft.base import warn_caller
 from taichisoft.running import Output
 from taichisoft_outputs.drawing.style import FPS, Style, parse_size
 from taichisoft_outputs.recording.reader import read_recording
-from taichisoft_outputs.recording.recording_output import NeededRecording, RecordingOutput
+from taichisoft_outputs.recording.recording_output import NeededRecording
 from taichisoft_outputs.rendering.video import (
     RenderError,
     check_slow_motion,
     check_video,
     frame_progress,
     key_moments,
+    record_state,
     render_pictures,
     render_video,
     require_open3d,
@@ -93,10 +94,7 @@ class PictureTaker:
     def _draw(self, name: str, model: "Model", state: "State") -> None:
         """Draw a state from a recording of a single frame, since the drawing process reads recordings."""
         with TemporaryDirectory(prefix="taichisoft-picture-") as folder:
-            recording = RecordingOutput(Path(folder))
-            recording.begin(model, state)
-            recording.end("picture")
-            render_pictures(recording.path, {name: state.time}, self._folder)
+            render_pictures(record_state(Path(folder), model, state), {name: state.time}, self._folder)
 
 
 class DrawnAtEnd(Output):

@@ -15,9 +15,15 @@ from taichisoft_outputs.drawing.drawer import Drawer
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.layout import QUANTITIES, group_of
 from taichisoft_outputs.recording.reader import Recording, read_recording
-from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.video import FRAME_LIMIT, FRAMES_PER_PROCESS, START_LIMIT, RenderError, require_open3d
-from taichisoft_outputs.system_libraries import install_line, packages_for
+from taichisoft_outputs.rendering.video import (
+    FRAME_LIMIT,
+    FRAMES_PER_PROCESS,
+    START_LIMIT,
+    RenderError,
+    how_to_draw,
+    record_state,
+    require_open3d,
+)
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
@@ -147,10 +153,7 @@ class LiveRenderer(Renderer):
                 self.close()
                 raise
             warn_caller(f"the renderer stopped: {problem}; another takes its place")
-        raise RenderError(
-            f"no picture: {problem}; off-screen drawing needs Mesa's libraries "
-            f"({install_line(packages_for(problem, 'open3d'))}); `taichisoft doctor` checks them"
-        )
+        raise RenderError(f"no picture: {how_to_draw(problem)}")
 
     def close(self) -> None:
         """End the process."""
@@ -173,12 +176,10 @@ class _Process:
         self._limit = START_LIMIT + FRAME_LIMIT
         self._next_limit = FRAME_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
         self._folder = TemporaryDirectory(prefix="taichisoft-renderer-")
-        recording = RecordingOutput(Path(self._folder.name))
         first = model.initial_state()
-        recording.begin(model, first)
-        recording.end("picture")
+        path = record_state(Path(self._folder.name), model, first)
         self.worker = Worker(WORKER)
-        self.worker.send((str(recording.path), style, live_values(first, self._actuators)))
+        self.worker.send((str(path), style, live_values(first, self._actuators)))
 
     def draw(self, state: "State", marks: np.ndarray, camera: PictureCamera | None) -> Any:
         """What the process answers to a state with marks and a camera; raises what `Worker.receive` raises."""

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rich
@@ -29,7 +30,12 @@ from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.drawing.style import FPS, Style
 from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.system_libraries import install_line, packages_for
+
+if TYPE_CHECKING:
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import State
 
 # Frames and pictures of a recording, drawn in a worker process that can neither hang nor crash the caller.
 
@@ -88,6 +94,20 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
     return [folder / f"{name}.png" for name in times]
 
 
+def record_state(folder: Path, model: "Model", state: "State") -> Path:
+    """Write a recording of a single state, for the processes that draw, and return its path."""
+    recording = RecordingOutput(folder)
+    recording.begin(model, state)
+    recording.end("picture")
+    return recording.path
+
+
+def how_to_draw(problem: str) -> str:
+    """A problem of drawing, and what to install."""
+    install = install_line(packages_for(problem, "open3d"))
+    return f"{problem}; off-screen drawing needs Mesa's libraries ({install}); `taichisoft doctor` checks them"
+
+
 def require_open3d() -> None:
     """Raise PackageMissing unless Open3D is there, without importing it."""
     require("a picture", "open3d")
@@ -142,10 +162,7 @@ def draw_frames(
         except WorkerLost as lost:
             failures += 1
             if failures == ATTEMPTS:
-                raise RenderError(
-                    f"{recording}: cannot be drawn: {lost}; off-screen drawing needs Mesa's libraries "
-                    f"({install_line(packages_for(str(lost), 'open3d'))}); `taichisoft doctor` checks them"
-                ) from lost
+                raise RenderError(f"{recording}: cannot be drawn: {how_to_draw(str(lost))}") from lost
             stopped = f"drawing stopped after {done} of {len(frames)} frames: {lost}"
             warn_caller(f"{stopped}; going on in a new process")
 
@@ -370,7 +387,6 @@ def video_frames(recording: Recording, rate: float) -> np.ndarray:
     """The recorded frames nearest to the moments that a video shows, from the last start to the very end.
 
     Args:
-        recording: an open recording.
         rate: number of moments per simulated second [1/s].
 
     Returns:
