@@ -212,7 +212,7 @@ def fake_run(outputs: list, steps: int, outcome: str = "completed", floor: bool 
         output.end(outcome)
 
 
-def check_frame(recording: Recording, frame: int, step: int) -> None:
+def check_instant(recording: Recording, frame: int, step: int) -> None:
     """A frame of a recording is what came after a step: its whole state, or all but positions in single precision."""
     expected = State(**vars(fake_state(step)))
     if recording.has_state(frame):

@@ -28,7 +28,7 @@ from taichisoft_outputs.drawing.style import BACKGROUND
 from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.page import COLOURS, SceneView
-from taichisoft_outputs.web.page_messages import PageInstant, PageScene, Poses
+from taichisoft_outputs.web.page_messages import PageInstant, PageScene, ShownPoses
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "pictures.md").read_text(encoding="utf-8")
 
@@ -202,7 +202,7 @@ def page_of(scene: Scene) -> tuple[MagicMock, Any, PageInstant]:
     planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
     points = np.array([[1.0, 2.0, 3.0]])
     turned = np.full((1, 4), 0.5)  # x points to where y was, y to z, z to x
-    poses = Poses(np.zeros((0, 3)), np.array([[10.0, 20.0, 30.0]]), turned)
+    poses = ShownPoses(np.zeros((0, 3)), np.array([[10.0, 20.0, 30.0]]), turned)
     frame = PageInstant(0.0, poses, {}, points, 60.0 * points, np.array([30.0, 0.0, 0.0]))
     server = MagicMock()
     server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, color=look["color"])

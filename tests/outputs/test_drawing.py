@@ -30,7 +30,7 @@ from taichisoft_outputs.drawing.painting import (
     SmoothNormals,
     arrow_outline,
     paint_polygon,
-    sample_frames,
+    sample_instants,
     shade,
     text_colour,
 )
@@ -208,13 +208,13 @@ def test_flat_and_tiny_things_have_outermost_points_too():
 
 def test_a_frame_without_finite_positions_is_named():
     broken = moving("ball", "soft", lambda frame: [np.nan if frame == 3 else 0.0, 0.0, 0.0])
-    with pytest.raises(StyleError, match="frame 3 cannot be drawn: positions of 'ball' are not finite"):
+    with pytest.raises(StyleError, match="instant 3 cannot be drawn: positions of 'ball' are not finite"):
         outermost_points([SURFACES[0], broken], range(5))
 
 
 def test_frames_are_spread_with_first_and_last():
-    assert sample_frames(range(10, 20), 3) == [10, 14, 19]
-    assert sample_frames([4], 3) == [4]
+    assert sample_instants(range(10, 20), 3) == [10, 14, 19]
+    assert sample_instants([4], 3) == [4]
 
 
 # Edges stay sharp and curved faces are smooth.

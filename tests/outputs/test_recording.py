@@ -46,9 +46,9 @@ def recording(tmp_path_factory):
 
 
 def test_every_number_of_every_frame_comes_back(recording):
-    assert recording.frame_count == STEPS + 1
+    assert recording.instant_count == STEPS + 1
     for frame in range(STEPS + 1):
-        fake_run.check_frame(recording, frame, frame)
+        fake_run.check_instant(recording, frame, frame)
     assert np.array_equal(recording.column("iterations"), np.arange(STEPS + 1))
     assert np.array_equal(recording.column("converged")[1:], np.arange(1, STEPS + 1) % 2 == 0)
 
@@ -56,7 +56,7 @@ def test_every_number_of_every_frame_comes_back(recording):
 def test_every_tenth_step_has_a_whole_state(recording):
     with_state = [frame for frame in range(STEPS + 1) if recording.has_state(frame)]
     assert with_state == [*range(0, STEPS + 1, 10), STEPS]
-    with pytest.raises(RecordingError, match="frame 7 has no state of its own"):
+    with pytest.raises(RecordingError, match="instant 7 has no state of its own"):
         recording.state(7)
 
 
@@ -123,9 +123,9 @@ def test_surfaces_follow_their_bodies(recording):
 
 
 def test_a_moment_is_found_and_one_outside_the_run_is_an_error(recording):
-    assert recording.frame_at(0.204) == 20
+    assert recording.instant_at(0.204) == 20
     with pytest.raises(RecordingError, match=r"nothing at 9 s; .* from 0 s to 1\.13 s"):
-        recording.frame_at(9.0)
+        recording.instant_at(9.0)
 
 
 @pytest.mark.parametrize(
@@ -170,9 +170,9 @@ def test_a_restart_stays_in_the_same_recording(tmp_path, every, before, after, s
     with read_recording(tmp_path / "recording.h5") as recording:
         assert recording.column("step").tolist() == steps
         assert recording.last_start == steps.index(0, 1)
-        assert recording.frame_at(every * fake_run.STEP) == recording.last_start + 1, "that of the last start"
+        assert recording.instant_at(every * fake_run.STEP) == recording.last_start + 1, "that of the last start"
         with pytest.raises(RecordingError, match=r"nothing at 0\.2 s"):
-            recording.frame_at(0.2)
+            recording.instant_at(0.2)
 
 
 # Every N-th step; other layouts.
@@ -188,8 +188,8 @@ def test_every_nth_step_and_the_last_one_are_frames(tmp_path):
         assert recording.every == 5
         assert recording.column("step").tolist() == [0, 5, 10, 15, 17]
         for frame, step in enumerate((0, 5, 10, 15, 17)):
-            fake_run.check_frame(recording, frame, step)
-        assert recording.frame_at(0.1) == 2 and recording.frame_at(0.16) == 3
+            fake_run.check_instant(recording, frame, step)
+        assert recording.instant_at(0.1) == 2 and recording.instant_at(0.16) == 3
 
 
 def test_solver_figures_are_the_worst_of_all_steps(tmp_path):
@@ -342,8 +342,8 @@ def test_a_full_recording_keeps_the_newest_instants(tmp_path: Path, monkeypatch:
         assert (before.outcome, newest.outcome) == ("continued in another recording", "stopped")
         steps = [*before.column("step").tolist(), *newest.column("step").tolist()[1:]]
         assert steps == list(range(steps[0], 2001)) and len(steps) > 300
-        assert newest.state(0) == before.state(before.frame_count - 1)
-        assert newest.state(newest.frame_count - 1) == State(**vars(fake_run.fake_state(2000)))
+        assert newest.state(0) == before.state(before.instant_count - 1)
+        assert newest.state(newest.instant_count - 1) == State(**vars(fake_run.fake_state(2000)))
 
 
 @pytest.mark.parametrize(

@@ -72,15 +72,15 @@ def test_frames_come_in_order_from_one_process(worker) -> None:
 )
 def test_after_a_crash_a_new_process_goes_on(worker, what, problem) -> None:
     started = worker(what, at=2, times=1)
-    with pytest.warns(UserWarning, match=f"stopped after 2 of 4 frames: .*{problem}.*going on in a new process"):
+    with pytest.warns(UserWarning, match=f"stopped after 2 of 4 pictures: .*{problem}.*going on in a new process"):
         assert draw([10, 11, 12, 13]) == [10, 11, 12, 13]
     assert started.starts() == [0, 2]
 
 
 def test_a_process_that_hangs_is_ended_and_replaced(worker, monkeypatch) -> None:
-    monkeypatch.setattr(video, "FRAME_LIMIT", 3.0)
+    monkeypatch.setattr(video, "PICTURE_LIMIT", 3.0)
     started = worker("hang", at=1, times=1)
-    with pytest.warns(UserWarning, match="after 1 of 3 frames: no answer within 3 s"):
+    with pytest.warns(UserWarning, match="after 1 of 3 pictures: no answer within 3 s"):
         assert draw([7, 8, 9]) == [7, 8, 9]
     assert started.starts() == [0, 1]
     assert not any(is_alive(process) for process in started.processes())
@@ -89,9 +89,9 @@ def test_a_process_that_hangs_is_ended_and_replaced(worker, monkeypatch) -> None
 def test_the_start_may_take_longer_than_a_frame_but_not_forever(worker, monkeypatch) -> None:
     monkeypatch.setattr(video, "START_LIMIT", 10.0)
     monkeypatch.setattr(video, "LOOK_LIMIT", 0.5)
-    monkeypatch.setattr(video, "FRAME_LIMIT", 3.0)
+    monkeypatch.setattr(video, "PICTURE_LIMIT", 3.0)
     worker("hang", at=0, times=1)
-    with pytest.warns(UserWarning, match="after 0 of 2 frames: no answer within 14 s"):
+    with pytest.warns(UserWarning, match="after 0 of 2 pictures: no answer within 14 s"):
         draw([1, 2])
 
 
@@ -185,7 +185,7 @@ def is_alive(process: int) -> bool:
 # A video of any length needs no more than so much memory: another process goes on.
 
 
-LARGEST_GROWTH = 800.0 / video.FRAMES_PER_PROCESS
+LARGEST_GROWTH = 800.0 / video.PICTURES_PER_PROCESS
 """[MB] a frame: the frames of a process may cost 800 MB."""
 
 SCRIPT = """
@@ -225,7 +225,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return Worker(function)
 
     for module in (video, live_renderer):
-        monkeypatch.setattr(module, "FRAMES_PER_PROCESS", 2)
+        monkeypatch.setattr(module, "PICTURES_PER_PROCESS", 2)
         monkeypatch.setattr(module, "Worker", start)
     return functions
 
@@ -237,7 +237,7 @@ def test_the_next_process_goes_on_with_the_frames(tmp_path: Path, started: list[
     video.draw_frames(recording, style, [2, 0, 1], images.append, lambda: None)
     assert started == [video.WORKER] * 2
     whole: list[np.ndarray] = []
-    video.FRAMES_PER_PROCESS = 3
+    video.PICTURES_PER_PROCESS = 3
     video.draw_frames(recording, style, [2, 0, 1], whole.append, lambda: None)
     assert started == [video.WORKER] * 3
     assert np.array_equal(images, whole)
@@ -468,7 +468,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray]:
     def render(path: Path, times: dict[str, float], folder: Path) -> None:
         with read_recording(path) as recording:
             for name, time in times.items():
-                pictures[name] = recording.row("position", recording.frame_at(time))
+                pictures[name] = recording.row("position", recording.instant_at(time))
 
     monkeypatch.setattr(drawn_outputs, "render_pictures", render)
     return pictures

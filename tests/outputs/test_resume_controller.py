@@ -71,7 +71,7 @@ def script(tmp_path_factory):
 def assert_goes_on(folder: Path, resumed: Path, moment: float) -> None:
     """A run that goes on has the bits of the one that was not interrupted: states, signals and what is remembered."""
     with read_recording(folder / "recording.h5") as before, read_recording(resumed / "recording.h5") as after:
-        first, last = before.frame_at(moment), before.frame_at(float(after.times[-1]))
+        first, last = before.instant_at(moment), before.instant_at(float(after.times[-1]))
         assert after.controller_state(0) == before.controller_state(first)
         assert after.controller_state(-1) == before.controller_state(last) is not None
         assert after.state(-1) == state_at(before, last)
@@ -148,7 +148,7 @@ def test_random_numbers_go_on_where_they_were(tmp_path):
     simulation = Simulation(load_scene(TINY_GRIPPER))
     run(simulation, Press(), [RecordingOutput(tmp_path)], 0.3)
     with read_recording(tmp_path / "recording.h5") as recording:
-        frame = recording.frame_at(0.15)
+        frame = recording.instant_at(0.15)
         resumed = resumed_simulation(recording, frame, recording.scene)
         run(resumed, Press(), [], 0.15, saved=recording.controller_state(frame))
         assert resumed.state == simulation.state
@@ -176,7 +176,7 @@ def test_keys_and_sliders_stay_where_they_were(tmp_path):
 
     run_session(session, press)
     with read_recording(tmp_path / "recording.h5") as recording:
-        frame = recording.frame_at(0.2)
+        frame = recording.instant_at(0.2)
         saved = recording.controller_state(frame)
         resumed, again = resumed_simulation(recording, frame, scene), KeyboardController()
         assert recording.controller_state(0)["sliders"] == {"left.cavity": 0.0, "right.cavity": 0.0}

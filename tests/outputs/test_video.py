@@ -31,7 +31,7 @@ from taichisoft_outputs.rendering import drawn_outputs, side_by_side, video
 from taichisoft_outputs.rendering import video as rendering
 from taichisoft_outputs.rendering.drawn_outputs import VideoOutput
 from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side
-from taichisoft_outputs.rendering.video import RenderError, video_frames
+from taichisoft_outputs.rendering.video import RenderError, shown_instants
 
 STYLE = Style(size=(32, 16))
 
@@ -68,7 +68,7 @@ def test_a_drawn_video_begins_and_ends_like_the_stills(run, tmp_path) -> None:
     """With Open3D. Nothing reaches further than it does at the beginning or at the end, so one camera suits both."""
     style = Style(size=(160, 90))
     told = []
-    written = render_video(run, tmp_path / "run.mp4", style, fps=30.0, on_frame=lambda *frames: told.append(frames))
+    written = render_video(run, tmp_path / "run.mp4", style, fps=30.0, on_picture=lambda *frames: told.append(frames))
     frames, about = decode(tmp_path / "run.mp4")
     assert written == len(frames) == 7, "0.2 s at 30 frames per second, the first and the last included"
     assert told == [(count, 7) for count in range(1, 8)]
@@ -128,7 +128,7 @@ def test_what_is_put_into_the_folder_meanwhile_is_not_lost(run, tmp_path, worker
     render_video(run, tmp_path / "frames", STYLE, fps=10.0)
     notes = tmp_path / "frames" / "notes.txt"
     with pytest.raises(RenderError, match=r"frames: has 'notes\.txt'"):
-        render_video(run, tmp_path / "frames", STYLE, on_frame=lambda *_: notes.write_text("mine"))
+        render_video(run, tmp_path / "frames", STYLE, on_picture=lambda *_: notes.write_text("mine"))
     assert notes.read_text() == "mine"
 
 
@@ -158,7 +158,7 @@ def recording_of(times: list[float], first: int = 0) -> SimpleNamespace:
     ],
 )
 def test_a_video_shows_the_recorded_frames_nearest_to_its_own(times, first, rate, frames) -> None:
-    assert video_frames(recording_of(times, first), rate).tolist() == frames
+    assert shown_instants(recording_of(times, first), rate).tolist() == frames
 
 
 def test_a_video_begins_at_the_last_start(tmp_path, worker) -> None:
@@ -167,7 +167,7 @@ def test_a_video_begins_at_the_last_start(tmp_path, worker) -> None:
     recording.restart(fake_run.fake_state(0))
     fake_run.make_steps(recording, [1]).end("completed")
     with read_recording(recording.path) as opened:
-        assert video_frames(opened, 100.0).tolist() == [6, 7]
+        assert shown_instants(opened, 100.0).tolist() == [6, 7]
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ from taichisoft_outputs.rendering import video
 from taichisoft_outputs.rendering.video import render_video
 video.WORKER = {fake_worker.FUNCTION!r}
 show = lambda done, total: print(done, flush=True)
-render_video(Path({str(run)!r}), Path({str(tmp_path / "new" / "run.mp4")!r}), Style(size=(32, 16)), on_frame=show)
+render_video(Path({str(run)!r}), Path({str(tmp_path / "new" / "run.mp4")!r}), Style(size=(32, 16)), on_picture=show)
 """
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as parent:
         assert parent.stdout is not None and parent.stderr is not None
@@ -282,7 +282,7 @@ def test_a_run_ends_with_its_video(tmp_path, worker, capsys) -> None:
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 11 and film.size == (32, 16)
     assert "film.gif" in capsys.readouterr().out, "a progress bar"
-    assert video.summary() == {"video": f"{tmp_path / 'film.gif'}, 11 frames, 0.2 s"}
+    assert video.summary() == {"video": f"{tmp_path / 'film.gif'}, 11 pictures, 0.2 s"}
 
 
 def test_without_a_name_it_is_beside_the_recording(tmp_path, worker) -> None:
@@ -379,7 +379,7 @@ def test_a_video_alone_or_with_pictures(short_run: Path, tmp_path: Path) -> None
     assert not list(tmp_path.glob("*.png"))
     with Image.open(tmp_path / "new" / "run.gif") as video:
         assert video.n_frames == 3
-    assert "3/3 frames" in answer.output
+    assert "3/3 pictures" in answer.output
     assert render(short_run, "--size", "32x16", "--video", tmp_path / "run.gif", "--image").exit_code == 0
     assert len(list(tmp_path.glob("*.png"))) == 3
 
@@ -454,7 +454,7 @@ def test_render_tells_a_second_attempt_and_failure(short_run: Path, tmp_path: Pa
         log = tmp_path / f"started{times}"
         fake_worker.stand_in(monkeypatch, log, "crash", 1, times)
         answer = render(short_run, "--size", "32x16", "--video", tmp_path / "run.gif")
-        assert "warning: drawing stopped after 1 of 4 frames" in answer.output
+        assert "warning: drawing stopped after 1 of 4 pictures" in answer.output
         assert answer.exit_code == code
     assert isinstance(answer.exception, RenderError)
     assert "apt-get install" in str(answer.exception)

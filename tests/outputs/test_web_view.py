@@ -95,7 +95,7 @@ def test_a_page_follows_a_running_simulation(tmp_path: Path) -> None:
             until(lambda: any("completed" in str(element.get("_markdown")) for element in viewer.elements.values()))
         assert run.wait(PATIENCE) == 0
     with read_recording(tmp_path / "recording.h5") as read:
-        assert (read.outcome, read.frame_count) == ("completed", 121)
+        assert (read.outcome, read.instant_count) == ("completed", 121)
 
 
 def test_what_cannot_be_viewed_is_one_line(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def line_tubes(recording: Recording, first_frame: int) -> list[LineTube]:
     """A tube for each cable and other line of a recording.
 
     Args:
-        first_frame: the frame in which the bodies have the size that the thickness suits.
+        first_frame: the instant in which the bodies have the size that the thickness suits.
     """
     lines = [(kind, line) for kind in ACTUATOR_KINDS for line in recording.lines(kind)]
     if not lines:
@@ -209,7 +209,7 @@ def tube_triangles(point_count: int) -> np.ndarray:
 
 
 def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int], np.ndarray]:
-    return lambda frame: tube_vertices(points(frame), radius)
+    return lambda instant: tube_vertices(points(instant), radius)
 
 
 def _segments(point_count: int) -> np.ndarray:
@@ -244,7 +244,7 @@ def _unit_ball() -> tuple[np.ndarray, np.ndarray]:
 _BALL, _BALL_TRIANGLES = _unit_ball()
 
 
-# Scales that hold for all frames that are drawn: colours for numbers, round ends, frames to look at.
+# Scales that hold for all instants that are drawn: colours for numbers, round ends, instants to look at.
 
 SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13, 0.30), (0.33, 0.06, 0.32))
 """Colours from silicone's own over yellow and red to violet: brightness falls all the way."""
@@ -313,9 +313,9 @@ def round_down(value: float) -> float:
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-9)))
 
 
-def sample_frames(frames: Sequence[int], count: int) -> list[int]:
-    """At most `count` of the frames, evenly spaced from the first to the last."""
-    return [frames[index] for index in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
+def sample_instants(instants: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the instants, evenly spaced from the first to the last."""
+    return [instants[index] for index in np.unique(np.linspace(0, len(instants) - 1, count).astype(int))]
 
 
 # Smooth polygons and text in a finished picture.
@@ -415,7 +415,7 @@ SEEN = 0.45
 LONGEST = 0.5
 """Length of the arrow of the strongest force, in radii of the scene [-]."""
 SAMPLES = 200
-"""Number of frames, at most, in which the strongest force is looked for."""
+"""Number of instants, at most, in which the strongest force is looked for."""
 FORCE_WIDTH, AXIS_WIDTH = 1 / 220, 1 / 180
 """Width of an arrow's shaft, in heights of the picture [-]."""
 
@@ -428,7 +428,7 @@ BODY_AXIS = 0.25
 
 
 class ForceArrows:
-    """Arrows of contact forces, of one scale over all frames: twice the force is twice the length.
+    """Arrows of contact forces, of one scale over all instants: twice the force is twice the length.
 
     Args:
         behind: red, green and blue [-] of what may be behind the arrows.
@@ -442,23 +442,23 @@ class ForceArrows:
     def __init__(
         self,
         recording: Recording,
-        frames: Sequence[int],
+        instants: Sequence[int],
         radius: float,
         behind: Sequence[np.ndarray] = (),
         length: float | None = None,
     ):
         self._recording = recording
         self._colour = arrow_colour(behind)
-        contacts = [recording.contacts(frame) for frame in sample_frames(frames, SAMPLES)]
+        contacts = [recording.contacts(instant) for instant in sample_instants(instants, SAMPLES)]
         self._strongest = max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for _, f in contacts), default=0.0)
         own = LONGEST * radius / self._strongest if self._strongest else 0.0
         self.length = own if length is None else length
         self.tails = np.concatenate([np.zeros((0, 3)), *(point - self.length * force for point, force in contacts)])
 
-    def paint(self, picture: Any, camera: PictureCamera, frame: int, section: SectionPlane | None) -> None:
-        """Paint a frame's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
+    def paint(self, picture: Any, camera: PictureCamera, instant: int, section: SectionPlane | None) -> None:
+        """Paint an instant's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
         if self._strongest:
-            points, forces = self._recording.contacts(frame)
+            points, forces = self._recording.contacts(instant)
             if section is not None:
                 kept = section.facing(camera.eye).height(points) <= 0.0
                 points, forces = points[kept], forces[kept]

@@ -295,11 +295,11 @@ def refuse_what_cuts_nothing(section: str, points: np.ndarray) -> None:
 def cut_open(
     recording: Recording,
     surfaces: Sequence[RecordedSurface],
-    frame: int,
+    instant: int,
     plane: SectionPlane,
     values: np.ndarray | None = None,
 ) -> Section:
-    """Cut what moves and the obstacles, in one frame: silicone shows its elements' section, air and bodies are filled.
+    """Cut what moves and the obstacles: silicone shows its elements' section, air and bodies are filled.
 
     Cables, and planes without an end, stay whole.
 
@@ -309,7 +309,7 @@ def cut_open(
         values: values at the nodes of all soft bodies, which the section shows, shape (node_count,); or None.
     """
     caps = {}
-    position = recording.row("position", frame)
+    position = recording.row("position", instant)
     for body in recording.soft_bodies:
         at_nodes = position[body.nodes]
         height = plane.height(at_nodes)[body.tetrahedra]
@@ -319,7 +319,7 @@ def cut_open(
     cut = [surface for surface in surfaces if surface.kind != "line"]
     for surface in cut:
         if surface.kind != "soft":
-            corners = surface.vertices(frame)[surface.triangles]
+            corners = surface.vertices(instant)[surface.triangles]
             _, _, sides = split_triangles(corners, plane.height(corners))
             caps[surface.name] = closed_cap(sides, plane.normal)
     return Section(plane, frozenset(surface.name for surface in cut), caps)
