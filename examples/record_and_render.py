@@ -40,7 +40,7 @@ print(f"{outcome}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 with read_recording(folder / "recording.h5") as recording:
     pressure = recording.column("pressure")[:, 0]
     for time in (0.1, 0.2, 0.4):
-        print(f"{time:.1f} s: {pressure[recording.frame_at(time)]:.1f} kPa")
+        print(f"{time:.1f} s: {pressure[recording.instant_at(time)]:.1f} kPa")
 
 with Image.open(folder / "after.png") as picture:
     print(f"after.png: {picture.width} x {picture.height} pixels")

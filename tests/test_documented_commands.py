@@ -73,7 +73,7 @@ SHORTER = (
     (r"runs/1aaaa8ec010c7dbe out/study/runs/3c6447d2fcc3c084", "runs/FIRST out/study/runs/SECOND"),
 )
 """What stands for a time of a whole run, and for names that depend on the version."""
-SHORTER_IN_PROGRAMS = ((r"frame_at\([\d.]+\)", "frame_at(0.02)"), (r'("closed"|"end"): [\d.]+', r"\1: 0.02"))
+SHORTER_IN_PROGRAMS = ((r"instant_at\([\d.]+\)", "instant_at(0.02)"), (r'("closed"|"end"): [\d.]+', r"\1: 0.02"))
 BEFORE_PROGRAMS = {"docs/controllers.md": ("taichisoft run gripper --controller closed-loop --outputs csv",)}
 """Commands that a page describes in words."""
 

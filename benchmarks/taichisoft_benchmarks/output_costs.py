@@ -83,7 +83,7 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
             folder / "video.mp4",
             Style(size=SIZE),
             1.0 / (case.every * scene.time.step),
-            on_frame=lambda *_: drawn.append(time.perf_counter()),
+            on_picture=lambda *_: drawn.append(time.perf_counter()),
         )
         ended = time.perf_counter()
     between = np.diff(drawn)

@@ -96,9 +96,9 @@ def video() -> str:
     size = (64, 36)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "video.mp4"
-        with open_video(path, size, fps=30.0) as add_frame:
+        with open_video(path, size, fps=30.0) as add_picture:
             for level in (0, 100, 200):
-                add_frame(np.full((size[1], size[0], 3), level, np.uint8))
+                add_picture(np.full((size[1], size[0], 3), level, np.uint8))
         if not path.stat().st_size:
             raise RuntimeError("ffmpeg wrote an empty file")
     program = ffmpeg_program()

@@ -321,7 +321,7 @@ def chosen_frames(recording: Recording, every: int | None, times: Sequence[float
     if times:
         if every is not None:
             raise ExportError("--every and --time choose frames in two ways; give one of them")
-        return sorted({recording.frame_at(time) for time in times})
+        return sorted({recording.instant_at(time) for time in times})
     if every is not None and every < 1:
         raise ExportError(f"--every {every}: must be 1 or more; 10 takes each tenth recorded frame")
-    return list(range(recording.last_start, recording.frame_count, every or 1))
+    return list(range(recording.last_start, recording.instant_count, every or 1))

@@ -254,7 +254,7 @@ class RunCurves:
 
     Attributes:
         recording: the recording, which stays open.
-        times: times of its frames [s], shape (frame_count,).
+        times: times of its frames [s], shape (instant_count,).
         objects: names of the rigid bodies that no frame carries.
         object_columns: their numbers among all rigid bodies.
     """
@@ -483,7 +483,7 @@ def _evenly_spaced(times: np.ndarray, count: int) -> np.ndarray:
 
 
 def _since_start(run: RunCurves, level: np.ndarray) -> np.ndarray:
-    """Heights (frame_count,) above that at the last start."""
+    """Heights (instant_count,) above that at the last start."""
     return np.concatenate([level[start:end] - level[start] for start, end in pieces(run.times)])
 
 

@@ -22,10 +22,10 @@ def export(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the files  \\[default: vtu, beside RUN]")
     ] = None,
-    every: Annotated[int | None, typer.Option(metavar="N", help="Each N-th recorded frame  \\[default: 1]")] = None,
-    time: Annotated[list[float] | None, typer.Option(help="The frame nearest to this time \\[s] (repeatable).")] = None,
+    every: Annotated[int | None, typer.Option(metavar="N", help="Each N-th recorded instant  \\[default: 1]")] = None,
+    time: Annotated[list[float] | None, typer.Option(help="The instant nearest to it \\[s] (repeatable).")] = None,
 ) -> None:
-    """Write the frames of a recording for ParaView."""
+    """Write the instants of a recording for ParaView."""
     from rich.console import Console  # --help need not wait for any of these
     from rich.progress import track
 
@@ -33,10 +33,10 @@ def export(
     from taichisoft_outputs.recording.reader import read_recording
 
     with read_recording(run) as recording:
-        frames = chosen_frames(recording, every, time)
+        instants = chosen_frames(recording, every, time)
         if recording.last_start and not time:
-            typer.echo(f"the run was restarted; only frames after the last start are exported ({len(frames)} frames)")
-        shown = track(frames, description=f"exporting {len(frames)} frames", console=Console(stderr=True))
+            typer.echo(f"the run was restarted; only the {len(instants)} instants after the last start are exported")
+        shown = track(instants, description=f"exporting {len(instants)} instants", console=Console(stderr=True))
         for path in export_vtu(recording, shown, output or run.parent / "vtu"):
             say(path)
 
@@ -191,8 +191,8 @@ def render(
     from taichisoft_outputs.rendering.video import (
         check_slow_motion,
         check_video,
-        frame_progress,
         key_moments,
+        picture_progress,
         render_pictures,
         render_video,
     )
@@ -242,7 +242,7 @@ def render(
                     say(path)
             if video is not None:
                 file = video.with_name(f"{video.stem}{ending}{video.suffix}")
-                with frame_progress(file.name) as show:
+                with picture_progress(file.name) as show:
                     if others:
                         video_side_by_side(runs, file, style, fps, slow_motion, show)
                     else:
@@ -288,7 +288,7 @@ def view(
 def resume(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that was killed.")],
-    at: Annotated[float | None, typer.Option(help="Time to go on from \\[s]  \\[default: the last frame]")] = None,
+    at: Annotated[float | None, typer.Option(help="Time to go on from \\[s]  \\[default: the last instant]")] = None,
     duration: Annotated[
         float | None,
         typer.Option(help="Simulated time from there \\[s]  \\[default: to the end of the scene]"),
@@ -308,7 +308,7 @@ def resume(
         bool, typer.Option("--reset-controller", help="Let the controller begin again instead of going on as it was.")
     ] = False,
 ) -> None:
-    """Go on from a frame of a recording, into a new folder.
+    """Go on from an instant of a recording, into a new folder.
 
     The run continues to the bit, the controller included: it goes on with what it remembered then. One that does not
     save what it remembers, and another one than the recorded, begins with a reset.
@@ -329,40 +329,40 @@ def resume(
 
     asked = requested(context, outputs)
     with read_recording(run) as recording:
-        frame = recording.frame_count - 1 if at is None else recording.frame_at(at)
+        instant = recording.instant_count - 1 if at is None else recording.instant_at(at)
         scene = recorded_scene(recording, set_ or [], controller or asked.controller, goal)
-        folder = output or _new_folder(recording, frame)
+        folder = output or _new_folder(recording, instant)
         if (folder / FILE_NAME).resolve() == run.resolve():
             raise RecordingError(f"--output {folder}: would replace the recording; name another folder")
-        if scene.goal is not None and base_has_moved(recording, frame):
+        if scene.goal is not None and base_has_moved(recording, instant):
             typer.echo("the goal of the scene is not judged: the base had moved before")
             scene = scene.model_copy(update={"goal": None})
-        saved, said = (None, "") if reset_controller else saved_controller(recording, frame, scene)
-        typer.echo(f"going on from {recording.row('time', frame):g} s{said}")
+        saved, said = (None, "") if reset_controller else saved_controller(recording, instant, scene)
+        typer.echo(f"going on from {recording.row('time', instant):g} s{said}")
         run_simulation(
             str(run),
             scene,
-            lambda: resumed_simulation(recording, frame, scene),
+            lambda: resumed_simulation(recording, instant, scene),
             RunRequest(folder, asked.outputs, duration, speed, saved=saved),
-            usual_duration=lambda: remaining_time(recording, frame, scene),
+            usual_duration=lambda: remaining_time(recording, instant, scene),
         )
 
 
-def _new_folder(recording: "Recording", frame: int) -> Path:
+def _new_folder(recording: "Recording", instant: int) -> Path:
     """A folder beside the recording's, with the time in its name."""
     folder = recording.path.resolve().parent
-    return folder.with_name(f"{folder.name}-from-{recording.row('time', frame):.2f}s")
+    return folder.with_name(f"{folder.name}-from-{recording.row('time', instant):.2f}s")
 
 
 def repair(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording, damaged or of a killed run; it stays.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.h5", help="The new recording.")],
 ) -> None:
-    """Rescue the frames of a damaged recording that are whole; make an HDF5 file of that of a killed run."""
+    """Rescue the instants of a damaged recording that are whole; make an HDF5 file of that of a killed run."""
     from taichisoft_outputs.recording.reader import read_recording
 
     with read_recording(run) as recording:
         rescued = recording.rescue(output)
-    say(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")
+    say(f"{output}: {len(rescued.whole)} of {rescued.instant_count} instants")
     if rescued.damage:
         say(f"the first that is not whole: {rescued.damage}")

@@ -49,7 +49,7 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
     found = []
     for path in paths:
         with read_recording(path) as recording:
-            frames = np.unique(np.linspace(0, recording.frame_count - 1, MOST_FRAMES).astype(int))
+            frames = np.unique(np.linspace(0, recording.instant_count - 1, MOST_FRAMES).astype(int))
             displacement: dict[str, list[np.ndarray]] = {}
             for body in recording.soft_bodies:
                 settings = recording.scene.soft_bodies[body.name]

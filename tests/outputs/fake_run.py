@@ -5,10 +5,11 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -187,18 +188,31 @@ def fake_report(step: int) -> SimpleNamespace:
     )
 
 
+def begun(output: Any, steps: Iterable[int] = (), floor: bool = False) -> Any:
+    """An output that has taken the first state and these steps."""
+    output.begin(fake_model(floor), fake_state(0))
+    return make_steps(output, steps)
+
+
+def make_steps(output: Any, steps: Iterable[int]) -> Any:
+    """An output that has taken these further steps."""
+    for step in steps:
+        output.record(fake_state(step), fake_report(step))
+    return output
+
+
 def fake_run(outputs: list, steps: int, outcome: str = "completed", floor: bool = False) -> None:
     """Take the outputs through a run."""
     for output in outputs:
         output.begin(fake_model(floor), fake_state(0))
     for step in range(1, steps + 1):
         for output in outputs:
-            output.record(fake_state(step), fake_report(step))
+            make_steps(output, [step])
     for output in outputs:
         output.end(outcome)
 
 
-def check_frame(recording: Recording, frame: int, step: int) -> None:
+def check_instant(recording: Recording, frame: int, step: int) -> None:
     """A frame of a recording is what came after a step: its whole state, or all but positions in single precision."""
     expected = State(**vars(fake_state(step)))
     if recording.has_state(frame):
@@ -210,10 +224,9 @@ def check_frame(recording: Recording, frame: int, step: int) -> None:
 
 
 if __name__ == "__main__":
-    endless = RecordingOutput(Path(sys.argv[1]))
-    endless.begin(fake_model(), fake_state(0))
+    endless = begun(RecordingOutput(Path(sys.argv[1])))
     print("begun", flush=True)
     for number in count(1):
-        endless.record(fake_state(number), fake_report(number))
+        make_steps(endless, [number])
         if number % 20 == 0:
             time.sleep(0.002)  # so that whoever reads it can keep up

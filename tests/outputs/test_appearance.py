@@ -28,7 +28,7 @@ from taichisoft_outputs.drawing.style import BACKGROUND
 from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.page import COLOURS, SceneView
-from taichisoft_outputs.web.page_messages import PageInstant, PageScene, Poses
+from taichisoft_outputs.web.page_messages import PageInstant, PageScene, ShownPoses
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "pictures.md").read_text(encoding="utf-8")
 
@@ -83,9 +83,7 @@ def count_lit(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
     return int(((off < 4) & (light > DARKEST_SIDE) & (light <= 1.01)).sum())
 
 
-def test_every_body_the_floor_and_what_is_behind_have_the_colours_of_the_scene(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_everything_has_the_colours_of_the_scene(recording: Recording, tmp_path: Path) -> None:
     picture = drawn(recording, tmp_path)
     for colour in (FINGER, CUBE, FLOOR, WALL):
         assert count_lit(picture, colour) > 200, colour
@@ -95,7 +93,7 @@ def test_every_body_the_floor_and_what_is_behind_have_the_colours_of_the_scene(
     assert not (np.abs(other - BEHIND).max(axis=2) < 2).any()
 
 
-def test_a_scene_that_wants_no_axes_has_none_unless_the_user_does(recording: Recording, tmp_path: Path) -> None:
+def test_axes_are_drawn_where_user_or_scene_want_them(recording: Recording, tmp_path: Path) -> None:
     none, wanted, unwanted = (drawn(recording, tmp_path, **style) for style in ({}, {"axes": True}, {"axes": False}))
     np.testing.assert_array_equal(none, unwanted)
     rows, columns = np.nonzero((none != wanted).any(axis=2))
@@ -129,7 +127,7 @@ def test_light_comes_from_where_the_scene_says(recording: Recording, tmp_path: P
     assert np.linalg.norm(usual) == pytest.approx(1.0) and usual @ recording.scene.up > 0.5
 
 
-def test_shadows_fall_away_from_the_light_and_can_be_switched_off(recording: Recording) -> None:
+def test_shadows_fall_away_from_the_light(recording: Recording) -> None:
     casters = [(fake_run.CUBE + np.array([40.0, 0.0, 0.0]), fake_run.CUBE_FACES, 1.0)]
     plane = Plane("floor", np.zeros(3), np.array([1.0, 0.0, 0.0]))
     camera = fit_camera(casters[0][0], plane.normal, "top", 16 / 9)
@@ -204,7 +202,7 @@ def page_of(scene: Scene) -> tuple[MagicMock, Any, PageInstant]:
     planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
     points = np.array([[1.0, 2.0, 3.0]])
     turned = np.full((1, 4), 0.5)  # x points to where y was, y to z, z to x
-    poses = Poses(np.zeros((0, 3)), np.array([[10.0, 20.0, 30.0]]), turned)
+    poses = ShownPoses(np.zeros((0, 3)), np.array([[10.0, 20.0, 30.0]]), turned)
     frame = PageInstant(0.0, poses, {}, points, 60.0 * points, np.array([30.0, 0.0, 0.0]))
     server = MagicMock()
     server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, color=look["color"])
@@ -213,7 +211,7 @@ def page_of(scene: Scene) -> tuple[MagicMock, Any, PageInstant]:
     return server, SceneView(server, content, frame), frame
 
 
-def test_a_page_shows_pressure_in_the_colours_of_pictures_and_says_what_colours_and_arrows_mean() -> None:
+def test_a_page_explains_its_colours_and_arrows() -> None:
     _, view, frame = page_of(fake_run.fake_model().scene)
     panel = SimpleNamespace(content="")
     view.put_scales(panel)
@@ -229,7 +227,7 @@ def test_a_page_shows_pressure_in_the_colours_of_pictures_and_says_what_colours_
 
 
 @pytest.mark.parametrize("framed", [True, False])
-def test_a_page_has_the_axes_of_the_scene_with_their_names_and_those_of_bodies(framed: bool) -> None:
+def test_a_page_draws_axes_of_scene_and_bodies(framed: bool) -> None:
     scene = fake_run.fake_model().scene.model_copy(update={"appearance": Appearance(frame=framed, shadows=False)})
     server, view, frame = page_of(scene)
     names = [call.args[0] for call in server.scene.add_frame.call_args_list]

@@ -29,7 +29,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
         yield opened
 
 
-def test_a_tube_has_its_radius_everywhere_and_beads_at_its_points() -> None:
+def test_a_tube_has_its_radius_and_beads() -> None:
     """Each vertex of the straight parts is at the radius from the line, each of a bead at the bead's from its point."""
     points, radius = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 6.0, 8.0]]), 0.5
     vertices = tube_vertices(points, radius)

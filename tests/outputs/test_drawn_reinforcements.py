@@ -48,9 +48,7 @@ def simulation(tmp_path_factory: pytest.TempPathFactory) -> Simulation:
     return simulation
 
 
-def test_slab_and_tube_are_closed_face_outward_and_move_as_the_elements_do(
-    simulation: Simulation, tmp_path: Path
-) -> None:
+def test_slab_and_tube_move_with_the_elements(simulation: Simulation, tmp_path: Path) -> None:
     """Volumes at rest: area times thickness, and the hexagon (3 / 2) sqrt(3) r^2 times the length."""
     model, state = simulation.model, simulation.state
     at_rest = replace(state, position=model.rest_position)
@@ -76,5 +74,5 @@ def test_slab_and_tube_are_closed_face_outward_and_move_as_the_elements_do(
             assert recorded.vertices(0) == pytest.approx(surface.vertices(state))
 
 
-def test_every_kind_of_surface_has_a_colour_in_pictures_and_on_the_page() -> None:
+def test_every_kind_of_surface_has_a_colour() -> None:
     assert set(get_args(SurfaceKind)) == set(PLAIN) == {*COLOURS, "line"} - {"floor"}

@@ -201,7 +201,7 @@ def test_of_a_run_that_was_started_anew_only_the_last_start_is_exported(tmp_path
     """ParaView's times cannot go back; the command says that it leaves something out."""
     tiny_run.tiny_run(tmp_path, restart_after=10)
     shown = tiny_run.command("recording", "export", tmp_path / "recording.h5", "--every", 10)
-    assert "only frames after the last start are exported (5 frames)" in shown.output
+    assert "only the 5 instants after the last start are exported" in shown.output
     assert pyvista.PVDReader(tmp_path / "vtu" / "soft_bodies.pvd").time_values == pytest.approx(
         [0.0, 0.1, 0.2, 0.3, 0.4]
     )

@@ -56,7 +56,7 @@ def test_a_picture_looks_as_it_did(drawn, name):
     assert similarity(read_image(drawn / f"{name}.png"), read_image(GOLDEN / f"{name}.png")) > ALIKE
 
 
-def test_values_have_the_colours_of_the_bar_and_air_that_of_its_pressure(drawn):
+def test_values_have_the_colours_of_the_bar(drawn):
     """Warm pixels are the finger's: all but lines, smoothed edges and arrows lie within 3 of 255 of the bar's colours.
 
     Light would move most of them away. The section shows the air at the highest pressure of the run in the bar's last

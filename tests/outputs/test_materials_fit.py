@@ -219,7 +219,7 @@ def test_the_command_writes_a_material_that_a_scene_can_name(tmp_path: Path) -> 
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_ships_says_where_it_comes_from_and_stiffens_nowhere_wrongly() -> None:
+def test_shipped_materials_name_their_source() -> None:
     """19 silicones; each names the database and its licence, is stiff at rest and gives way at no stretch up to 10."""
     shipped = shipped_materials()
     assert len(shipped) == 19

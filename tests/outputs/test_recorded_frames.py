@@ -60,7 +60,7 @@ def test_frames_are_recorded_and_go_on_from_every_frame(tmp_path: Path) -> None:
         panel = PANELS["frame-force"](RunCurves(recording))
         belt = next(curve for curve in panel.curves if curve.label == "belt")
         assert belt.y[-1] == pytest.approx(0.05 * 9810.0, rel=1e-3)
-        frame = recording.frame_at(0.08)
+        frame = recording.instant_at(0.08)
         assert not recording.has_state(frame)
         assert state_at(recording, frame) == states[8]
         resumed = resumed_simulation(recording, frame, recorded_scene(recording, (), None))

@@ -45,18 +45,14 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of as many steps that nobody has closed, but for the last step."""
-    writer = RecordingOutput(tmp_path_factory.mktemp("killed"))
-    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
-    for step in range(1, STEPS + 2):
-        writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
-    return writer.path
+    return fake_run.begun(RecordingOutput(tmp_path_factory.mktemp("killed")), range(1, STEPS + 2)).path
 
 
 def check_instants(recording: Recording) -> None:
     """Instants at the start, in the middle and at the end are what was computed."""
-    count = recording.frame_count
+    count = recording.instant_count
     for number in {0, count // 2, *range(max(0, count - 3), count)}:
-        fake_run.check_frame(recording, number, number)
+        fake_run.check_instant(recording, number, number)
         assert recording.row("iterations", number) == number
 
 
@@ -69,9 +65,9 @@ def test_damage_is_never_read_as_true(recorded: Path, killed: Path, seed: int, k
     broken.write_bytes(kind(bytearray(path.read_bytes()), random.Random(seed)))
     try:
         with read_recording(broken) as recording:
-            rows = recording.rows_of_frames(0, recording.frame_count)
-            assert recording.frame_count == STEPS + 1 or not finished
-            assert np.array_equal(rows["steps/step"], np.arange(recording.frame_count))
+            rows = recording.rows_of_instants(0, recording.instant_count)
+            assert recording.instant_count == STEPS + 1 or not finished
+            assert np.array_equal(rows["steps/step"], np.arange(recording.instant_count))
             assert np.array_equal(recording.soft_bodies[0].rest_position, fake_run.REST)
             assert recording.scene == fake_run.fake_model().scene
             check_instants(recording)
@@ -91,11 +87,11 @@ def test_repair_keeps_every_whole_instant(recorded: Path, killed: Path, tmp_path
         rescue = recording.rescue(new)
     lost = sorted(set(range(STEPS + 1)) - set(rescue.whole))
     assert 70 in lost and len(lost) <= (100 if finished else 1)
-    assert rescue.damage.startswith(f"frame {lost[0]}: ") and "what was written" in rescue.damage
+    assert rescue.damage.startswith(f"instant {lost[0]}: ") and "what was written" in rescue.damage
     with read_recording(new) as recording:
-        assert recording.outcome == f"repaired: {STEPS + 1 - len(lost)} of {STEPS + 1} frames were whole"
+        assert recording.outcome == f"repaired: {STEPS + 1 - len(lost)} of {STEPS + 1} instants were whole"
         for number, step in enumerate(rescue.whole):
-            fake_run.check_frame(recording, number, step)
+            fake_run.check_instant(recording, number, step)
 
 
 def _place_of_positions(path: Path) -> int:
@@ -125,17 +121,17 @@ def test_repair_rescues_what_is_before_a_cut(recorded: Path, tmp_path: Path) -> 
         rescue = recording.rescue(tmp_path / "new.h5")
     assert rescue.whole[:100] == list(range(100)) and len(rescue.whole) < STEPS
     with read_recording(tmp_path / "new.h5") as recording:
-        fake_run.check_frame(recording, 99, 99)
+        fake_run.check_instant(recording, 99, 99)
 
 
 def test_repair_changes_nothing_of_a_whole_recording(recorded: Path, tmp_path: Path) -> None:
     result = tiny_run.command("recording", "repair", recorded, "-o", tmp_path / "new.h5")
-    assert result.output.splitlines() == [f"{tmp_path / 'new.h5'}: {STEPS + 1} of {STEPS + 1} frames"]
+    assert result.output.splitlines() == [f"{tmp_path / 'new.h5'}: {STEPS + 1} of {STEPS + 1} instants"]
     with read_recording(recorded) as one, read_recording(tmp_path / "new.h5") as other:
         assert other.outcome == one.outcome and other.scene == one.scene
         assert other.contact_pairs(2) == one.contact_pairs(2) == [("finger", "cube")] * 2
-        rows = other.rows_of_frames(0, STEPS + 1)
-        for path, values in one.rows_of_frames(0, STEPS + 1).items():
+        rows = other.rows_of_instants(0, STEPS + 1)
+        for path, values in one.rows_of_instants(0, STEPS + 1).items():
             assert rows[path].tobytes() == values.tobytes(), path
 
 
@@ -190,7 +186,7 @@ def test_a_killed_writer_leaves_a_readable_file(tmp_path: Path, after: float) ->
     with endless_writer(tmp_path):
         time.sleep(after)
     with read_recording(tmp_path / "recording.h5") as recording:
-        assert recording.outcome == "unfinished" and recording.frame_count >= 1
+        assert recording.outcome == "unfinished" and recording.instant_count >= 1
         check_instants(recording)
 
 
@@ -199,23 +195,20 @@ def test_another_process_reads_what_is_being_written(tmp_path: Path) -> None:
     with endless_writer(tmp_path), read_recording(tmp_path / "recording.h5") as running:
         while len(seen) < 3:
             running.refresh()
-            if seen and running.frame_count == seen[-1]:
+            if seen and running.instant_count == seen[-1]:
                 continue
-            seen.append(running.frame_count)
+            seen.append(running.instant_count)
             assert running.outcome == "unfinished"
-            assert running.times[-1] == (running.frame_count - 1) * fake_run.STEP
+            assert running.times[-1] == (running.instant_count - 1) * fake_run.STEP
             check_instants(running)
     assert seen == sorted(seen) and seen[-1] > seen[0]
 
 
 def test_a_step_is_written_when_the_next_one_comes(tmp_path: Path) -> None:
-    writer = RecordingOutput(tmp_path)
-    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
-    for step in (1, 2, 3):
-        writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
+    writer = fake_run.begun(RecordingOutput(tmp_path), (1, 2, 3))
     with read_recording(tmp_path / "recording.h5") as running:
-        assert running.frame_count == 3
-        fake_run.check_frame(running, 2, 2)
+        assert running.instant_count == 3
+        fake_run.check_instant(running, 2, 2)
     writer.end("completed")
 
 
@@ -229,10 +222,10 @@ def test_a_full_disk_ends_the_run_in_one_line(falling_cube, tmp_path: Path) -> N
     assert run.returncode == 2, run.stderr
     assert run.stderr == f"taichisoft: {tmp_path / 'recording.h5'}: cannot be written: File too large\n"
     with read_recording(tmp_path / "recording.h5") as recording:
-        assert recording.frame_count > 100
+        assert recording.instant_count > 100
         assert "cannot be written" in recording.outcome
         assert np.isfinite(recording.column("rigid_position")).all()
-        assert np.array_equal(recording.column("step"), np.arange(recording.frame_count))
+        assert np.array_equal(recording.column("step"), np.arange(recording.instant_count))
     assert "cannot be written" in json.loads((tmp_path / "metrics.json").read_text())["outcome"]
 
 
@@ -280,8 +273,8 @@ def test_a_kill_at_any_line_leaves_the_older_or_the_new(tmp_path: Path, monkeypa
     for limit in [*range(2, total, total // 12), *range(total - 8, total)]:
         assert lines_before_the_end(lambda: record(tmp_path), limit) == 0
         with read_recording(tmp_path / "recording.h5") as recording:
-            left.add((recording.outcome, recording.frame_count))
-            fake_run.check_frame(recording, recording.frame_count - 1, recording.frame_count - 1)
+            left.add((recording.outcome, recording.instant_count))
+            fake_run.check_instant(recording, recording.instant_count - 1, recording.instant_count - 1)
     unfinished = {("unfinished", count) for count in range(1, KILLED_STEPS + 2)}
     assert left <= {("completed", 2), ("completed", KILLED_STEPS + 1)} | unfinished
     assert len(left & unfinished) > 2 and left - unfinished == {("completed", 2), ("completed", KILLED_STEPS + 1)}

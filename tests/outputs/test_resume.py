@@ -57,10 +57,10 @@ def resume(straight, *arguments):
 def test_a_resumed_run_is_the_one_that_went_straight_on(straight, tmp_path, moment):
     assert resume(straight, "--at", moment, "--output", tmp_path) == 0
     with read_recording(straight / "recording.h5") as whole, read_recording(tmp_path / "recording.h5") as rest:
-        first = whole.frame_at(moment)
-        assert rest.frame_count == whole.frame_count - first == 51 - round(moment / 0.01)
+        first = whole.instant_at(moment)
+        assert rest.instant_count == whole.instant_count - first == 51 - round(moment / 0.01)
         assert rest.state(0) == state_at(whole, first)
-        assert rest.state(rest.frame_count - 1) == whole.state(whole.frame_count - 1)
+        assert rest.state(rest.instant_count - 1) == whole.state(whole.instant_count - 1)
         assert np.array_equal(rest.column("position"), whole.column("position")[first:])
         if moment > 0.3:
             assert len(rest.contacts(0)[0]) and rest.row("normal_force", 0).max() > 0.0
@@ -69,7 +69,7 @@ def test_a_resumed_run_is_the_one_that_went_straight_on(straight, tmp_path, mome
             assert ((a == b) | (a != a)).all(), name
 
 
-def test_a_recording_of_a_resumed_run_resumes_from_a_recording_of_some_steps(straight, tmp_path):
+def test_a_resumed_run_can_be_resumed(straight, tmp_path):
     assert resume(straight, "--at", 0.1, "--duration", 0.1, "--output", tmp_path / "a", "--every", 7) == 0
     assert taichisoft("resume", tmp_path / "a" / "recording.h5", "--output", tmp_path / "b") == 0
     with read_recording(straight / "recording.h5") as whole, read_recording(tmp_path / "b" / "recording.h5") as rest:
@@ -85,11 +85,11 @@ def test_a_run_goes_on_between_frames_that_are_steps_apart(straight, tmp_path):
         read_recording(tmp_path / "a" / "recording.h5") as whole,
         read_recording(tmp_path / "b" / "recording.h5") as rest,
     ):
-        first = whole.frame_at(0.3)
+        first = whole.instant_at(0.3)
         assert not whole.has_state(first) and whole.row("control_count", first) == 3
         assert (whole.row("frame_request", first) != whole.row("frame_pose", first)).any()
         assert rest.row("frame_request", 0).tolist() == whole.row("frame_request", first).tolist()
-        assert rest.state(rest.frame_count - 1) == whole.state(whole.frame_count - 1)
+        assert rest.state(rest.instant_count - 1) == whole.state(whole.instant_count - 1)
 
 
 def test_gravity_that_is_changed_is_that_of_the_rest(straight, tmp_path):

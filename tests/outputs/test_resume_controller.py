@@ -71,7 +71,7 @@ def script(tmp_path_factory):
 def assert_goes_on(folder: Path, resumed: Path, moment: float) -> None:
     """A run that goes on has the bits of the one that was not interrupted: states, signals and what is remembered."""
     with read_recording(folder / "recording.h5") as before, read_recording(resumed / "recording.h5") as after:
-        first, last = before.frame_at(moment), before.frame_at(float(after.times[-1]))
+        first, last = before.instant_at(moment), before.instant_at(float(after.times[-1]))
         assert after.controller_state(0) == before.controller_state(first)
         assert after.controller_state(-1) == before.controller_state(last) is not None
         assert after.state(-1) == state_at(before, last)
@@ -96,7 +96,7 @@ def test_a_closed_loop_goes_on_in_its_phase_and_keeps_the_cube(whole, tmp_path, 
             assert recording.row("rigid_position", -1)[0, 2] > recording.row("rigid_position", 0)[0, 2] - 0.1
 
 
-def test_a_controller_that_is_reset_begins_again_and_lowers_the_base(whole, tmp_path):
+def test_a_reset_controller_begins_again(whole, tmp_path):
     arguments = ("--at", 1.9, "--duration", 0.1, "--output", tmp_path, "--reset-controller")
     assert taichisoft("resume", whole / "recording.h5", *arguments) == 0
     with read_recording(tmp_path / "recording.h5") as recording:
@@ -148,7 +148,7 @@ def test_random_numbers_go_on_where_they_were(tmp_path):
     simulation = Simulation(load_scene(TINY_GRIPPER))
     run(simulation, Press(), [RecordingOutput(tmp_path)], 0.3)
     with read_recording(tmp_path / "recording.h5") as recording:
-        frame = recording.frame_at(0.15)
+        frame = recording.instant_at(0.15)
         resumed = resumed_simulation(recording, frame, recording.scene)
         run(resumed, Press(), [], 0.15, saved=recording.controller_state(frame))
         assert resumed.state == simulation.state
@@ -176,7 +176,7 @@ def test_keys_and_sliders_stay_where_they_were(tmp_path):
 
     run_session(session, press)
     with read_recording(tmp_path / "recording.h5") as recording:
-        frame = recording.frame_at(0.2)
+        frame = recording.instant_at(0.2)
         saved = recording.controller_state(frame)
         resumed, again = resumed_simulation(recording, frame, scene), KeyboardController()
         assert recording.controller_state(0)["sliders"] == {"left.cavity": 0.0, "right.cavity": 0.0}
@@ -190,7 +190,7 @@ def test_keys_and_sliders_stay_where_they_were(tmp_path):
     assert again.status == "left selected"
 
 
-def test_a_controller_without_a_memory_begins_again_and_this_is_said(tmp_path, taichisoft_plugins, capsys):
+def test_resume_tells_that_a_controller_does_not_save(tmp_path, taichisoft_plugins, capsys):
     class Forgetful(Press):
         def save(self) -> None:
             return None
@@ -252,7 +252,7 @@ def test_what_json_cannot_hold_is_refused_with_its_place(saved, message):
     assert "test_resume_controller.Remembers" in str(refused.value) and "\n" not in str(refused.value)
 
 
-def test_a_run_whose_controller_cannot_be_saved_or_restored_ends_with_its_name(tmp_path):
+def test_a_controller_that_cannot_be_saved_is_named(tmp_path):
     simulation = Simulation(load_scene(TINY_GRIPPER))
     with pytest.raises(PluginError, match=r"Remembers: save\(\): a = "):
         run(simulation, Remembers({"a": np.zeros(1)}), [RecordingOutput(tmp_path)], 0.05)

@@ -20,7 +20,7 @@ from taichisoft_outputs.web.recording_page import Playback, instant_of
 from taichisoft_outputs.web.web_output import page_setup, snapshot
 
 
-def test_a_cube_gets_three_copies_of_each_corner_and_a_flat_face_shares_its_own() -> None:
+def test_creases_split_the_corners_of_a_cube() -> None:
     source, triangles = split_creases(CUBE, CUBE_FACES)
     assert np.bincount(source).tolist() == [3] * 8
     np.testing.assert_array_equal(source[triangles], CUBE_FACES)
@@ -62,7 +62,7 @@ def frame(time: float, height: float = 0.0) -> PageInstant:
     return PageInstant(time, None, {}, nothing, nothing, plotted, signals)
 
 
-def test_curves_have_pressures_tensions_forces_of_the_fingers_and_the_height_from_the_first_frame() -> None:
+def test_curves_have_efforts_forces_and_height() -> None:
     history = History(frame(0.0, height=5.0))
     history.add(frame(0.5, height=7.5))
     assert history.times == [0.5]
@@ -76,7 +76,7 @@ def test_a_scene_without_rigid_bodies_has_pressures_only() -> None:
     assert row.tolist() == [4.0, *[0.0] * 4, *[1.0] * 6, 0.0]
 
 
-def test_curves_of_a_long_run_show_its_last_seconds_and_the_newest_point() -> None:
+def test_curves_show_the_last_seconds() -> None:
     history, count = History(frame(0.0)), 4000
     history.add(frame(0.0))
     for step in range(1, count):
@@ -126,7 +126,7 @@ def test_a_recording_has_the_frames_that_the_run_showed(taichisoft_scene: Scene,
     np.testing.assert_array_equal(recorded.contact_forces, live.contact_forces)
 
 
-def test_playback_goes_with_the_clock_and_a_new_start_of_the_run_takes_no_time() -> None:
+def test_playback_follows_the_clock() -> None:
     playback = Playback(np.array([0.0, 0.1, 0.2, 0.0, 0.1]))
     assert playback.length == pytest.approx(0.3)
     playback.advance(0.15)

@@ -1,4 +1,4 @@
-"""A page answers those who open its printed address, and nobody else: no other website, and no other name."""
+"""Where a page is served, and who sees it: those who open its printed address, and nobody else."""
 
 import http.client
 import socket
@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from taichisoft_outputs.web import address as module
 from taichisoft_outputs.web.address import Address, WebError, find_address
 from taichisoft_outputs.web.page import Guard, guarded, make_server
 
@@ -56,7 +57,7 @@ def websocket(address: Address, path: str, **headers: str | None) -> int:
     return int(status(address, path, **wanted, **key, **headers).status)
 
 
-def test_the_printed_address_opens_the_page_and_its_cookie_the_rest(address: Address) -> None:
+def test_the_printed_address_opens_the_page(address: Address) -> None:
     """As a browser does it: the address, then what it leads to, then the WebSocket from there."""
     onward = status(address, "/?" + urlsplit(address.url).query)
     assert (onward.status, onward.headers["Location"]) == (303, "/")
@@ -76,7 +77,7 @@ def test_a_page_at_the_end_of_an_ssh_tunnel_is_the_same(address: Address, host: 
     assert websocket(address, "/", Host=host, Cookie=cookie, Origin=f"http://{host}") == 101
 
 
-def test_two_pages_that_a_browser_calls_by_one_name_do_not_take_each_others_cookie(address: Address) -> None:
+def test_two_pages_keep_their_own_cookies(address: Address) -> None:
     """Two tunnels, from ports 9000 and 9001 of one machine to the same port of two others."""
     query = "/?" + urlsplit(address.url).query
     cookies = [status(address, query, Host=f"localhost:{port}").headers["Set-Cookie"] for port in (9000, 9001)]
@@ -162,3 +163,49 @@ def test_another_website_is_refused_even_with_the_token(address: Address, origin
 def test_a_viser_that_serves_in_another_way_is_refused() -> None:
     with pytest.raises(WebError, match="cannot be guarded against other websites"), guarded(Guard("localhost", "t")):
         threading.Thread(target=lambda: None).start()
+
+
+# Addresses.
+
+
+def test_without_address_the_next_free_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        monkeypatch.setattr(module, "PORT", port)
+        found = find_address(None)
+        assert found.host == "127.0.0.1" and port < found.port < port + module.PORTS_TRIED
+        assert found.url == f"http://127.0.0.1:{found.port}/?token={found.token}"
+        monkeypatch.setattr(module, "PORTS_TRIED", 1)
+        with pytest.raises(WebError, match=rf"the ports {port} to {port} of 127\.0\.0\.1 are all taken"):
+            find_address(None)
+        with pytest.raises(WebError, match=rf"^address 127\.0\.0\.1:{port}: cannot be listened at: "):
+            find_address(f"127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize(
+    ("text", "is_open"), [("127.0.0.1:0", False), ("localhost:0", False), ("127.0.0.9:0", False), ("0.0.0.0:0", True)]
+)
+def test_every_page_has_a_token_that_nobody_guesses(text: str, is_open: bool) -> None:
+    one, other = find_address(text), find_address(text)
+    assert len(one.token) >= 20 and one.token != other.token
+    assert one.is_open == is_open
+
+
+def test_an_open_address_shows_the_machines_name() -> None:
+    found = find_address("0.0.0.0:0")
+    assert found.at(8090).url == f"http://{socket.gethostname()}:8090/?token={found.token}"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "8080", ":8080", "127.0.0.1", "127.0.0.1:", "localhost:x", "localhost:65536", "::1:80"]
+)
+def test_what_is_no_address_is_refused_with_what_would_be(text: str) -> None:
+    with pytest.raises(WebError, match=r"must look like 127\.0\.0\.1:8080"):
+        find_address(text)
+
+
+def test_an_address_of_another_machine_is_refused() -> None:
+    with pytest.raises(WebError, match=r"^address 192\.0\.2\.1:8080: cannot be listened at: "):
+        find_address("192.0.2.1:8080")

@@ -89,7 +89,7 @@ def has_pressures(run: Running, *expected: float) -> bool:
     return report is not None and list(report.observation.pressures.values()) == pytest.approx(expected)
 
 
-def test_sliders_buttons_and_hotkeys_steer_the_run_and_their_log_replays_it(
+def test_controls_steer_the_run_and_their_log_replays(
     running: Callable[..., Any], tmp_path: Path, taichisoft_scene: Scene
 ) -> None:
     """To the last bit, with a pressure that has many digits, a pause and a new start."""
@@ -116,7 +116,7 @@ def test_sliders_buttons_and_hotkeys_steer_the_run_and_their_log_replays_it(
     assert again.simulation.state == run.session.simulation.state
 
 
-def test_sliders_follow_the_keys_and_other_viewers_without_feeding_back(running: Callable[..., Any]) -> None:
+def test_sliders_follow_keys_and_other_viewers(running: Callable[..., Any]) -> None:
     with running() as run, PanelViewer(run.url) as one, PanelViewer(run.url) as other:
         one.find("left [kPa]")
         run.session.keys.put(KeyEvent("+"))
@@ -189,9 +189,7 @@ def test_viewers_who_leave_or_read_nothing_change_nothing(
     assert run.session.simulation.state == plain.simulation.state
 
 
-def test_the_page_goes_away_with_the_run_and_the_run_does_not_with_the_page(
-    running: Callable[..., Any], recwarn: pytest.WarningsRecorder
-) -> None:
+def test_the_run_survives_its_page(running: Callable[..., Any], recwarn: pytest.WarningsRecorder) -> None:
     with running() as run:
         process = run.output._link._worker.process
         process.kill()

@@ -82,7 +82,7 @@ recording.end("completed")
 """
 
 
-def test_a_run_that_goes_on_is_followed_and_ends_as_if_nobody_watched(tmp_path: Path) -> None:
+def test_a_page_follows_a_running_simulation(tmp_path: Path) -> None:
     """The lock of a reader would keep the run from closing its file."""
     command = [sys.executable, "-c", GOING_ON, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as run:
@@ -95,7 +95,7 @@ def test_a_run_that_goes_on_is_followed_and_ends_as_if_nobody_watched(tmp_path: 
             until(lambda: any("completed" in str(element.get("_markdown")) for element in viewer.elements.values()))
         assert run.wait(PATIENCE) == 0
     with read_recording(tmp_path / "recording.h5") as read:
-        assert (read.outcome, read.frame_count) == ("completed", 121)
+        assert (read.outcome, read.instant_count) == ("completed", 121)
 
 
 def test_what_cannot_be_viewed_is_one_line(tmp_path: Path) -> None:

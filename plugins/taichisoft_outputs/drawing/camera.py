@@ -67,7 +67,6 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
 
     Args:
         points: points to be seen [mm], shape (point_count, 3).
-        up: unit vector against gravity, shape (3,).
         view: a key of VIEW_DIRECTIONS.
         aspect: width / height of the picture.
     """
@@ -106,7 +105,6 @@ def view_direction(up: np.ndarray, view: str, turned: float = 0.0) -> tuple[np.n
     """The unit vector from the scene to the camera, and the direction that is up in the picture.
 
     Args:
-        up: unit vector against gravity, shape (3,).
         view: a key of VIEW_DIRECTIONS.
         turned: angle about `up`, counterclockwise as seen from above [rad].
     """
@@ -123,7 +121,6 @@ def picture_up(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
 
     Args:
         backward: unit vector from the scene to the camera, shape (3,).
-        up: unit vector against gravity, shape (3,).
     """
     # Seen from the top, what is in front lies at the bottom of the picture.
     return up if abs(backward @ up) < 0.999 else -scene_axes(up)[1]
@@ -141,10 +138,8 @@ def pixel_matrix(
     """The projection from coordinates on a plane, or in space, to pixels.
 
     Args:
-        camera: the camera that sees them.
         origin: point where the coordinates are 0 [mm], shape (3,).
         directions: directions of the coordinates, shape (count, 3).
-        size: width and height of the picture [pixels].
 
     Returns:
         Shape (3, count + 1): times (coordinates..., 1) it gives (w x, w y, w) with the pixel (x, y), to the right of
@@ -158,11 +153,6 @@ def pixel_matrix(
 
 def project(camera: PictureCamera, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Where the camera sees points.
-
-    Args:
-        camera: the camera that sees them.
-        points: points [mm], shape (point_count, 3).
-        size: width and height of the picture [pixels].
 
     Returns:
         Pixels to the right of the left edge and below the upper edge, shape (point_count, 2), and distances in front of
@@ -187,7 +177,7 @@ def _slopes(aspect: float) -> tuple[float, float]:
     return tangent * aspect, tangent
 
 
-# Where the camera stands in each frame, so that nothing that moves is cut off in any of them.
+# Where the camera stands in each instant, so that nothing that moves is cut off in any of them.
 
 ORBIT_DIRECTIONS = 72
 """Number of directions from which the distance of an orbit is chosen."""
@@ -198,14 +188,14 @@ NEAR, NEAR_TIP = 1.6, 0.6
 """Radius of what is seen around a body that is followed, in its radii, and around a tip, in radii of its finger [-]."""
 
 CameraPath = Callable[[int], PictureCamera]
-"""Gives the camera of a frame."""
+"""Gives the camera of an instant."""
 FollowedPart = tuple[Callable[[int], np.ndarray], float]
-"""Gives the middle of what a camera moves with in a frame [mm], shape (3,); and the radius that it sees of it [mm]."""
+"""Gives the middle of what a camera moves with in an instant [mm], shape (3,); and the radius that it sees [mm]."""
 
 
 def camera_path(
     style: Style,
-    frames: Sequence[int],
+    instants: Sequence[int],
     points: np.ndarray,
     up: np.ndarray,
     aspect: float,
@@ -214,39 +204,36 @@ def camera_path(
     """The path that a style asks for.
 
     Args:
-        style: what the user chose.
-        frames: all frames that will be drawn, in order.
+        instants: all instants that will be drawn, in order.
         points: `outermost_points` of these [mm], shape (point_count, 3).
-        up: unit vector against gravity, shape (3,).
         aspect: width / height of the part of the picture that things are fitted into.
         followed: what the camera moves with; None where it does not.
     """
     if followed is not None:
         return _following(followed, up, aspect)
     if style.eye is None and style.view == "orbit":
-        return _orbiting(points, frames, up, aspect)
+        return _orbiting(points, instants, up, aspect)
     if style.eye is not None:
         camera = _explicit(style, points, up)
     else:
         camera = fit_camera(points, up, style.view or "iso", aspect)
-    return lambda frame: camera
+    return lambda instant: camera
 
 
-def outermost_points(surfaces: Iterable[RecordedSurface], frames: Iterable[int]) -> np.ndarray:
-    """The corners of the convex hull of all that moves, over all frames [mm], shape (point_count, 3).
+def outermost_points(surfaces: Iterable[RecordedSurface], instants: Iterable[int]) -> np.ndarray:
+    """The corners of the convex hull of all that moves, over all instants [mm], shape (point_count, 3).
 
     Args:
         surfaces: surfaces of a recording; obstacles may be large and are left out, unless there is nothing else.
-        frames: all frames that will be drawn.
     """
     surfaces = list(surfaces)
     moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid", "line")] or surfaces
     kept: list[np.ndarray] = []
-    for frame in frames:
+    for instant in instants:
         for surface in moving:
-            vertices = surface.vertices(frame)
+            vertices = surface.vertices(instant)
             if not np.isfinite(vertices).all():
-                raise StyleError(f"frame {frame} cannot be drawn: positions of '{surface.name}' are not finite")
+                raise StyleError(f"instant {instant} cannot be drawn: positions of '{surface.name}' are not finite")
             kept.append(vertices)
         if sum(map(len, kept)) > POINTS_AT_A_TIME:
             kept = [_outermost(np.concatenate(kept))]
@@ -269,7 +256,7 @@ def _explicit(style: Style, points: np.ndarray, up: np.ndarray) -> PictureCamera
     return PictureCamera(eye, target, picture_up((eye - target) / np.linalg.norm(eye - target), up))
 
 
-def _orbiting(points: np.ndarray, frames: Sequence[int], up: np.ndarray, aspect: float) -> CameraPath:
+def _orbiting(points: np.ndarray, instants: Sequence[int], up: np.ndarray, aspect: float) -> CameraPath:
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
 
     def looking(turned: float, distance: float) -> PictureCamera:
@@ -278,8 +265,8 @@ def _orbiting(points: np.ndarray, frames: Sequence[int], up: np.ndarray, aspect:
 
     turns = np.linspace(0, 2 * np.pi, ORBIT_DIRECTIONS, endpoint=False)
     distance = max(distance_to_see(points, looking(turned, 1.0), aspect) for turned in turns)
-    place = {frame: index for index, frame in enumerate(frames)}
-    return lambda frame: looking(2 * np.pi * place[frame] / len(frames), distance)
+    place = {instant: index for index, instant in enumerate(instants)}
+    return lambda instant: looking(2 * np.pi * place[instant] / len(instants), distance)
 
 
 def followed_part(recording: Recording, surfaces: Sequence[RecordedSurface], name: str) -> FollowedPart:
@@ -287,16 +274,16 @@ def followed_part(recording: Recording, surfaces: Sequence[RecordedSurface], nam
     if not name.endswith(TIP):
         surface = next(surface for surface in surfaces if surface.name == name)
         shape = surface.vertices(0)
-        return lambda frame: surface.vertices(frame).mean(axis=0), NEAR * radius_around_mean(shape)
+        return lambda instant: surface.vertices(instant).mean(axis=0), NEAR * radius_around_mean(shape)
     body = next(body for body in recording.soft_bodies if body.name == name.removesuffix(TIP))
     tips = recorded_fingertips(recording, [body]).nodes
     if not tips:
         raise StyleError(f"view 'follow:{name}': '{body.name}' has no tip, since it has neither anchors nor `tip`")
     (nodes,), radius = tips, NEAR_TIP * radius_around_mean(body.rest_position)
-    return lambda frame: recording.row("position", frame)[nodes].mean(axis=0), radius
+    return lambda instant: recording.row("position", instant)[nodes].mean(axis=0), radius
 
 
 def _following(part: FollowedPart, up: np.ndarray, aspect: float) -> CameraPath:
     middle, radius = part
     near = fit_camera(radius * np.concatenate([np.eye(3), -np.eye(3)]), up, "iso", aspect)
-    return lambda frame: PictureCamera(near.eye + middle(frame), near.target + middle(frame), near.up)
+    return lambda instant: PictureCamera(near.eye + middle(instant), near.target + middle(instant), near.up)

@@ -1,4 +1,4 @@
-"""The colours of the surfaces of a recording in its frames, before light falls on them.
+"""The colours of the surfaces of a recording in its instants, before light falls on them.
 
 Bodies have the colours of the scene, or soft bodies show displacement, stress or strain; actuators show their effort:
 cavities the pressure, cables the tension. Colours that stand for numbers get no light, which would move them off the
@@ -22,7 +22,7 @@ from taichisoft_outputs.drawing.painting import (
     ColourScale,
     LineTube,
     round_up,
-    sample_frames,
+    sample_instants,
     scale_of,
 )
 from taichisoft_outputs.drawing.style import Style, StyleError
@@ -37,7 +37,6 @@ def with_visual_surfaces(recording: Recording, path: Path | None) -> list[Record
     """The surfaces of a recording; a file replaces the surfaces of soft bodies.
 
     Args:
-        recording: the recording, which stays open.
         path: file of a surface in the coordinates of the bodies' mesh files [mm]; None leaves all as they are.
     """
     if path is None:
@@ -82,14 +81,14 @@ PLAIN = {
 WALLS = frozenset(kind.name for kind in ACTUATOR_KINDS if kind.drawn == "walls")
 """Kinds of actuators whose effort the walls of cavities show."""
 SAMPLES = 40
-"""Number of frames, at most, in which the range of a quantity is looked for."""
+"""Number of instants, at most, in which the range of a quantity is looked for."""
 COVERED_SHARE = 0.995
 """Part of the values that the range covers: single elements at an edge would make all others look alike."""
 SEEN_THROUGH = 0.8
 """Mean brightness of silicone in the light [-], through which the pressure of a cavity is seen."""
 
 NodeValues = Callable[[int], np.ndarray]
-"""Gives the values at the nodes of all soft bodies in a frame, shape (node_count,)."""
+"""Gives the values at the nodes of all soft bodies in an instant, shape (node_count,)."""
 
 
 def body_colours(scene: Scene) -> dict[str, np.ndarray]:
@@ -104,9 +103,6 @@ class Colouring:
     """Gives every surface its colours.
 
     Args:
-        recording: the recording, which stays open.
-        style: what the user chose.
-        frames: all frames that will be drawn.
         surfaces: all surfaces that will be drawn.
 
     Attributes:
@@ -114,7 +110,9 @@ class Colouring:
         values_scale: the scale of the values of soft bodies; None where they have plain colours.
     """
 
-    def __init__(self, recording: Recording, style: Style, frames: Sequence[int], surfaces: Sequence[RecordedSurface]):
+    def __init__(
+        self, recording: Recording, style: Style, instants: Sequence[int], surfaces: Sequence[RecordedSurface]
+    ):
         self._recording, self._surfaces = recording, surfaces
         own = body_colours(recording.scene)
         self._plain = {surface.name: own.get(surface.name, np.array(PLAIN[surface.kind])) for surface in surfaces}
@@ -122,11 +120,11 @@ class Colouring:
         if style.colour_by != "none":
             quantity, title = QUANTITIES[style.colour_by]
             self._values = quantity(recording)
-            self.values_scale = self._range_of_values(title, frames, style)
+            self.values_scale = self._range_of_values(title, instants, style)
         self._effort_scales: dict[str, ColourScale] = {}
         for kind in ACTUATOR_KINDS:
             wanted = style.cavity_pressure if kind.drawn == "walls" else style.cable_tension
-            scale = _effort_scale(recording, kind, np.unique(frames)) if wanted else None
+            scale = _effort_scale(recording, kind, np.unique(instants)) if wanted else None
             if scale is not None:
                 self._effort_scales[kind.name] = with_ranges(scale, style.ranges)
         # Of what opaque bodies hide there is no bar; where silicone is before it, the bar is seen through that, too.
@@ -154,29 +152,29 @@ class Colouring:
         names |= {one.name for one in self._surfaces if one.kind == "soft" and self.values_scale is not None}
         return dict.fromkeys(names, True) | dict.fromkeys(tubes, False)
 
-    def colours(self, frame: int) -> dict[str, np.ndarray]:
+    def colours(self, instant: int) -> dict[str, np.ndarray]:
         """Red, green and blue [-] by surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""
         colours = dict(self._plain)
         for kind in ACTUATOR_KINDS:
             scale = self._effort_scales.get(kind.name)
             if scale is not None and kind.drawn == "walls":
-                efforts = self._recording.row(kind.effort.name, frame)
+                efforts = self._recording.row(kind.effort.name, instant)
                 colours |= zip(self._recording.actuators.names_of(kind), scale.colours(efforts), strict=True)
             elif scale is not None:
-                along = self._recording.segment_efforts(kind, frame)
+                along = self._recording.segment_efforts(kind, instant)
                 for tube in self._surfaces:
                     if isinstance(tube, LineTube) and tube.actuator == kind.name:
                         colours[tube.name] = scale.colours(tube.at_vertices(along[tube.number]))
         return colours
 
-    def values(self, frame: int) -> np.ndarray | None:
+    def values(self, instant: int) -> np.ndarray | None:
         """What `values_scale` shows at the nodes of all soft bodies, shape (node_count,); None for plain colours."""
-        return None if self.values_scale is None else self._values(frame)
+        return None if self.values_scale is None else self._values(instant)
 
-    def _range_of_values(self, title: str, frames: Sequence[int], style: Style) -> ColourScale:
+    def _range_of_values(self, title: str, instants: Sequence[int], style: Style) -> ColourScale:
         """A scale up to what 99.5 % of the values that are shown reach: at surfaces, or in all of the cut bodies."""
         mapped = [one.mapping for one in self._surfaces if one.kind == "soft" and one.mapping is not None]
-        samples = [self._values(frame) for frame in sample_frames(frames, SAMPLES)]
+        samples = [self._values(instant) for instant in sample_instants(instants, SAMPLES)]
         shown = [at_vertices(one, sample) for sample in samples for one in mapped] if style.section is None else samples
         highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
         scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, SOFT)
@@ -209,10 +207,10 @@ def displacement(recording: Recording) -> NodeValues:
     bodies = recording.soft_bodies
     carriers = recording.frames.numbers(recording.scene.soft_bodies[body.name].follows for body in bodies)
 
-    def values(frame: int) -> np.ndarray:
-        places = recording.frames.places(recording.row("frame_pose", frame))
+    def values(instant: int) -> np.ndarray:
+        places = recording.frames.places(recording.row("frame_pose", instant))
         carried = [places.moved(body.rest_position, one) for body, one in zip(bodies, carriers, strict=True)]
-        return np.linalg.norm(recording.row("position", frame) - np.vstack([np.zeros((0, 3)), *carried]), axis=1)
+        return np.linalg.norm(recording.row("position", instant) - np.vstack([np.zeros((0, 3)), *carried]), axis=1)
 
     return values
 
@@ -221,10 +219,10 @@ def stress(recording: Recording) -> NodeValues:
     """Von Mises stress at each node [kPa], the mean of the elements around it."""
     stresses = recorded_stress(recording)
 
-    def values(frame: int) -> np.ndarray:
+    def values(instant: int) -> np.ndarray:
         of_bodies = [
             nodal_mean(von_mises(of_body), body.tetrahedra, body.rest_position)
-            for body, of_body in zip(recording.soft_bodies, stresses(frame), strict=True)
+            for body, of_body in zip(recording.soft_bodies, stresses(instant), strict=True)
         ]
         return np.concatenate([np.zeros(0), *of_bodies])
 
@@ -235,8 +233,8 @@ def strain(recording: Recording) -> NodeValues:
     """Largest principal strain at each node [-], the stretch less one: the mean of the elements around it."""
     laws = [Stretches(body.rest_position, body.elements) for body in recording.soft_bodies]
 
-    def values(frame: int) -> np.ndarray:
-        position = recording.row("position", frame)
+    def values(instant: int) -> np.ndarray:
+        position = recording.row("position", instant)
         of_bodies = [
             nodal_mean(law.largest(position[body.nodes]) - 1.0, body.tetrahedra, body.rest_position)
             for law, body in zip(laws, recording.soft_bodies, strict=True)
@@ -253,14 +251,14 @@ QUANTITIES = {
 }
 
 
-def _effort_scale(recording: Recording, kind: ActuatorKind, frames: np.ndarray) -> ColourScale | None:
+def _effort_scale(recording: Recording, kind: ActuatorKind, instants: np.ndarray) -> ColourScale | None:
     """The scale of the efforts of a kind; None where it has no actuators, or no effort but zero."""
     if not recording.actuators.names_of(kind):
         return None
     title = f"{kind.effort.words} [{kind.effort.unit}]"
     if kind.drawn == "walls":
-        return scale_of(title, recording.column(kind.effort.name)[frames], AIR)
-    return scale_of(title, np.concatenate(recording.segment_efforts(kind, frames), axis=1), LINE)
+        return scale_of(title, recording.column(kind.effort.name)[instants], AIR)
+    return scale_of(title, np.concatenate(recording.segment_efforts(kind, instants), axis=1), LINE)
 
 
 def _seen_through(scale: ColourScale, opacity: float) -> ColourScale:

@@ -1,4 +1,4 @@
-"""Drawing the frames of a recording."""
+"""Drawing the instants of a recording."""
 
 from collections.abc import Sequence
 
@@ -117,36 +117,34 @@ NO_POINTS = np.zeros((0, 3))
 
 
 class Drawer:
-    """Draws frames of a recording as its style says; a process can have only one.
+    """Draws instants of a recording as its style says; a process can have only one.
 
     Args:
-        recording: the recording, which stays open as long as frames are drawn.
-        style: what the user chose.
-        frames: all frames that will be drawn, in order: the camera and the ranges of the colours suit them all.
-        room: room around what these frames show, in parts of its extent [-]: for more frames, which are not known yet.
+        instants: all instants that will be drawn, in order: the camera and the ranges of the colours suit them all.
+        room: space around what these instants show, in parts of its extent [-], for others that are not known yet.
     """
 
-    def __init__(self, recording: Recording, style: Style, frames: Sequence[int], room: float = 0.0):
+    def __init__(self, recording: Recording, style: Style, instants: Sequence[int], room: float = 0.0):
         style.check(recording.scene)
         style = style.for_scene(recording.scene)
         width, height = style.size
         up = recording.scene.up
         self._scene, self._planes = recording.scene, recording.planes
-        self._surfaces = [*with_visual_surfaces(recording, style.surface), *line_tubes(recording, frames[0])]
+        self._surfaces = [*with_visual_surfaces(recording, style.surface), *line_tubes(recording, instants[0])]
         if style.colour_by != "none":  # a sheet would hide the colours of what it lies on
             self._surfaces = [surface for surface in self._surfaces if surface.kind != "membrane"]
-        points = outermost_points(self._surfaces, frames)
+        points = outermost_points(self._surfaces, instants)
         self._section = SectionPlane.parse(style.section) if style.section else None
         if style.section and not room:
-            obstacles = [surface.vertices(frames[0]) for surface in self._surfaces if surface.kind == "obstacle"]
+            obstacles = [surface.vertices(instants[0]) for surface in self._surfaces if surface.kind == "obstacle"]
             refuse_what_cuts_nothing(style.section, np.concatenate([points, *obstacles]))
-        self._colouring = Colouring(recording, style, frames, self._surfaces)
-        self._overlay = Overlay(recording, style, frames, self._colouring.scales, radius_around_mean(points))
+        self._colouring = Colouring(recording, style, instants, self._surfaces)
+        self._overlay = Overlay(recording, style, instants, self._colouring.scales, radius_around_mean(points))
         side = colour_bars_width(self._colouring.scales, letters_of(style)) if style.bars else 0.0
         aspect = max(width - 2 * side, width / 2) / height
         spread = np.concatenate([points + room * (points - points.mean(axis=0)), self._overlay.arrow_tails])
         followed = followed_part(recording, self._surfaces, style.followed) if style.followed is not None else None
-        self._camera = camera_path(style, frames, spread, up, aspect, followed)
+        self._camera = camera_path(style, instants, spread, up, aspect, followed)
         background = np.array(style.background_colour)
         self._background = np.empty((height, width, 3), dtype=np.uint8)
         self._background[:] = np.rint(255 * background)
@@ -172,7 +170,7 @@ class Drawer:
         self._recording = recording
         self._hide_what_is_under(floors[-1:], points)
 
-    def measure(self, frame: int, camera: PictureCamera) -> tuple[np.ndarray, np.ndarray]:
+    def measure(self, instant: int, camera: PictureCamera) -> tuple[np.ndarray, np.ndarray]:
         """Depth [mm] and number of the body that each pixel of a camera sees, see `SurfacePainter.measure`.
 
         Bodies are numbered as in the model: soft ones, rigid ones, obstacles; a plane is seen from its upper side.
@@ -180,7 +178,7 @@ class Drawer:
         scene, planes = self._scene, self._planes
         names = [*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles]
         solid = {s.name: s for s in self._surfaces if s.kind in SHADOW_OPACITY and s.name in names}
-        vertices = {name: surface.vertices(frame) for name, surface in solid.items()}
+        vertices = {name: surface.vertices(instant) for name, surface in solid.items()}
         depth, number = self._painter.measure(camera, vertices, {name: names.index(name) for name in solid})
         right, up, backward = camera.axes
         height, width = depth.shape
@@ -195,13 +193,13 @@ class Drawer:
             number = np.where(is_seen, names.index(plane.name), number)
         return depth, number
 
-    def image(self, frame: int, marks: np.ndarray = NO_POINTS, camera: PictureCamera | None = None) -> np.ndarray:
-        """The picture of one of the frames, with marks at points [mm]; shape (height, width, 3), dtype uint8.
+    def image(self, instant: int, marks: np.ndarray = NO_POINTS, camera: PictureCamera | None = None) -> np.ndarray:
+        """The picture of one of the instants, with marks at points [mm]; shape (height, width, 3), dtype uint8.
 
         `camera` replaces that of the style.
         """
-        camera = self._camera(frame) if camera is None else camera
-        vertices = {surface.name: surface.vertices(frame) for surface in self._surfaces}
+        camera = self._camera(instant) if camera is None else camera
+        vertices = {surface.name: surface.vertices(instant) for surface in self._surfaces}
         picture = self._background
         if self._floor is not None:
             casters = [
@@ -210,7 +208,7 @@ class Drawer:
                 if self._shadows and surface.kind in SHADOW_OPACITY
             ]
             picture = self._floor.paint(picture, camera, casters)
-        colours, values = self._colouring.colours(frame), self._colouring.values(frame)
+        colours, values = self._colouring.colours(instant), self._colouring.values(instant)
         for surface in self._surfaces:
             if values is not None and surface.kind == "soft" and surface.mapping is not None:
                 colours[surface.name] = at_vertices(surface.mapping, values)[:, None]
@@ -218,9 +216,9 @@ class Drawer:
             vertices[name], colours[name] = corners, self._wall_colours[name]
         section = None
         if self._section is not None:
-            section = cut_open(self._recording, self._surfaces, frame, self._section.facing(camera.eye), values)
+            section = cut_open(self._recording, self._surfaces, instant, self._section.facing(camera.eye), values)
         picture = self._painter.paint(picture, camera, vertices, colours, section)
-        return self._overlay.paint(antialias(picture), camera, frame, marks)
+        return self._overlay.paint(antialias(picture), camera, instant, marks)
 
     def _hide_what_is_under(self, floors: Sequence[Plane], points: np.ndarray) -> None:
         """Cut off what reaches under a floor, which is painted behind everything; mostly nothing does."""

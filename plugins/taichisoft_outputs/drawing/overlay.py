@@ -45,20 +45,16 @@ class Overlay:
     """Paints all that a style wants over a picture.
 
     Args:
-        recording: the recording, which stays open.
-        style: what the user chose.
-        frames: all frames that will be drawn.
         scales: what the colours of the surfaces mean.
-        radius: radius of the scene [mm].
     """
 
     def __init__(
-        self, recording: Recording, style: Style, frames: Sequence[int], scales: Sequence[ColourScale], radius: float
+        self, recording: Recording, style: Style, instants: Sequence[int], scales: Sequence[ColourScale], radius: float
     ):
         self._recording, self._style, self._scales = recording, style, scales
         behind = [np.array(style.background_colour), *body_colours(recording.scene).values()]
         length = style.force_length
-        self._arrows = ForceArrows(recording, frames, radius, behind, length) if style.arrows else None
+        self._arrows = ForceArrows(recording, instants, radius, behind, length) if style.arrows else None
         self._section = SectionPlane.parse(style.section) if style.section else None
         self._ink = text_colour(style.background_colour)
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
@@ -69,24 +65,24 @@ class Overlay:
         """Where arrows of forces begin [mm], shape (count, 3)."""
         return np.zeros((0, 3)) if self._arrows is None else self._arrows.tails
 
-    def paint(self, picture: np.ndarray, camera: PictureCamera, frame: int, marks: np.ndarray) -> np.ndarray:
-        """The picture of a frame with everything painted over it, marks too; shape (height, width, 3), dtype uint8."""
+    def paint(self, picture: np.ndarray, camera: PictureCamera, instant: int, marks: np.ndarray) -> np.ndarray:
+        """The picture of an instant with everything painted over it, marks too."""
         from PIL import Image
 
         image, letters = Image.fromarray(picture), letters_of(self._style)
         if self._arrows is not None:
-            self._arrows.paint(image, camera, frame, self._section)
+            self._arrows.paint(image, camera, instant, self._section)
         if self._style.body_axes:
-            paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
+            paint_body_axes(image, camera, self._recording.body_axes(instant), self._radius, self._axis_colours)
         paint_marks(image, camera, marks)
         if self._style.eye is not None or self._style.followed is not None:  # anything may be behind the text
             written = image.copy()
-            self._write(written, camera, frame, letters)
+            self._write(written, camera, instant, letters)
             self._paint_glow(image, written, GLOW * letters)
-        self._write(image, camera, frame, letters)
+        self._write(image, camera, instant, letters)
         return np.asarray(image)
 
-    def _write(self, image: Any, camera: PictureCamera, frame: int, letters: float) -> None:
+    def _write(self, image: Any, camera: PictureCamera, instant: int, letters: float) -> None:
         if self._arrows is not None:
             self._arrows.paint_scale(image, camera, self._ink, letters)
         if self._style.axes:
@@ -95,7 +91,7 @@ class Overlay:
             paint_colour_bars(image, self._scales, self._ink, letters)
         words = [self._style.name] if self._style.name else []
         if self._style.caption:
-            words += caption_parts(self._recording, frame)
+            words += caption_parts(self._recording, instant)
         if words:
             paint_caption(image, words, self._ink, letters)
 
@@ -131,14 +127,7 @@ def colour_bars_width(scales: Sequence[ColourScale], letters: float) -> float:
 
 
 def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, letters: float) -> None:
-    """Paint a bar for each scale, one under the other, at the right edge of a Pillow image, within a line of ink.
-
-    Args:
-        picture: a Pillow image in RGB, which is changed.
-        scales: what the bars show.
-        ink: colour of text and lines.
-        letters: height of the letters [pixels].
-    """
+    """Paint a bar for each scale, one under the other, at the right edge of a Pillow image, within a line of ink."""
     from PIL import Image, ImageDraw
 
     height = picture.height
@@ -168,16 +157,16 @@ def _title_lines(scale: ColourScale) -> list[str]:
     return [words, unit]
 
 
-def caption_parts(recording: Recording, frame: int) -> list[str]:
-    """What the caption of a frame says."""
-    parts = [f"{recording.times[frame]:.2f} s"]
+def caption_parts(recording: Recording, instant: int) -> list[str]:
+    """What the caption of an instant says."""
+    parts = [f"{recording.times[instant]:.2f} s"]
     for kind in ACTUATOR_KINDS:
         if recording.actuators.names_of(kind):
             effort = kind.effort
-            texts = [f"{value:z.{effort.digits}f}" for value in recording.row(effort.name, frame)]
+            texts = [f"{value:z.{effort.digits}f}" for value in recording.row(effort.name, instant)]
             parts.append(_figures_text(effort.words, texts, effort.unit))
-    start = recording.row("rigid_position", recording.last_start if frame >= recording.last_start else 0)
-    rises = (recording.row("rigid_position", frame) - start) @ recording.scene.up
+    start = recording.row("rigid_position", recording.last_start if instant >= recording.last_start else 0)
+    rises = (recording.row("rigid_position", instant) - start) @ recording.scene.up
     raised = dict(zip(recording.scene.rigid_bodies, rises, strict=True))
     for name in recording.scene.objects[:CAPTION_BODIES]:
         parts.append(f"{name} raised {_one_decimal(raised[name])} mm")
@@ -188,10 +177,7 @@ def paint_caption(picture: Any, parts: list[str], ink: Colour, letters: float) -
     """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit.
 
     Args:
-        picture: a Pillow image in RGB, which is changed.
-        parts: what to write.
         ink: colour of the letters.
-        letters: height of the letters [pixels].
     """
     edge = 0.03 * picture.height
     lines: list[str] = []

@@ -35,9 +35,6 @@ class SmoothNormals:
 
     The normal of a corner is the area-weighted mean of the triangles at its vertex that are turned by less than
     CREASE_ANGLE against its own triangle: curved faces are smooth, and edges stay sharp.
-
-    Args:
-        triangles: vertex indices, outward, shape (triangle_count, 3).
     """
 
     def __init__(self, triangles: np.ndarray):
@@ -66,10 +63,6 @@ def split_creases(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarr
     """Give a vertex on a crease one copy per smooth part of the surface around it.
 
     A surface that deforms is split once; copy i is then always where vertex `source[i]` is.
-
-    Args:
-        vertices: positions [mm], shape (vertex_count, 3).
-        triangles: vertex indices, shape (triangle_count, 3).
 
     Returns:
         `source`, vertex of each copy, shape (copy_count,), and triangles of copies, shape (triangle_count, 3).
@@ -124,7 +117,6 @@ def shade(colours: np.ndarray, normals: np.ndarray, key: np.ndarray, up: np.ndar
         colours: red, green and blue [-], shape (3,) or (count, 3).
         normals: unit normals, shape (count, 3).
         key: unit vector to the key light, shape (3,).
-        up: unit vector against gravity, shape (3,).
     """
     # Half of the light reaches around what it falls on, so that no side that is turned away looks flat.
     from_key = (0.5 + 0.5 * normals @ key) ** 1.5
@@ -168,8 +160,7 @@ def line_tubes(recording: Recording, first_frame: int) -> list[LineTube]:
     """A tube for each cable and other line of a recording.
 
     Args:
-        recording: the recording, which stays open.
-        first_frame: the frame in which the bodies have the size that the thickness suits.
+        first_frame: the instant in which the bodies have the size that the thickness suits.
     """
     lines = [(kind, line) for kind in ACTUATOR_KINDS for line in recording.lines(kind)]
     if not lines:
@@ -196,7 +187,6 @@ def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
 
     Args:
         points: points of the line [mm], shape (point_count, 3).
-        radius: radius of the tube [mm].
     """
     along = np.diff(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
@@ -219,7 +209,7 @@ def tube_triangles(point_count: int) -> np.ndarray:
 
 
 def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int], np.ndarray]:
-    return lambda frame: tube_vertices(points(frame), radius)
+    return lambda instant: tube_vertices(points(instant), radius)
 
 
 def _segments(point_count: int) -> np.ndarray:
@@ -254,7 +244,7 @@ def _unit_ball() -> tuple[np.ndarray, np.ndarray]:
 _BALL, _BALL_TRIANGLES = _unit_ball()
 
 
-# Scales that hold for all frames that are drawn: colours for numbers, round ends, frames to look at.
+# Scales that hold for all instants that are drawn: colours for numbers, round ends, instants to look at.
 
 SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13, 0.30), (0.33, 0.06, 0.32))
 """Colours from silicone's own over yellow and red to violet: brightness falls all the way."""
@@ -323,9 +313,9 @@ def round_down(value: float) -> float:
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-9)))
 
 
-def sample_frames(frames: Sequence[int], count: int) -> list[int]:
-    """At most `count` of the frames, evenly spaced from the first to the last."""
-    return [frames[index] for index in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
+def sample_instants(instants: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the instants, evenly spaced from the first to the last."""
+    return [instants[index] for index in np.unique(np.linspace(0, len(instants) - 1, count).astype(int))]
 
 
 # Smooth polygons and text in a finished picture.
@@ -341,9 +331,7 @@ def paint_polygon(picture: Any, corners: Sequence[Sequence[float]] | np.ndarray,
     """Paint a filled polygon with smooth edges.
 
     Args:
-        picture: a Pillow image in RGB, which is changed.
         corners: pixels to the right of the left edge and below the upper edge, shape (count, 2).
-        colour: colour of the polygon.
     """
     from PIL import Image, ImageDraw
 
@@ -367,7 +355,6 @@ def arrow_outline(tail: np.ndarray, tip: np.ndarray, width: float) -> np.ndarray
 
     Args:
         tail, tip: where the arrow begins and ends [pixels], shape (2,).
-        width: width of the shaft [pixels].
     """
     length = max(float(np.linalg.norm(tip - tail)), 1e-9)
     along = (tip - tail) / length
@@ -402,11 +389,8 @@ def paint_text(picture: Any, place: tuple[float, float], text: str, height: floa
     """Write text into a picture.
 
     Args:
-        picture: a Pillow image in RGB, which is changed.
         place: place of the anchor [pixels].
-        text: what to write.
         height: height of the letters [pixels].
-        colour: colour of the letters.
         anchor: Pillow's two letters for the anchor: "la" left and top, "mm" the middle, "ls" left on the line.
     """
     from PIL import ImageDraw
@@ -414,9 +398,9 @@ def paint_text(picture: Any, place: tuple[float, float], text: str, height: floa
     ImageDraw.Draw(picture).text(place, text, font=font(height), fill=as_bytes(colour), anchor=anchor)
 
 
-def as_bytes(colour: Colour) -> tuple[int, int, int]:
+def as_bytes(colour: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
     """A colour with parts from 0 to 255."""
-    red, green, blue = (round(255 * part) for part in colour)
+    red, green, blue = (round(255 * float(part)) for part in colour)
     return red, green, blue
 
 
@@ -431,7 +415,7 @@ SEEN = 0.45
 LONGEST = 0.5
 """Length of the arrow of the strongest force, in radii of the scene [-]."""
 SAMPLES = 200
-"""Number of frames, at most, in which the strongest force is looked for."""
+"""Number of instants, at most, in which the strongest force is looked for."""
 FORCE_WIDTH, AXIS_WIDTH = 1 / 220, 1 / 180
 """Width of an arrow's shaft, in heights of the picture [-]."""
 
@@ -444,12 +428,9 @@ BODY_AXIS = 0.25
 
 
 class ForceArrows:
-    """Arrows of contact forces, of one scale over all frames: twice the force is twice the length.
+    """Arrows of contact forces, of one scale over all instants: twice the force is twice the length.
 
     Args:
-        recording: the recording, which stays open.
-        frames: all frames that will be drawn.
-        radius: radius of the scene [mm].
         behind: red, green and blue [-] of what may be behind the arrows.
         length: length of the arrows [mm/mN]; that which suits the strongest force when it is not given.
 
@@ -461,37 +442,30 @@ class ForceArrows:
     def __init__(
         self,
         recording: Recording,
-        frames: Sequence[int],
+        instants: Sequence[int],
         radius: float,
         behind: Sequence[np.ndarray] = (),
         length: float | None = None,
     ):
         self._recording = recording
         self._colour = arrow_colour(behind)
-        contacts = [recording.contacts(frame) for frame in sample_frames(frames, SAMPLES)]
+        contacts = [recording.contacts(instant) for instant in sample_instants(instants, SAMPLES)]
         self._strongest = max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for _, f in contacts), default=0.0)
         own = LONGEST * radius / self._strongest if self._strongest else 0.0
         self.length = own if length is None else length
         self.tails = np.concatenate([np.zeros((0, 3)), *(point - self.length * force for point, force in contacts)])
 
-    def paint(self, picture: Any, camera: PictureCamera, frame: int, section: SectionPlane | None) -> None:
-        """Paint a frame's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
+    def paint(self, picture: Any, camera: PictureCamera, instant: int, section: SectionPlane | None) -> None:
+        """Paint an instant's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
         if self._strongest:
-            points, forces = self._recording.contacts(frame)
+            points, forces = self._recording.contacts(instant)
             if section is not None:
                 kept = section.facing(camera.eye).height(points) <= 0.0
                 points, forces = points[kept], forces[kept]
             _paint_arrows(picture, camera, points - self.length * forces, points, FORCE_WIDTH, [self._colour])
 
     def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour, letters: float) -> None:
-        """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene.
-
-        Args:
-            picture: a Pillow image in RGB, which is changed.
-            camera: the camera that sees the arrows.
-            ink: colour of the text.
-            letters: height of the letters [pixels].
-        """
+        """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene."""
         if not self._strongest:
             return
         force = round_down(self._strongest)
@@ -535,11 +509,7 @@ def paint_body_axes(
     """Paint the axes of bodies into a Pillow image.
 
     Args:
-        picture: a Pillow image in RGB, which is changed.
-        camera: the camera that sees the axes.
         axes: origin [mm] and unit vectors along x, y and z of each body, shape (count, 4, 3).
-        radius: radius of the scene [mm].
-        colours: colours of x, y and z.
     """
     origins = np.repeat(axes[:, 0], 3, axis=0)
     ends = origins + BODY_AXIS * radius * axes[:, 1:].reshape(-1, 3)

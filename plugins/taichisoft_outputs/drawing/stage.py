@@ -105,7 +105,6 @@ def square_of_plane(
     """The part of a plane that is drawn.
 
     Args:
-        plane: the plane.
         points: what stands before the plane [mm], shape (point_count, 3).
         floors: planes; what is under them is left out.
         half: half the width of the square, in radii of the points [-].
@@ -187,7 +186,6 @@ class Floor:
 
         Args:
             picture: the background, shape (height, width, 3), dtype uint8.
-            camera: the camera that sees the floor.
             casters: what casts shadows; it casts none where the light comes from under the floor.
         """
         from PIL import Image
@@ -281,9 +279,6 @@ class Stage:
     Light is in the colours already (`shading`), the floor with its shadows is painted (`floor`), and edges are smoothed
     afterwards (`antialiasing`): where the processor draws, Open3D's own light, shadows and smoothing take over half a
     second a picture, and this takes a tenth of it.
-
-    Args:
-        size: width and height of the pictures [pixels].
     """
 
     def __init__(self, size: tuple[int, int]):
@@ -315,7 +310,6 @@ class Stage:
 
         Args:
             name: name of what is drawn.
-            vertices: vertices [mm], shape (vertex_count, 3).
             triangles: vertex indices, counterclockwise as seen from the front, shape (triangle_count, 3).
             colours: red, green and blue of every vertex as they shall appear [-], shape (vertex_count, 3).
         """

@@ -53,12 +53,10 @@ class SurfacePainter:
     """Paints surfaces that deform; a process can have only one.
 
     Args:
-        size: width and height of the pictures [pixels].
         triangles: vertex indices of all surfaces by their names, outward, (triangle_count, 3).
         translucent: names of the surfaces that can be seen through.
         opacity: opacity of the translucent surfaces [-].
         key: unit vector to the key light, shape (3,).
-        up: unit vector against gravity, shape (3,).
         unlit: names of the surfaces whose colours stand for numbers, which get no light, and whether they get lines
             along their edges.
         scale: the colours of surfaces that have values.
@@ -85,13 +83,7 @@ class SurfacePainter:
         self._stage = Stage(size)
 
     def hide_behind(self, name: str, vertices: np.ndarray, triangles: np.ndarray) -> None:
-        """Let nothing be seen behind triangles that are painted elsewhere.
-
-        Args:
-            name: name of the triangles.
-            vertices: vertices [mm], shape (vertex_count, 3).
-            triangles: vertex indices, shape (triangle_count, 3).
-        """
+        """Let nothing be seen behind triangles that are painted elsewhere."""
         self._put_holdout(name + HOLDOUT, vertices, triangles)
         self._always.append(name + HOLDOUT)
 
@@ -107,8 +99,6 @@ class SurfacePainter:
 
         Args:
             picture: the background, shape (height, width, 3), dtype uint8.
-            camera: the camera that sees the surfaces.
-            vertices: vertices of every surface [mm], shape (vertex_count, 3).
             colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3); or
                 values of `scale` at its vertices, (vertex_count, 1).
             section: what is cut open; None for nothing.
@@ -181,7 +171,6 @@ class SurfacePainter:
         """Depth [mm], infinite where nothing is, and the number of what is seen, -1 for nothing, (height, width) both.
 
         Args:
-            camera: the camera that sees them.
             vertices: vertices [mm] of the surfaces, by name.
             numbers: number of each surface that counts, from 0 to 253, by name.
         """
@@ -241,8 +230,6 @@ def depth_layers(bodies: Sequence[np.ndarray], camera: PictureCamera, size: tupl
 
     Args:
         bodies: vertices [mm] of each body, shape (vertex_count, 3).
-        camera: the camera that sees the bodies.
-        size: width and height of the picture [pixels].
     """
     rectangles, distances = [], []
     for vertices in bodies:
@@ -298,7 +285,6 @@ def refuse_what_cuts_nothing(section: str, points: np.ndarray) -> None:
 
     Args:
         section: the plane in words.
-        points: vertices of all that is drawn [mm], shape (point_count, 3).
     """
     height = SectionPlane.parse(section).height(points)
     if not height.min() < 0.0 < height.max():
@@ -309,23 +295,21 @@ def refuse_what_cuts_nothing(section: str, points: np.ndarray) -> None:
 def cut_open(
     recording: Recording,
     surfaces: Sequence[RecordedSurface],
-    frame: int,
+    instant: int,
     plane: SectionPlane,
     values: np.ndarray | None = None,
 ) -> Section:
-    """Cut what moves and the obstacles, in one frame: silicone shows its elements' section, air and bodies are filled.
+    """Cut what moves and the obstacles: silicone shows its elements' section, air and bodies are filled.
 
     Cables, and planes without an end, stay whole.
 
     Args:
-        recording: the recording, which stays open.
         surfaces: its surfaces, or finer ones in their place.
-        frame: the frame.
         plane: the plane, whose normal points to what is left out.
         values: values at the nodes of all soft bodies, which the section shows, shape (node_count,); or None.
     """
     caps = {}
-    position = recording.row("position", frame)
+    position = recording.row("position", instant)
     for body in recording.soft_bodies:
         at_nodes = position[body.nodes]
         height = plane.height(at_nodes)[body.tetrahedra]
@@ -335,7 +319,7 @@ def cut_open(
     cut = [surface for surface in surfaces if surface.kind != "line"]
     for surface in cut:
         if surface.kind != "soft":
-            corners = surface.vertices(frame)[surface.triangles]
+            corners = surface.vertices(instant)[surface.triangles]
             _, _, sides = split_triangles(corners, plane.height(corners))
             caps[surface.name] = closed_cap(sides, plane.normal)
     return Section(plane, frozenset(surface.name for surface in cut), caps)

@@ -97,9 +97,6 @@ def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str,
     """Write what does not change during a run.
 
     Args:
-        file: the open HDF5 file.
-        model: the model of the run.
-        every: steps from frame to frame.
         columns: names of the columns of quantities by actuator, by pair of bodies and by material: "cavities" and the
             like, "pairs" and "materials".
     """

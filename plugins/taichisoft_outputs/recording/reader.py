@@ -1,4 +1,4 @@
-"""Reading a recording: what was simulated, and what was in every frame."""
+"""Reading a recording: what was simulated, and what was in every instant."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -62,14 +62,14 @@ class Recording:
         scene_text: the resolved scene as TOML.
         versions: versions of taichisoft and of what it computed with, by name.
         step_size: time step [s].
-        every: steps from frame to frame.
+        every: steps from instant to instant.
         actuators: names of the actuators; `actuators.names_of(kind)` are the names of the columns of one kind.
         cavities: names of the columns of `column("pressure")` and `column("volume")`.
         cables: names of the columns of `column("tension")`, `column("pull")` and `column("cable_length")`.
         pairs: names of the columns of `column("normal_force")`, `column("peak_pressure")` and the like.
         materials: names of the columns of `column("young_modulus")`.
         body_names: names of all bodies in the order of the scene, by which contacts number them.
-        frames: what carried bodies, the base first, by which `column("frame_pose")` and `column("frame_wrench")` are
+        instants: what carried bodies, the base first, by which `column("frame_pose")` and `column("frame_wrench")` are
             numbered.
         surfaces: everything with triangles: soft bodies with cavities, membranes and fibres, rigid bodies, obstacles.
         body_surfaces: the same, by the poses of the bodies.
@@ -88,8 +88,8 @@ class Recording:
             with self._errors_of_one_line():
                 self._check_layout()
                 self._read_constants(self._file.constants)
-                if self.frame_count < 1:
-                    raise RecordingError(f"{path}: damaged: no frame is left; {self._advice}")
+                if self.instant_count < 1:
+                    raise RecordingError(f"{path}: damaged: no instant is left; {self._advice}")
         except RecordingError:
             self.close()
             raise
@@ -123,9 +123,9 @@ class Recording:
         return self._file.outcome
 
     @property
-    def frame_count(self) -> int:
-        """Frames that were written, 1 or more; frame 0 is the state before the first step."""
-        return self._file.frame_count
+    def instant_count(self) -> int:
+        """Instants that were written, 1 or more; instant 0 is the state before the first step."""
+        return self._file.instant_count
 
     @property
     def signals(self) -> list[str]:
@@ -139,7 +139,7 @@ class Recording:
 
     @property
     def _advice(self) -> str:
-        return f"taichisoft recording repair {self.path} -o NEW.h5 rescues all frames that are whole"
+        return f"taichisoft recording repair {self.path} -o NEW.h5 rescues all instants that are whole"
 
     @contextmanager
     def _errors_of_one_line(self) -> Iterator[None]:
@@ -192,100 +192,101 @@ class Recording:
 
     @property
     def times(self) -> np.ndarray:
-        """Time of every frame [s], shape (frame_count,)."""
+        """Time of every instant [s], shape (instant_count,)."""
         return self.column("time")
 
     @property
     def last_start(self) -> int:
-        """The frame with the first state of the last start: a user may have started the run again."""
+        """The instant with the first state of the last start: a user may have started the run again."""
         return int(np.max(np.flatnonzero(np.diff(self.times) < 0.0) + 1, initial=0))
 
     def column(self, name: str) -> np.ndarray:
-        """One quantity in all frames, shape (frame_count, ...); `layout.QUANTITIES` has names and units.
+        """One quantity in all instants, shape (instant_count, ...); `layout.QUANTITIES` has names and units.
 
         Raises:
             RecordingError: the quantity is missing, or one of its numbers is damaged.
         """
-        return self._rows(self._path(name), 0, self.frame_count)
+        return self._rows(self._path(name), 0, self.instant_count)
 
     @property
     def base_translation(self) -> np.ndarray:
-        """Shift of the base from rest in every frame [mm], shape (frame_count, 3)."""
+        """Shift of the base from rest in every instant [mm], shape (instant_count, 3)."""
         shift: np.ndarray = self.column("frame_pose")[:, 0, 0]
         return shift
 
-    def row(self, name: str, frame: int) -> np.ndarray:
-        """One quantity in one frame; positions are in double precision where the frame has a state.
+    def row(self, name: str, instant: int) -> np.ndarray:
+        """One quantity in one instant; positions are in double precision where the instant has a state.
 
         Raises:
             RecordingError: the quantity is missing, or it is damaged.
         """
-        path, frame = self._path(name), range(self.frame_count)[frame]
-        if name == "position" and self.has_state(frame):
+        path, instant = self._path(name), range(self.instant_count)[instant]
+        if name == "position" and self.has_state(instant):
             path = "states/position"
-        values: np.ndarray = self._rows(path, frame, frame + 1)[0]
+        values: np.ndarray = self._rows(path, instant, instant + 1)[0]
         return values.astype(np.float64) if QUANTITIES[path].single else values
 
-    def has_state(self, frame: int) -> bool:
-        """Whether a frame has a whole state, in double precision; every tenth step has one, and the last."""
-        return bool(self.row("state_count", frame))
+    def has_state(self, instant: int) -> bool:
+        """Whether an instant has a whole state, in double precision; every tenth step has one, and the last."""
+        return bool(self.row("state_count", instant))
 
-    def velocity(self, frame: int) -> np.ndarray:
-        """Velocities of the soft nodes [mm/s], (node_count, 3); without a state, the mean since the frame before."""
-        if self.has_state(frame):
-            return self._group_rows("states/velocity", frame)[0]
-        way = self.row("position", frame) - self.row("position", frame - 1)
-        mean: np.ndarray = way / (self.row("time", frame) - self.row("time", frame - 1))
+    def velocity(self, instant: int) -> np.ndarray:
+        """Velocities of the soft nodes [mm/s], (node_count, 3); without a state, the mean since the instant before."""
+        if self.has_state(instant):
+            return self._group_rows("states/velocity", instant)[0]
+        way = self.row("position", instant) - self.row("position", instant - 1)
+        mean: np.ndarray = way / (self.row("time", instant) - self.row("time", instant - 1))
         return mean
 
-    def contacts(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    def contacts(self, instant: int) -> tuple[np.ndarray, np.ndarray]:
         """Points [mm] and forces [mN] on the second body of each contact, each of shape (contact_count, 3)."""
-        return self._group_rows("contacts/point", frame), self._group_rows("contacts/impulse", frame) / self.step_size
+        points, impulses = (self._group_rows(f"contacts/{name}", instant) for name in ("point", "impulse"))
+        return points, impulses / self.step_size
 
-    def contact_pairs(self, frame: int) -> list[Pair]:
+    def contact_pairs(self, instant: int) -> list[Pair]:
         """Names of the two bodies of each of these contacts."""
-        bodies = self._group_rows("contacts/bodies", frame)
+        bodies = self._group_rows("contacts/bodies", instant)
         return [(self.body_names[first], self.body_names[second]) for first, second in bodies]
 
-    def cable_points(self, frame: int) -> list[np.ndarray]:
+    def cable_points(self, instant: int) -> list[np.ndarray]:
         """Points of each cable from its pulled end on [mm], each of shape (point_count, 3)."""
-        return self.line_points(CABLES, frame)
+        return self.line_points(CABLES, instant)
 
     def lines(self, kind: ActuatorKind) -> tuple[Line, ...]:
         """The lines of a kind's actuators: the points that they run through, and what carries them."""
         return self._lines.get(kind.name, ())
 
-    def line_points(self, kind: ActuatorKind, frame: int) -> list[np.ndarray]:
+    def line_points(self, kind: ActuatorKind, instant: int) -> list[np.ndarray]:
         """Points of each line of a kind, of cables from the pulled end on [mm], each of shape (point_count, 3)."""
-        return [self.points_of_line(line, frame) for line in self.lines(kind)]
+        return [self.points_of_line(line, instant) for line in self.lines(kind)]
 
-    def points_of_line(self, line: Line, frame: int) -> np.ndarray:
+    def points_of_line(self, line: Line, instant: int) -> np.ndarray:
         """Points of one of `lines` [mm], shape (point_count, 3)."""
-        return line.points(self.poses(frame), self.frames)
+        return line.points(self.poses(instant), self.frames)
 
-    def segment_efforts(self, kind: ActuatorKind, frames: Any) -> list[np.ndarray]:
+    def segment_efforts(self, kind: ActuatorKind, instants: Any) -> list[np.ndarray]:
         """Efforts between the points of each line of a kind, such as tensions [mN], each (..., point_count - 1).
 
         Args:
             kind: the kind.
-            frames: a frame, or an array of frames, (frame_count,), which are the first dimension of the efforts.
+            instants: an instant, or an array of instants, which are the first dimension of the efforts.
         """
-        read = self.row if np.ndim(frames) == 0 else lambda name, some: self.column(name)[some]
-        lost = read(kind.loss, frames) if kind.loss else np.zeros(0)
-        return segment_efforts(self.lines(kind), read(kind.effort.name, frames), lost)
+        read = self.row if np.ndim(instants) == 0 else lambda name, some: self.column(name)[some]
+        lost = read(kind.loss, instants) if kind.loss else np.zeros(0)
+        return segment_efforts(self.lines(kind), read(kind.effort.name, instants), lost)
 
     def follow(self, surface: BodySurface) -> RecordedSurface:
-        """A surface of one of the bodies in the frames of this recording."""
+        """A surface of one of the bodies in the instants of this recording."""
         mapping = surface.shape if isinstance(surface.shape, MappedSurface) else None
 
-        def vertices(frame: int) -> np.ndarray:
-            return surface.vertices(self.poses(frame))
+        def vertices(instant: int) -> np.ndarray:
+            return surface.vertices(self.poses(instant))
 
         return RecordedSurface(surface.name, surface.kind, surface.triangles, vertices, mapping)
 
-    def body_axes(self, frame: int) -> np.ndarray:
+    def body_axes(self, instant: int) -> np.ndarray:
         """Axes of the bodies whose axes the scene wants: origin [mm] and three unit vectors each, (count, 4, 3)."""
-        poses = self.poses(frame)
+        poses = self.poses(instant)
         return np.array([axes.place(poses) for axes in self.axes_of_bodies.values()]).reshape(-1, 4, 3)
 
     @cached_property
@@ -293,50 +294,50 @@ class Recording:
         """By name, the axes of the bodies whose axes the scene wants."""
         return axes_of_bodies(self.scene, self.soft_bodies)
 
-    def state(self, frame: int) -> State:
-        """The state in a frame that has one, bit for bit: a run that goes on from it is the one that was recorded.
+    def state(self, instant: int) -> State:
+        """The state in an instant that has one, bit for bit: a run that goes on from it is the one that was recorded.
 
         Raises:
             RecordingError: it has none (see `has_state`), or it is damaged.
         """
-        frame = range(self.frame_count)[frame]
-        if not self.has_state(frame):
-            raise RecordingError(f"{self.path}: frame {frame} has no state of its own, in double precision")
+        instant = range(self.instant_count)[instant]
+        if not self.has_state(instant):
+            raise RecordingError(f"{self.path}: instant {instant} has no state of its own, in double precision")
         parts: dict[str, np.ndarray] = {}
         for path, quantity in QUANTITIES.items():
             if quantity.state_field and not quantity.single and group_of(path) != "controls":
-                rows = self._rows(path, frame, frame + 1)
+                rows = self._rows(path, instant, instant + 1)
                 parts[path] = rows if group_of(path) == "contacts" else rows[0]
         values: dict[str, Any] = _fields(parts)
         return State(**{**values, "time": float(values["time"]), "step": int(values["step"])})
 
-    def field(self, name: str, frame: int) -> np.ndarray:
-        """A field of the state in a frame, also one whose parts are several quantities; not positions.
+    def field(self, name: str, instant: int) -> np.ndarray:
+        """A field of the state in an instant, also one whose parts are several quantities; not positions.
 
         Raises:
             RecordingError: it is damaged.
         """
         paths = [path for path, one in QUANTITIES.items() if one.state_field == name and group_of(path) == "steps"]
-        return _fields({path: self.row(path.removeprefix("steps/"), frame) for path in paths})[name]
+        return _fields({path: self.row(path.removeprefix("steps/"), instant) for path in paths})[name]
 
-    def controls(self, frame: int) -> list[dict[str, np.ndarray]]:
-        """What a controller acted through in each step since the frame before, by the fields of `State`."""
-        between = _fields({path: self._group_rows(path, frame) for path in CONTROLS})
-        own = _fields({path: self.row(path.split("/")[1], frame) for path in CONTROLS})
-        count = int(self.row("control_count", frame))
+    def controls(self, instant: int) -> list[dict[str, np.ndarray]]:
+        """What a controller acted through in each step since the instant before, by the fields of `State`."""
+        between = _fields({path: self._group_rows(path, instant) for path in CONTROLS})
+        own = _fields({path: self.row(path.split("/")[1], instant) for path in CONTROLS})
+        count = int(self.row("control_count", instant))
         return [*({field: rows[step] for field, rows in between.items()} for step in range(count)), own]
 
-    def controller_state(self, frame: int) -> dict[str, Any] | None:
-        """What the controller remembered at the end of a frame's step, as its `save` gave it; None: it does not save.
+    def controller_state(self, instant: int) -> dict[str, Any] | None:
+        """What the controller remembered after an instant's step, as its `save` gave it; None: it does not save.
 
         Raises:
             RecordingError: it is damaged.
         """
-        text = self._group_rows("controllers/saved", frame).tobytes()
+        text = self._group_rows("controllers/saved", instant).tobytes()
         return json.loads(text) if text else None
 
-    def rows_of_frames(self, first: int, end: int) -> dict[str, np.ndarray]:
-        """All that belongs to the frames from `first` to before `end`, by paths of datasets, one after the other.
+    def rows_of_instants(self, first: int, end: int) -> dict[str, np.ndarray]:
+        """All that belongs to the instants from `first` to before `end`, by paths of datasets, one after the other.
 
         Raises:
             RecordingError: some of it is damaged.
@@ -358,8 +359,8 @@ class Recording:
         with self._errors_of_one_line():
             return convert(self._file, new)
 
-    def frame_at(self, time: float) -> int:
-        """Index of the frame nearest to `time` [s] since the last start.
+    def instant_at(self, time: float) -> int:
+        """Index of the instant nearest to `time` [s] since the last start.
 
         Raises:
             RecordingError: the time was not recorded.
@@ -385,13 +386,13 @@ class Recording:
         with self._errors_of_one_line():
             return self._file.rows(path, first, end)
 
-    def _group_rows(self, path: str, frame: int) -> np.ndarray:
-        frame = range(self.frame_count)[frame]
-        return self._rows(path, frame, frame + 1)
+    def _group_rows(self, path: str, instant: int) -> np.ndarray:
+        instant = range(self.instant_count)[instant]
+        return self._rows(path, instant, instant + 1)
 
-    def poses(self, frame: int) -> Any:
+    def poses(self, instant: int) -> Any:
         """Where nodes and bodies are in an instant, by the fields of `State`; each is read when it is wanted."""
-        return _RecordedPoses(self, frame)
+        return _RecordedPoses(self, instant)
 
     def _path(self, name: str) -> str:
         path = f"steps/{name}"
@@ -411,11 +412,11 @@ def _fields(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class _RecordedPoses:
-    def __init__(self, recording: Recording, frame: int):
-        self._recording, self._frame = recording, frame
+    def __init__(self, recording: Recording, instant: int):
+        self._recording, self._instant = recording, instant
 
     def __getattr__(self, field: str) -> Any:
-        values = self._recording.row(field, self._frame)
+        values = self._recording.row(field, self._instant)
         setattr(self, field, values)
         return values
 
@@ -453,7 +454,7 @@ def _finger(recording: Recording, body: RecordedSoftBody) -> SimpleNamespace:
     )
 
 
-def tip_state(recording: Recording, frame: int) -> Any:
+def tip_state(recording: Recording, instant: int) -> Any:
     """The part of a `State` that shows where the tips are; velocities are not used."""
-    position, frame_pose = recording.row("position", frame), recording.row("frame_pose", frame)
+    position, frame_pose = recording.row("position", instant), recording.row("frame_pose", instant)
     return SimpleNamespace(position=position, velocity=np.zeros_like(position), frame_pose=frame_pose)

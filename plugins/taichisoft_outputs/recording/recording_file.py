@@ -50,13 +50,13 @@ SEARCHED = 2**20
 
 
 class RecordKind(IntEnum):
-    """What a record has; the number of figures and fields is that of their frame."""
+    """What a record has; the number of figures and fields is that of their instant."""
 
     OUTCOME, CONSTANTS, FORMAT, SIGNALS, FIGURES, FIELDS = range(6)
 
 
-class FrameFormat:
-    """The types of a frame's numbers.
+class InstantFormat:
+    """The types of an instant's numbers.
 
     Attributes:
         types: numpy's name of the type, and the shape of a row, of each quantity by path.
@@ -67,12 +67,12 @@ class FrameFormat:
         self.figures = np.dtype([(path, *self.types[path]) for path in QUANTITIES if path not in FIELDS])
 
     @classmethod
-    def of_frame(cls, rows: Mapping[str, np.ndarray]) -> Self:
-        """The format of the rows of a frame, as `rows.RowMaker` makes them."""
+    def of_rows(cls, rows: Mapping[str, np.ndarray]) -> Self:
+        """The format of the rows of an instant, as `rows.RowMaker` makes them."""
         return cls({path: (row.dtype.str, row.shape[group_of(path) != "steps" :]) for path, row in rows.items()})
 
     def encoded(self, rows: Mapping[str, np.ndarray]) -> tuple[bytes, bytes]:
-        """The figures and the fields of a frame."""
+        """The figures and the fields of an instant."""
         figures = np.zeros((), self.figures)
         for path in self.figures.names or ():
             figures[path] = rows[path]
@@ -80,7 +80,7 @@ class FrameFormat:
         return figures.tobytes(), b"".join(fields)
 
     def fields(self, figures: np.void, content: bytes) -> dict[str, np.ndarray]:
-        """The fields of a frame with these figures, by path, shape (row_count, ...)."""
+        """The fields of an instant with these figures, by path, shape (row_count, ...)."""
         rows, place = {}, 0
         for path in FIELDS:
             name, shape = self.types[path]
@@ -91,25 +91,25 @@ class FrameFormat:
 
 
 class RunningFile:
-    """Writes the frames of a run, each as soon as it is given.
+    """Writes the instants of a run, each as soon as it is given.
 
     Attributes:
         path: place of the file.
-        frame_count: frames that were written.
+        instant_count: instants that were written.
         size: length of the file [bytes].
-        is_whole: whether all frames that were given are in it.
+        is_whole: whether all instants that were given are in it.
     """
 
     def __init__(self, path: Path, constants: bytes, rows: Mapping[str, np.ndarray], signals: Sequence[str] = ()):
-        """Make a new file, or replace the one that is there when the first frame is in the new one.
+        """Make a new file, or replace the one that is there when the first instant is in the new one.
 
         Args:
             path: place of the file; its folder is made when it does not exist.
             constants: image of an HDF5 file with what does not change.
-            rows, signals: the first frame, as for `append`.
+            rows, signals: the first instant, as for `append`.
         """
-        self.path, self.frame_count, self.size, self.is_whole = path, 0, 0, True
-        self._format, self._signals = FrameFormat.of_frame(rows), 0
+        self.path, self.instant_count, self.size, self.is_whole = path, 0, 0, True
+        self._format, self._signals = InstantFormat.of_rows(rows), 0
         with named_os_errors(path, RecordingError):
             path.parent.mkdir(parents=True, exist_ok=True)
             for begun in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):  # of processes that were killed
@@ -125,7 +125,7 @@ class RunningFile:
                 raise
 
     def append(self, rows: Mapping[str, np.ndarray], signals: Sequence[str] = ()) -> None:
-        """Add a frame.
+        """Add an instant.
 
         Args:
             rows: by path, the row of a quantity of `steps`, and all rows of one of another group.
@@ -133,7 +133,7 @@ class RunningFile:
         """
         self.is_whole = False
         if not self._is_in_place():
-            raise RecordingError(f"{self.path}: was removed or replaced while the run went on; its frames are lost")
+            raise RecordingError(f"{self.path}: was removed or replaced while the run went on; its instants are lost")
         with named_os_errors(self.path, RecordingError):
             self._append(rows, signals)
         self.is_whole = True
@@ -148,9 +148,9 @@ class RunningFile:
             self._signals = len(signals)
             self._write(_record(RecordKind.SIGNALS, 0, json.dumps(list(signals)).encode()))
         figures, fields = self._format.encoded(rows)
-        number = self.frame_count
+        number = self.instant_count
         self._write(_record(RecordKind.FIGURES, number, figures) + _record(RecordKind.FIELDS, number, fields))
-        self.frame_count += 1
+        self.instant_count += 1
 
     def _write(self, content: bytes) -> None:
         """Write all of it: a system may write a part, and refuse the rest when it is asked for."""
@@ -180,9 +180,9 @@ class RunningRecording:
 
     Attributes:
         constants: the open HDF5 file with what does not change.
-        format: the types of the numbers of a frame.
+        format: the types of the numbers of an instant.
         outcome: how the run ended.
-        frame_count: frames that were written.
+        instant_count: instants that were written.
         size: length of the file [bytes].
         signals: names of the columns of signals.
     """
@@ -195,9 +195,10 @@ class RunningRecording:
         self._records: dict[tuple[int, int], tuple[int, int, int]] = {}
         self._find_records()
         self.constants = h5py.File(io.BytesIO(self._content(RecordKind.CONSTANTS)), "r")
-        self.format = FrameFormat(json.loads(self._content(RecordKind.FORMAT)))
+        self.format = InstantFormat(json.loads(self._content(RecordKind.FORMAT)))
         self.outcome = self._outcome()
-        self.frame_count = 1 + max((number for kind, number in self._records if kind == RecordKind.FIELDS), default=-1)
+        numbers = [number for kind, number in self._records if kind == RecordKind.FIELDS]
+        self.instant_count = 1 + max(numbers, default=-1)
 
     @property
     def signals(self) -> list[str]:
@@ -210,12 +211,12 @@ class RunningRecording:
         self._file.close()
 
     def rows(self, path: str, first: int, end: int) -> np.ndarray:
-        """A quantity in the frames from `first` to before `end`: a row for each, or all rows that belong to them."""
+        """A quantity in the instants from `first` to before `end`: a row for each, or all rows that belong to them."""
         rows: np.ndarray = self._fields(first, end)[path] if path in FIELDS else self._figures(first, end)[path]
         return rows
 
     def all_rows(self, first: int, end: int) -> dict[str, np.ndarray]:
-        """All quantities in these frames by path."""
+        """All quantities in these instants by path."""
         figures = self._figures(first, end)
         return {path: figures[path] for path in figures.dtype.names or ()} | self._fields(first, end)
 
@@ -224,11 +225,11 @@ class RunningRecording:
         return np.frombuffer(b"".join(contents), self.format.figures)
 
     def _fields(self, first: int, end: int) -> dict[str, np.ndarray]:
-        frames = [
+        instants = [
             self.format.fields(figures, self._content(RecordKind.FIELDS, number))
             for number, figures in zip(range(first, end), self._figures(first, end), strict=True)
         ]
-        return {path: np.concatenate([frame[path] for frame in frames]) for path in FIELDS}
+        return {path: np.concatenate([instant[path] for instant in instants]) for path in FIELDS}
 
     def _outcome(self) -> str:
         with suppress(DamagedContent):  # it may just be written
@@ -236,7 +237,7 @@ class RunningRecording:
         return UNFINISHED
 
     def _content(self, kind: RecordKind, number: int = 0) -> bytes:
-        name = kind.name.lower() if kind < RecordKind.FIGURES else f"{kind.name.lower()} of frame {number}"
+        name = kind.name.lower() if kind < RecordKind.FIGURES else f"{kind.name.lower()} of instant {number}"
         if (kind, number) not in self._records:
             raise DamagedContent(f"{name} are missing")
         place, length, checksum = self._records[kind, number]
@@ -342,12 +343,12 @@ class Rescue:
     """What of a recording is in a new file.
 
     Attributes:
-        frame_count: instants that the recording says it has.
+        instant_count: instants that the recording says it has.
         whole: numbers of those that are whole, which the new file has.
         damage: what is wrong with the first one that is not; empty where all are whole.
     """
 
-    frame_count: int
+    instant_count: int
     whole: list[int]
     damage: str
 
@@ -370,14 +371,14 @@ def convert(source: "RunningRecording | FinishedRecording", path: Path) -> Rescu
             file["columns"].pop("signals", None)
             write_texts(file["columns"], "signals", source.signals)
             whole, damage = _copy_instants(source, file)
-            count = source.frame_count
-            outcome = f"repaired: {len(whole)} of {count} frames were whole" if damage else source.outcome
+            count = source.instant_count
+            outcome = f"repaired: {len(whole)} of {count} instants were whole" if damage else source.outcome
             write_text(file.attrs, "outcome", outcome)
             file.flush()
             used = file.id.get_filesize()
         os.truncate(begun, used)
         if not whole:
-            raise RecordingError(f"{path}: not written: none of the {count} frames is whole: {damage}")
+            raise RecordingError(f"{path}: not written: none of the {count} instants is whole: {damage}")
     return Rescue(count, whole, damage)
 
 
@@ -393,8 +394,8 @@ def _copy_instants(source: "RunningRecording | FinishedRecording", file: Any) ->
     damage = ""
     datasets: dict[str, Any] = {}
     lengths: Counter[str] = Counter()
-    for first in range(0, source.frame_count, INSTANTS_PER_CHUNK):
-        end = min(first + INSTANTS_PER_CHUNK, source.frame_count)
+    for first in range(0, source.instant_count, INSTANTS_PER_CHUNK):
+        end = min(first + INSTANTS_PER_CHUNK, source.instant_count)
         parts = [(first, end)]
         while parts:
             start, stop = parts.pop()
@@ -404,7 +405,7 @@ def _copy_instants(source: "RunningRecording | FinishedRecording", file: Any) ->
                 if stop - start > 1:
                     parts += [(number, number + 1) for number in reversed(range(start, stop))]
                 else:
-                    damage = damage or f"frame {start}: {one_line(error)}"
+                    damage = damage or f"instant {start}: {one_line(error)}"
             else:
                 _append(file, rows, datasets, lengths)
                 whole += range(start, stop)
@@ -481,7 +482,7 @@ class FinishedRecording:
         return list(self.constants["columns/signals"].asstr()[:])
 
     @cached_property
-    def frame_count(self) -> int:
+    def instant_count(self) -> int:
         """Number of instants."""
         return len(self._dataset("steps/time"))
 

@@ -1,4 +1,4 @@
-"""Going on from a frame of a recording: scene, meshes and state from the file, so that the bits are the same."""
+"""Going on from an instant of a recording: scene, meshes and state from the file, so that the bits are the same."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +17,8 @@ from taichisoft_outputs.recording.reader import Recording
 
 SAME_PLACE = 1e-6
 """Positions [mm] that differ by less are the same: another machine rounds in another order."""
-SAME_FRAME = 1e-3
-"""Repeated steps lead at most so far from a recorded frame [mm], which is in single precision."""
+SAME_INSTANT = 1e-3
+"""Repeated steps lead at most so far from a recorded instant [mm], which is in single precision."""
 REQUESTS = ("frame_request", "frame_velocity", "actuator_request")
 """What was asked for in a step, before limits: of no effect on the step itself."""
 
@@ -35,7 +35,7 @@ def recorded_scene(
     return scene_from_toml(recording.scene_text, source, overrides, controller, goal)
 
 
-def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simulation:
+def resumed_simulation(recording: Recording, instant: int, scene: Scene) -> Simulation:
     """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene."""
     path, now = recording.path, _names(scene)
     for kind, recorded in _names(recording.scene).items():
@@ -48,37 +48,37 @@ def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simula
     _check_bodies(recording, simulation.model)
     as_recorded = simulation if scene == recording.scene else None
     try:
-        state = state_at(recording, frame, as_recorded)
+        state = state_at(recording, instant, as_recorded)
         simulation.restore(_as_changed(state, recording.scene, simulation.model))
     except StateError as error:
         raise ResumeError(f"{path}: {error}") from error
     return simulation
 
 
-def state_at(recording: Recording, frame: int, simulation: Simulation | None = None) -> State:
-    """The state in any frame to the bit: from the last recorded one before it, the steps in between are made again.
+def state_at(recording: Recording, instant: int, simulation: Simulation | None = None) -> State:
+    """The state in any instant to the bit: from the last recorded one before it, the steps in between are made again.
 
     Args:
         recording: an open recording.
-        frame: index of the frame.
+        instant: index of the instant.
         simulation: of the recorded scene, to make the steps in; one is made where it is needed and not given.
     """
-    first = frame
+    first = instant
     while not recording.has_state(first):
         first -= 1
     state = recording.state(first)
-    if first == frame:
+    if first == instant:
         return state
     simulation = simulation or _simulation(recording, recording.scene)
     simulation.restore(state)
-    for control in (control for number in range(first + 1, frame + 1) for control in recording.controls(number)):
+    for control in (control for number in range(first + 1, instant + 1) for control in recording.controls(number)):
         _repeat_step(simulation, control)
-    state = simulation.state.changed(**{name: recording.field(name, frame) for name in REQUESTS})
-    off = float(np.abs(state.position - recording.row("position", frame)).max(initial=0.0))
-    if state.step != recording.row("step", frame) or off > SAME_FRAME:
+    state = simulation.state.changed(**{name: recording.field(name, instant) for name in REQUESTS})
+    off = float(np.abs(state.position - recording.row("position", instant)).max(initial=0.0))
+    if state.step != recording.row("step", instant) or off > SAME_INSTANT:
         raise ResumeError(
             f"{recording.path}: the steps from {recording.row('time', first):g} s on do not lead to "
-            f"{recording.row('time', frame):g} s as it was recorded, by another version or with frames that are lost; "
+            f"{recording.row('time', instant):g} s as it was recorded, by another version or with lost instants; "
             f"go on from {recording.row('time', first):g} s"
         )
     return state
@@ -102,9 +102,9 @@ def _simulation(recording: Recording, scene: Scene) -> Simulation:
     )
 
 
-def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
-    """Time from a frame to the end that the scene gives a run [s]."""
-    time, end = float(recording.row("time", frame)), scene.time.duration
+def remaining_time(recording: Recording, instant: int, scene: Scene) -> float:
+    """Time from an instant to the end that the scene gives a run [s]."""
+    time, end = float(recording.row("time", instant)), scene.time.duration
     if end - time < 0.5 * scene.time.step:
         raise ResumeError(
             f"{recording.path}: at {time:g} s the run of {end:g} s is over; say with --duration how much longer it "
@@ -113,21 +113,21 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
     return end - time
 
 
-def saved_controller(recording: Recording, frame: int, scene: Scene) -> tuple[dict[str, Any] | None, str]:
-    """What the scene's controller remembers in a frame, and a remark where it has to begin again."""
+def saved_controller(recording: Recording, instant: int, scene: Scene) -> tuple[dict[str, Any] | None, str]:
+    """What the scene's controller remembers in an instant, and a remark where it has to begin again."""
     before, now = recording.scene.controller, scene.controller
     if before is None or now is None or before.name != now.name:
         return None, ""
-    saved = recording.controller_state(frame)
+    saved = recording.controller_state(instant)
     if saved is None:
         return None, f"; the controller '{now.name}' begins again, since it does not save what it remembers"
     return saved, ""
 
 
-def base_has_moved(recording: Recording, frame: int) -> bool:
+def base_has_moved(recording: Recording, instant: int) -> bool:
     """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
     base = recording.base_translation
-    return last_at_rest(base[recording.last_start : frame + 1]) is not None
+    return last_at_rest(base[recording.last_start : instant + 1]) is not None
 
 
 def _as_changed(state: State, before: Scene, model: Model) -> State:

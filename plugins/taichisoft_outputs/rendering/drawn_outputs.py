@@ -13,13 +13,14 @@ from taichisoft.base import warn_caller
 from taichisoft.running import Output
 from taichisoft_outputs.drawing.style import FPS, Style, parse_size
 from taichisoft_outputs.recording.reader import read_recording
-from taichisoft_outputs.recording.recording_output import NeededRecording, RecordingOutput
+from taichisoft_outputs.recording.recording_output import NeededRecording
 from taichisoft_outputs.rendering.video import (
     RenderError,
     check_slow_motion,
     check_video,
-    frame_progress,
     key_moments,
+    picture_progress,
+    record_state,
     render_pictures,
     render_video,
     require_open3d,
@@ -91,12 +92,9 @@ class PictureTaker:
                 warn_caller(f"no picture {self._folder / name}.png: {error}")
 
     def _draw(self, name: str, model: "Model", state: "State") -> None:
-        """Draw a state from a recording of a single frame, since the drawing process reads recordings."""
+        """Draw a state from a recording of a single instant, since the drawing process reads recordings."""
         with TemporaryDirectory(prefix="taichisoft-picture-") as folder:
-            recording = RecordingOutput(Path(folder))
-            recording.begin(model, state)
-            recording.end("picture")
-            render_pictures(recording.path, {name: state.time}, self._folder)
+            render_pictures(record_state(Path(folder), model, state), {name: state.time}, self._folder)
 
 
 class DrawnAtEnd(Output):
@@ -178,7 +176,7 @@ class VideoOutput(DrawnAtEnd):
         self.file = file if file is not None else self.folder / "video.mp4"
         self.fps, self.slow_motion = fps, slow_motion
         self.style = Style(size=parse_size(size), view=view)
-        self._frames = 0
+        self._count = 0
         check_video(self.file, fps)
         check_slow_motion(slow_motion)
 
@@ -189,11 +187,11 @@ class VideoOutput(DrawnAtEnd):
 
     def draw(self, recording: Path) -> None:
         """Draw the whole run, with a progress bar."""
-        with frame_progress(self.file.name) as show:
-            self._frames = render_video(recording, self.file, self.style, self.fps, self.slow_motion, show)
+        with picture_progress(self.file.name) as show:
+            self._count = render_video(recording, self.file, self.style, self.fps, self.slow_motion, show)
 
     def summary(self) -> dict[str, str]:
         """Where the video is, and how long."""
-        if not self._frames:
+        if not self._count:
             return {}
-        return {"video": f"{self.file}, {self._frames} frames, {self._frames / self.fps:.1f} s"}
+        return {"video": f"{self.file}, {self._count} pictures, {self._count / self.fps:.1f} s"}

@@ -15,9 +15,15 @@ from taichisoft_outputs.drawing.drawer import Drawer
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.layout import QUANTITIES, group_of
 from taichisoft_outputs.recording.reader import Recording, read_recording
-from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.video import FRAME_LIMIT, FRAMES_PER_PROCESS, START_LIMIT, RenderError, require_open3d
-from taichisoft_outputs.system_libraries import install_line, packages_for
+from taichisoft_outputs.rendering.video import (
+    PICTURE_LIMIT,
+    PICTURES_PER_PROCESS,
+    START_LIMIT,
+    RenderError,
+    how_to_draw,
+    record_state,
+    require_open3d,
+)
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
@@ -26,10 +32,10 @@ if TYPE_CHECKING:
 
 
 class LiveRecording(Recording):
-    """The recording of a single frame whose quantities are replaced by one state after the other."""
+    """The recording of a single instant whose quantities are replaced by one state after the other."""
 
     def show(self, values: dict[str, np.ndarray]) -> None:
-        """Take over a state: its fields by the paths of `layout.QUANTITIES`, in `steps` as a row of one frame."""
+        """Take over a state: its fields by the paths of `layout.QUANTITIES`, in `steps` as a row of one instant."""
         self._values = values
 
     def _rows(self, path: str, first: int, end: int) -> np.ndarray:
@@ -46,21 +52,21 @@ def live_values(state: State, actuators: Actuators) -> dict[str, np.ndarray]:
     return values
 
 
-# The functions of the worker processes that draw: frames of a recording, or a run's states as they come.
+# The functions of the worker processes that draw: instants of a recording, or a run's states as they come.
 
 ROOM = 0.4
 """Room around the first state for what moves later, in parts of its extent [-]."""
 
 
 def draw_frames(link: Link) -> None:
-    """Draw the frames of a recording.
+    """Draw the instants of a recording.
 
-    The first message is its path, a `Style`, and all frames that belong together; each further one is a frame, answered
-    by its image, shape (height, width, 3), dtype uint8.
+    The first message is its path, a `Style`, and all instants that belong together; each further one is an instant,
+    answered by its image, shape (height, width, 3), dtype uint8.
     """
-    path, style, frames = link.receive()
+    path, style, instants = link.receive()
     with read_recording(path) as recording:
-        drawer = Drawer(recording, style, frames)
+        drawer = Drawer(recording, style, instants)
         while True:
             link.send(_checked(drawer.image(link.receive()), style))
 
@@ -68,8 +74,8 @@ def draw_frames(link: Link) -> None:
 def draw_states(link: Link) -> None:
     """Draw one state after the other.
 
-    The first message is the path of a recording of one frame, a `Style`, and the values of that frame (`live_values`);
-    each further one is the values of a state, the points that get a mark, and None, answered by an image as above; or
+    The first message is the path of a recording of one instant, a `Style`, and its values (`live_values`); each further
+    one is the values of a state, the points that get a mark, and None, answered by an image as above; or
     in the place of None a camera, answered by image, depth and numbers of bodies, see `Drawer.measure`.
     """
     path, style, first = link.receive()
@@ -130,7 +136,7 @@ class LiveRenderer(Renderer):
     def _drawn(self, state: "State", marks: np.ndarray, camera: PictureCamera | None) -> Any:
         """What the process answers, see `draw_states`."""
         problem = ""
-        if self._process is not None and self._process.drawn == FRAMES_PER_PROCESS:
+        if self._process is not None and self._process.drawn == PICTURES_PER_PROCESS:
             self.close()
         for _ in range(2):
             if self._process is None:
@@ -147,10 +153,7 @@ class LiveRenderer(Renderer):
                 self.close()
                 raise
             warn_caller(f"the renderer stopped: {problem}; another takes its place")
-        raise RenderError(
-            f"no picture: {problem}; off-screen drawing needs Mesa's libraries "
-            f"({install_line(packages_for(problem, 'open3d'))}); `taichisoft doctor` checks them"
-        )
+        raise RenderError(f"no picture: {how_to_draw(problem)}")
 
     def close(self) -> None:
         """End the process."""
@@ -170,15 +173,13 @@ class _Process:
     def __init__(self, model: "Model", style: Style):
         self.drawn = 0
         self._actuators = model.actuators
-        self._limit = START_LIMIT + FRAME_LIMIT
-        self._next_limit = FRAME_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
+        self._limit = START_LIMIT + PICTURE_LIMIT
+        self._next_limit = PICTURE_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
         self._folder = TemporaryDirectory(prefix="taichisoft-renderer-")
-        recording = RecordingOutput(Path(self._folder.name))
         first = model.initial_state()
-        recording.begin(model, first)
-        recording.end("picture")
+        path = record_state(Path(self._folder.name), model, first)
         self.worker = Worker(WORKER)
-        self.worker.send((str(recording.path), style, live_values(first, self._actuators)))
+        self.worker.send((str(path), style, live_values(first, self._actuators)))
 
     def draw(self, state: "State", marks: np.ndarray, camera: PictureCamera | None) -> Any:
         """What the process answers to a state with marks and a camera; raises what `Worker.receive` raises."""

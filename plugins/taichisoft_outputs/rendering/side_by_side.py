@@ -11,13 +11,13 @@ import numpy as np
 from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera, outermost_points, radius_around_mean
 from taichisoft_outputs.drawing.colouring import Colouring, merged_ranges, with_ranges, with_visual_surfaces
 from taichisoft_outputs.drawing.overlay import colour_bars_width, letters_of, paint_colour_bars
-from taichisoft_outputs.drawing.painting import Colour, ColourScale, ForceArrows, as_bytes, sample_frames, text_colour
+from taichisoft_outputs.drawing.painting import Colour, ColourScale, ForceArrows, as_bytes, sample_instants, text_colour
 from taichisoft_outputs.drawing.style import SMALLEST, Style, StyleError
 from taichisoft_outputs.recording.reader import Recording, read_recording
-from taichisoft_outputs.rendering.video import open_video, render_pictures, render_video, video_frames, write_png
+from taichisoft_outputs.rendering.video import open_video, render_pictures, render_video, shown_instants, write_png
 
 LOOKED_AT = 40
-"""Frames of each video, at most, in which is looked for what the camera has to see."""
+"""Instants of each video, at most, in which is looked for what the camera has to see."""
 
 
 def pictures_side_by_side(
@@ -29,7 +29,7 @@ def pictures_side_by_side(
         recordings: paths of the recordings.
         times: times since the last start [s] by the name of the picture; a run that ends earlier shows its end.
         folder: folder of the pictures, which is made when it does not exist.
-        style: how the frames are drawn; its size is that of the whole picture.
+        style: how they are drawn; its size is that of the whole picture.
     """
     ends = {path: _end(path) for path in recordings}
     latest = max(ends.values())  # beyond which no run has anything, as each of them says
@@ -37,7 +37,7 @@ def pictures_side_by_side(
         path: {name: time if time > latest else min(time, end) for name, time in times.items()}
         for path, end in ends.items()
     }
-    styles, bars = _shared(recordings, style, lambda one: [one.frame_at(time) for time in moments[one.path].values()])
+    styles, bars = _shared(recordings, style, lambda one: [one.instant_at(time) for time in moments[one.path].values()])
     with TemporaryDirectory(prefix="taichisoft-side-by-side-") as room:
         parts = [
             render_pictures(path, moments[path], Path(room) / str(number), styles[number])
@@ -55,29 +55,29 @@ def video_side_by_side(
     style: Style,
     fps: float,
     slow_motion: float,
-    on_frame: Callable[[int, int], None],
+    on_picture: Callable[[int, int], None],
 ) -> int:
     """Draw a video in which the recordings stand beside each other; a run that ends earlier stays at its end.
 
     Args:
         recordings: paths of the recordings.
-        file, fps, slow_motion, on_frame: as of `render_video`.
-        style: how the frames are drawn; its size is that of the whole picture.
+        file, fps, slow_motion, on_picture: as of `render_video`.
+        style: how they are drawn; its size is that of the whole picture.
 
     Returns:
-        The number of frames.
+        The number of pictures.
     """
-    styles, bars = _shared(recordings, style, lambda one: np.unique(video_frames(one, fps * slow_motion)).tolist())
+    styles, bars = _shared(recordings, style, lambda one: np.unique(shown_instants(one, fps * slow_motion)).tolist())
     with TemporaryDirectory(prefix="taichisoft-side-by-side-") as room:
         parts = []
         for number, path in enumerate(recordings):
             of_one = Path(room) / str(number)
-            render_video(path, of_one, styles[number], fps, slow_motion, on_frame)
+            render_video(path, of_one, styles[number], fps, slow_motion, on_picture)
             parts.append(sorted(of_one.iterdir()))
         count = max(map(len, parts))
-        with open_video(file, _joined([part[0] for part in parts], bars).shape[1::-1], fps) as add_frame:
+        with open_video(file, _joined([part[0] for part in parts], bars).shape[1::-1], fps) as add_picture:
             for index in range(count):
-                add_frame(_joined([part[min(index, len(part) - 1)] for part in parts], bars))
+                add_picture(_joined([part[min(index, len(part) - 1)] for part in parts], bars))
     return count
 
 
@@ -87,7 +87,7 @@ def _end(path: Path) -> float:
 
 
 def _shared(
-    recordings: Sequence[Path], style: Style, frames: Callable[[Recording], list[int]]
+    recordings: Sequence[Path], style: Style, instants: Callable[[Recording], list[int]]
 ) -> tuple[list[Style], np.ndarray]:
     """A style for each recording, with the scales of all and a camera for all, and a strip with the bars of all.
 
@@ -101,14 +101,14 @@ def _shared(
     for path in recordings:
         with read_recording(path) as recording:
             style.check(recording.scene)
-            shown, surfaces = frames(recording), with_visual_surfaces(recording, style.surface)
+            shown, surfaces = instants(recording), with_visual_surfaces(recording, style.surface)
             colouring = Colouring(recording, style, shown, surfaces)
             ranges.append(colouring.ranges)
             scales |= {scale.title: scale for scale in colouring.scales}
             upright = tuple(recording.scene.up.tolist())
             uprights.append(upright)
             seen = points.setdefault(upright, [])
-            seen.append(outermost_points(surfaces, sample_frames(shown, LOOKED_AT)))
+            seen.append(outermost_points(surfaces, sample_instants(shown, LOOKED_AT)))
             if style.arrows:
                 arrows = ForceArrows(recording, shown, radius_around_mean(seen[-1]))
                 lengths += [arrows.length] * (arrows.length > 0.0)

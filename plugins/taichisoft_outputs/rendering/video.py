@@ -1,4 +1,4 @@
-"""Pictures and videos of a recording: the frames that they show, drawn into files."""
+"""Pictures and videos of a recording: the instants that they show, drawn into files."""
 
 import math
 import re
@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rich
@@ -29,21 +30,26 @@ from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.drawing.style import FPS, Style
 from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
-# Frames and pictures of a recording, drawn in a worker process that can neither hang nor crash the caller.
+if TYPE_CHECKING:
+    from taichisoft.contact import Model
+    from taichisoft.mechanics import State
+
+# Pictures of instants of a recording, drawn in a worker process that can neither hang nor crash the caller.
 
 START_LIMIT = 300.0
 """Time that Open3D has to start on a busy machine [s]; usually it takes 3."""
 LOOK_LIMIT = 0.1
-"""Further time for each frame of a recording [s]: all are looked at before the first is drawn."""
-FRAME_LIMIT = 60.0
-"""Time that a frame of a million pixels may take on a busy machine [s]; usually it takes 0.2."""
+"""Further time for each instant of a recording [s]: all are looked at before the first is drawn."""
+PICTURE_LIMIT = 60.0
+"""Time that a picture of a million pixels may take on a busy machine [s]; usually it takes 0.2."""
 ATTEMPTS = 2
 AHEAD = 2
-"""Frames that are asked for before they are taken: one is drawn while another is written."""
-FRAMES_PER_PROCESS = 250
-"""Frames after which another process takes over: Open3D 0.20 with Mesa 22.3 keeps 2.4 MB of every frame drawn."""
+"""Pictures that are requested before they are taken: one is drawn while another is written."""
+PICTURES_PER_PROCESS = 250
+"""Pictures after which another process takes over: Open3D 0.20 with Mesa 22.3 keeps 2.4 MB of each."""
 BETWEEN_LOOKS = 0.1
 """Time between two looks whether everything shall stop [s]."""
 WORKER = "taichisoft_outputs.rendering.live_renderer:draw_frames"
@@ -54,13 +60,13 @@ class RenderError(TaichisoftError):
 
 
 def render_pictures(recording: Path, times: dict[str, float], folder: Path, style: Style | None = None) -> list[Path]:
-    """Draw the frames nearest to the times and return the paths `folder/NAME.png`.
+    """Draw the instants nearest to the times and return the paths `folder/NAME.png`.
 
     Args:
         recording: path of the recording.
         times: times since the last start [s] by the name of the picture.
         folder: folder of the pictures, which is made when it does not exist.
-        style: how the frames are drawn; one camera suits them all.
+        style: how they are drawn; one camera suits them all.
 
     Raises:
         RecordingError: the recording is missing or unreadable, or ends before one of the times.
@@ -73,9 +79,9 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
         style.check(opened.scene)
         names: dict[int, list[str]] = {}
         for name, time in times.items():
-            names.setdefault(opened.frame_at(time), []).append(name)
-    frames = sorted(names)
-    unwritten = iter(frames)
+            names.setdefault(opened.instant_at(time), []).append(name)
+    instants = sorted(names)
+    unwritten = iter(instants)
 
     def write(image: np.ndarray) -> None:
         for name in names[next(unwritten)]:
@@ -84,8 +90,22 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
     with named_os_errors(folder, RenderError):
         folder.mkdir(parents=True, exist_ok=True)
     with deferred_signals() as stop_if_asked:
-        draw_frames(recording, style, frames, write, stop_if_asked)
+        draw_frames(recording, style, instants, write, stop_if_asked)
     return [folder / f"{name}.png" for name in times]
+
+
+def record_state(folder: Path, model: "Model", state: "State") -> Path:
+    """Write a recording of a single state, for the processes that draw, and return its path."""
+    recording = RecordingOutput(folder)
+    recording.begin(model, state)
+    recording.end("picture")
+    return recording.path
+
+
+def how_to_draw(problem: str) -> str:
+    """A problem of drawing, and what to install."""
+    install = install_line(packages_for(problem, "open3d"))
+    return f"{problem}; off-screen drawing needs Mesa's libraries ({install}); `taichisoft doctor` checks them"
 
 
 def require_open3d() -> None:
@@ -108,45 +128,42 @@ def key_moments(recording: Recording) -> dict[str, float]:
 def draw_frames(
     recording: Path,
     style: Style,
-    frames: Sequence[int],
+    instants: Sequence[int],
     take: Callable[[np.ndarray], None],
     stop_if_asked: Callable[[], None],
 ) -> None:
-    """Draw frames one after the other; a process that hangs or crashes is replaced once, and the new one goes on.
+    """Draw instants one after the other; a process that hangs or crashes is replaced once, and the new one goes on.
 
     Args:
         recording: path of the recording.
-        style: how the frames are drawn.
-        frames: frame indices without repetitions.
+        style: how they are drawn.
+        instants: indices without repetitions.
         take: is called with each image, shape (height, width, 3), dtype uint8.
         stop_if_asked: is called at least every tenth of a second, and may raise.
     """
     require_open3d()
-    start_limit = START_LIMIT + LOOK_LIMIT * len(frames)
-    frame_limit = FRAME_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
+    start_limit = START_LIMIT + LOOK_LIMIT * len(instants)
+    picture_limit = PICTURE_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
     done = failures = 0
-    while done < len(frames):
-        stretch = frames[done : done + FRAMES_PER_PROCESS]
-        limit = start_limit + frame_limit
+    while done < len(instants):
+        stretch = instants[done : done + PICTURES_PER_PROCESS]
+        limit = start_limit + picture_limit
         try:
             with Worker(WORKER) as worker:
-                worker.send((recording, style, frames))
-                for frame in stretch[:AHEAD]:
-                    worker.send(frame)
+                worker.send((recording, style, instants))
+                for instant in stretch[:AHEAD]:
+                    worker.send(instant)
                 for number in range(len(stretch)):
                     take(_next_image(worker, limit, stop_if_asked))
                     done += 1
-                    for frame in stretch[number + AHEAD : number + AHEAD + 1]:
-                        worker.send(frame)
-                    limit = frame_limit
+                    for instant in stretch[number + AHEAD : number + AHEAD + 1]:
+                        worker.send(instant)
+                    limit = picture_limit
         except WorkerLost as lost:
             failures += 1
             if failures == ATTEMPTS:
-                raise RenderError(
-                    f"{recording}: cannot be drawn: {lost}; off-screen drawing needs Mesa's libraries "
-                    f"({install_line(packages_for(str(lost), 'open3d'))}); `taichisoft doctor` checks them"
-                ) from lost
-            stopped = f"drawing stopped after {done} of {len(frames)} frames: {lost}"
+                raise RenderError(f"{recording}: cannot be drawn: {how_to_draw(str(lost))}") from lost
+            stopped = f"drawing stopped after {done} of {len(instants)} pictures: {lost}"
             warn_caller(f"{stopped}; going on in a new process")
 
 
@@ -173,7 +190,7 @@ FRAME_NAME = re.compile(r"frame_\d{5,}\.png")
 FASTEST = {".mp4": 240.0, ".gif": 50.0, "": 1e6}
 """Highest rate by suffix [1/s]: browsers play a faster GIF at a tenth of its speed."""
 END_LIMIT = 120.0
-"""Time that ffmpeg has to finish a file after its last frame [s]; usually it takes less than 1."""
+"""Time that ffmpeg has to finish a file after its last picture [s]; usually it takes less than 1."""
 
 # Players take a video whose colours are not described for BT.601 or BT.709 by its size; the index at the front lets
 # browsers begin before they have all of it.
@@ -181,12 +198,12 @@ MP4 = (
     "-vf scale=out_color_matrix=bt709:out_range=tv,setparams=color_primaries=bt709:color_trc=bt709 "
     "-c:v libx264 -preset veryfast -crf 18 -pix_fmt yuv420p -movflags +faststart -f mp4"
 )
-# 256 colours of its own for every frame: one palette for all needs all frames in memory first.
+# 256 colours of its own for every picture: one palette for all needs all pictures in memory first.
 GIF = "-vf split[a][b];[a]palettegen=stats_mode=single[p];[b][p]paletteuse=new=1:dither=sierra2_4a -loop 0 -f gif"
 OPTIONS = {".mp4": MP4, ".gif": GIF}
 
-AddFrame = Callable[[np.ndarray], None]
-"""Adds a frame, shape (height, width, 3), dtype uint8, to a video."""
+AddPicture = Callable[[np.ndarray], None]
+"""Adds a picture, shape (height, width, 3), dtype uint8, to a video."""
 
 
 def check_video(path: Path, fps: float) -> None:
@@ -204,23 +221,23 @@ def check_video(path: Path, fps: float) -> None:
 
 
 @contextmanager
-def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddFrame]:
+def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddPicture]:
     """Write a video; it gets its name at the end of the `with` statement, and nothing is left when that fails.
 
     Args:
         path: "NAME.mp4", "NAME.gif", or a folder that gets `frame_00000.png` and so on.
-        size: width and height of the frames [pixels].
+        size: width and height of the pictures [pixels].
         fps: frames per second.
     """
     check_video(path, fps)
     with named_os_errors(path, RenderError):
         path.parent.mkdir(parents=True, exist_ok=True)
     if not path.suffix:
-        with _frame_folder(path) as add_frame:
-            yield add_frame
+        with _frame_folder(path) as add_picture:
+            yield add_picture
     else:
-        with atomic_file(path, RenderError) as partial, _encoder(partial, path, size, fps) as add_frame:
-            yield add_frame
+        with atomic_file(path, RenderError) as partial, _encoder(partial, path, size, fps) as add_picture:
+            yield add_picture
 
 
 def ffmpeg_program() -> str:
@@ -237,7 +254,7 @@ def ffmpeg_program() -> str:
 
 
 @contextmanager
-def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Iterator[AddFrame]:
+def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Iterator[AddPicture]:
     """ffmpeg at work on `file`, which is to become `path`."""
     suffix = path.suffix.lower()
     # H.264 wants even sides, so that an odd one's last row or column comes twice.
@@ -254,16 +271,16 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
             )
         except OSError as error:
             raise RenderError(f"{command[0]}: ffmpeg cannot be started: {error.strerror or error}") from error
-        frames = process.stdin
-        assert frames is not None
+        stream = process.stdin
+        assert stream is not None
 
-        def add_frame(image: np.ndarray) -> None:
+        def add_picture(image: np.ndarray) -> None:
             padded = np.pad(image, ((0, missing[1]), (0, missing[0]), (0, 0)), mode="edge")
-            frames.write(np.ascontiguousarray(padded).data)
+            stream.write(np.ascontiguousarray(padded).data)
 
         try:
-            yield add_frame
-            frames.close()
+            yield add_picture
+            stream.close()
             problem = f"exit code {process.returncode}" if process.wait(END_LIMIT) else ""
         except BrokenPipeError:
             problem = "it stopped reading"
@@ -273,7 +290,7 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
             process.kill()
             process.wait()
             with suppress(OSError):  # what it did not read
-                frames.close()
+                stream.close()
         if problem:
             log.seek(0)
             said = re.sub(r"^\[.*?\] *", "", last_line(log.read()))  # without its part's name and address
@@ -281,7 +298,7 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
 
 
 @contextmanager
-def _frame_folder(path: Path) -> Iterator[AddFrame]:
+def _frame_folder(path: Path) -> Iterator[AddPicture]:
     """A folder beside `path` that takes its place at the end."""
     partial = partial_path(path)
     numbers = count()
@@ -306,7 +323,7 @@ def _check_frame_folder(path: Path) -> None:
             raise RenderError(f"{path}: has '{entry.name}', which is not a frame of a video; name another folder")
 
 
-# Videos of a recording: which frames they show, drawing them into a file, and how far that is.
+# Videos of a recording: which instants they show, drawing them into a file, and how far that is.
 
 
 def render_video(
@@ -315,19 +332,19 @@ def render_video(
     style: Style | None = None,
     fps: float = FPS,
     slow_motion: float = 1.0,
-    on_frame: Callable[[int, int], None] | None = None,
+    on_picture: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Draw a recording from its last start to its end into a video, and return the number of its frames.
+    """Draw a recording from its last start to its end into a video, and return the number of its pictures.
 
-    A frame that is shown several times, because fewer were recorded, is drawn once.
+    An instant that is shown several times, because fewer were recorded, is drawn once.
 
     Args:
         recording: path of the recording.
         file: "NAME.mp4", "NAME.gif", or a folder for PNG files.
-        style: how frames are drawn.
+        style: how they are drawn.
         fps: frames per second.
         slow_motion: factor by which things move slower than in reality [-]; below 1 they are faster.
-        on_frame: is called with the number of frames that are written, and of all frames.
+        on_picture: is called with the number of pictures that are written, and of all pictures.
 
     Raises:
         RecordingError: the recording is missing or unreadable.
@@ -341,7 +358,7 @@ def render_video(
     check_slow_motion(slow_motion)
     with read_recording(recording) as opened:
         style.check(opened.scene)
-        shown = video_frames(opened, fps * slow_motion)
+        shown = shown_instants(opened, fps * slow_motion)
     drawn, repetitions = np.unique(shown, return_counts=True)
     times = iter(repetitions)
     written = 0
@@ -349,12 +366,12 @@ def render_video(
     def write(image: np.ndarray) -> None:
         nonlocal written
         for _ in range(next(times)):
-            add_frame(image)
+            add_picture(image)
             written += 1
-        if on_frame is not None:
-            on_frame(written, len(shown))
+        if on_picture is not None:
+            on_picture(written, len(shown))
 
-    with deferred_signals() as stop_if_asked, open_video(file, style.size, fps) as add_frame:
+    with deferred_signals() as stop_if_asked, open_video(file, style.size, fps) as add_picture:
         draw_frames(recording, style, drawn.tolist(), write, stop_if_asked)
         stop_if_asked()
     return written
@@ -366,15 +383,14 @@ def check_slow_motion(factor: float) -> None:
         raise RenderError(f"slow motion {factor:g}: must be positive; 4 is four times slower than in reality")
 
 
-def video_frames(recording: Recording, rate: float) -> np.ndarray:
-    """The recorded frames nearest to the moments that a video shows, from the last start to the very end.
+def shown_instants(recording: Recording, rate: float) -> np.ndarray:
+    """The recorded instants nearest to the moments that a video shows, from the last start to the very end.
 
     Args:
-        recording: an open recording.
         rate: number of moments per simulated second [1/s].
 
     Returns:
-        Frame indices that never fall, shape (moment_count,).
+        Indices that never fall, shape (moment_count,).
     """
     first = recording.last_start
     times = recording.times[first:]
@@ -389,13 +405,13 @@ def video_frames(recording: Recording, rate: float) -> np.ndarray:
 
 
 @contextmanager
-def frame_progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on the terminal; the function that is yielded is an `on_frame` of `render_video`."""
+def picture_progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar on the terminal; the function that is yielded is an `on_picture` of `render_video`."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("frames"),
+        TextColumn("pictures"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=rich.get_console()) as progress:

@@ -27,6 +27,7 @@ from taichisoft_outputs.drawing.painting import (
     LINE,
     ColourScale,
     arrow_colour,
+    as_bytes,
     key_light,
     scale_of,
     split_creases,
@@ -281,7 +282,7 @@ class SceneView:
             np.array(BACKGROUND if background is None else red_green_blue(background)),
             *self._own_colours.values(),
         ]
-        self._force_colour = _bytes(arrow_colour(behind))
+        self._force_colour = as_bytes(arrow_colour(behind))
         self._surfaces, self._cut = content.surfaces, frozenset[str]()
         self._sources, self._triangles, self._meshes = [], [], []
         for surface, vertices in zip(content.surfaces, at_first, strict=True):
@@ -370,8 +371,8 @@ class SceneView:
     def _show_walls(self, kind: str, meshes: Sequence[Any], efforts: np.ndarray) -> None:
         if kind in self._scales.efforts:
             for mesh, colour in zip(meshes, self._scales.efforts[kind].colours(efforts), strict=True):
-                if mesh is not None and mesh.color != _bytes(colour):
-                    mesh.color = _bytes(colour)
+                if mesh is not None and mesh.color != as_bytes(colour):
+                    mesh.color = as_bytes(colour)
 
     def _show_lines(self, kind: str, handle: Any, lines: LinesShown) -> None:
         handle.points = (lines.ends * LENGTH_UNIT).astype(np.float32)
@@ -394,7 +395,7 @@ class SceneView:
             f"/{name}",
             vertices * LENGTH_UNIT,
             triangles,
-            color=COLOURS[kind] if own is None else _bytes(own),
+            color=COLOURS[kind] if own is None else as_bytes(own),
             opacity=_opacity(kind),
             cast_shadow=kind in ("soft", "rigid"),
             receive_shadow=kind in ("floor", "obstacle"),
@@ -445,7 +446,7 @@ class SceneView:
     def _set_background(self, colour: str | None) -> None:
         if colour is not None:
             # viser has no colour behind a scene, but a picture, which it stretches; JPEG would change its colour.
-            pixel = np.array([[_bytes(red_green_blue(colour))]], dtype=np.uint8)
+            pixel = np.array([[as_bytes(red_green_blue(colour))]], dtype=np.uint8)
             self._server.scene.set_background_image(pixel, format="png")
 
     def _set_camera(self, points: np.ndarray, scene: Scene) -> None:
@@ -465,11 +466,6 @@ class SceneView:
 
 def _opacity(kind: str) -> float | None:
     return SILICONE_OPACITY if kind == "soft" else None
-
-
-def _bytes(colour: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * float(part)) for part in colour)
-    return red, green, blue
 
 
 FREE = 0.4

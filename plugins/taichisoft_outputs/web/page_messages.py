@@ -44,7 +44,7 @@ class PageScene:
     axes: Mapping[str, BodyAxes] = field(default_factory=dict)
 
 
-class Poses(NamedTuple):
+class ShownPoses(NamedTuple):
     """Where soft nodes and rigid bodies are, as in `State`; positions [mm], rotations as quaternions."""
 
     position: np.ndarray

@@ -9,7 +9,7 @@ import numpy as np
 from taichisoft.errors import MeshError
 from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.mesh import SectionPlane
-from taichisoft_outputs.drawing.painting import SAMPLES, sample_frames
+from taichisoft_outputs.drawing.painting import SAMPLES, sample_instants
 from taichisoft_outputs.drawing.surface_painter import cut_open
 from taichisoft_outputs.recording.layout import UNFINISHED
 from taichisoft_outputs.recording.reader import Recording, read_recording
@@ -144,7 +144,7 @@ class RecordingPage:
     def _show_whole_scales(self) -> None:
         """Let the scales reach over the whole run, as in its pictures; later instants widen them."""
         recording = self._recording
-        sampled = sample_frames(range(recording.frame_count), SAMPLES)
+        sampled = sample_instants(range(recording.instant_count), SAMPLES)
         forces = [np.linalg.norm(recording.contacts(number)[1], axis=1).max(initial=0.0) for number in sampled]
         efforts = {}
         for kind in ACTUATOR_KINDS:
@@ -155,7 +155,7 @@ class RecordingPage:
 
     def _read_curves(self) -> None:
         """Read what the plots show, of as many instants as they can hold."""
-        count = self._recording.frame_count
+        count = self._recording.instant_count
         self._plotted = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
         columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
         self._rows = np.array([_plotted_row(self._recording, *values) for values in zip(*columns, strict=True)])

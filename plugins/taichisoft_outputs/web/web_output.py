@@ -30,8 +30,8 @@ from taichisoft_outputs.web.page_messages import (
     PageInstant,
     PageScene,
     PageSetup,
-    Poses,
     RunEnded,
+    ShownPoses,
     Snapshot,
     SpeedWanted,
     lines_shown,
@@ -150,7 +150,7 @@ def snapshot(session: "Session", state: "State", observer: Observer | None = Non
     return Snapshot(
         PageInstant(
             state.time,
-            Poses(state.position.astype(np.float32), state.rigid_position, state.rigid_rotation),
+            ShownPoses(state.position.astype(np.float32), state.rigid_position, state.rigid_rotation),
             lines,
             state.contact_point,
             state.contact_impulse / model.scene.time.step,
