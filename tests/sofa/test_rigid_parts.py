@@ -10,7 +10,7 @@ from scenes_of_sofa import BODY, loaded, written
 from scipy.spatial.transform import Rotation
 
 from taichisoft import Simulation, load_scene, make_controller, write_volume_mesh
-from taichisoft_sofa.components.frames import FramePoses, composed, relative, start_values
+from taichisoft_sofa.components.states import FramePoses, composed, relative, start_values
 from taichisoft_sofa.controller.sofa_controller import SofaController
 from taichisoft_sofa.translation.translate import translate
 

@@ -98,11 +98,7 @@ def constraint_solver(component: "Component", draft: "SceneDraft") -> None:
 
 
 def friction_of(manager: "Component", draft: "SceneDraft") -> float:
-    """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA.
-
-    Raises:
-        SceneError: the coefficient is not a number of 0 or more.
-    """
+    """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA."""
     sources = {name: text(manager, name) for name in ("responseParams", "response", "default")}
     kind = (sources["response"] or sources["default"] or WITHOUT_FRICTION).partition("?")[0]
     if "Friction" not in kind or kind.startswith("Frictionless"):

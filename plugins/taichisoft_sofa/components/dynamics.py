@@ -8,14 +8,6 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, Mass
-from taichisoft_sofa.components.frames import (
-    FramePoses,
-    MotionTarget,
-    PointsTarget,
-    composed,
-    local_position,
-    start_values,
-)
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import (
     STATE,
@@ -33,7 +25,16 @@ from taichisoft_sofa.components.reading import (
     numbers,
     text,
 )
-from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.components.states import (
+    FramePoses,
+    MotionTarget,
+    PointsTarget,
+    composed,
+    is_rigid,
+    local_position,
+    start_position,
+    start_values,
+)
 from taichisoft_sofa.tree.component import Component, component, unused
 from taichisoft_sofa.tree.value_kinds import (
     ABOVE_0,
@@ -228,11 +229,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
 
 
 def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget | None:
-    """Points of another mechanical object to which springs lead, or None.
-
-    Raises:
-        SceneError: the link leads to no mechanical object, or it has other numbers of points.
-    """
+    """Points of another mechanical object to which springs lead, or None."""
     if not text(component, "external_rest_shape"):
         return None
     ((path, target), *_) = component.linked_all("external_rest_shape") or [("", None)]

@@ -149,11 +149,7 @@ COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "pol
 
 
 def young_modulus(component: Component, count: int) -> np.ndarray:
-    """Young's modulus of each tetrahedron of a force field [kPa], shape (count,).
-
-    Raises:
-        SceneError: the data is neither one number nor one per tetrahedron.
-    """
+    """Young's modulus of each tetrahedron of a force field [kPa], shape (count,)."""
     return _of_cells(component, "youngModulus", 5000.0, count)
 
 

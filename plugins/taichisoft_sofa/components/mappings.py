@@ -2,10 +2,17 @@
 
 from typing import TYPE_CHECKING
 
-from taichisoft_sofa.components.frames import FramePoses, index_pairs, start_values
 from taichisoft_sofa.components.meshes import TRANSFORMED, TURNED_AGAIN
 from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of, numbers
-from taichisoft_sofa.components.states import is_rigid, rest_position, state_position, width_of
+from taichisoft_sofa.components.states import (
+    FramePoses,
+    index_pairs,
+    is_rigid,
+    rest_position,
+    start_values,
+    state_position,
+    width_of,
+)
 from taichisoft_sofa.tree.component import component, derived, unused, without_effect
 from taichisoft_sofa.tree.value_kinds import (
     BOOL,

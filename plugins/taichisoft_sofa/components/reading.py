@@ -30,11 +30,7 @@ def value_of(component: "Component", *names: str) -> Any:
 
 
 def numbers(component: "Component", *names: str, default: Sequence[float] = ()) -> np.ndarray:
-    """Numbers of the first of these data that the scene wrote, else `default`, flattened, shape (n,).
-
-    Raises:
-        SceneError: the value is not a list of numbers.
-    """
+    """Numbers of the first of these data that the scene wrote, else `default`, flattened, shape (n,)."""
     value = value_of(component, *names)
     if value is None:
         return np.array(default, dtype=np.float64)
@@ -45,11 +41,7 @@ def numbers(component: "Component", *names: str, default: Sequence[float] = ()) 
 
 
 def number(component: "Component", *names: str, default: float) -> float:
-    """The first number of a data.
-
-    Raises:
-        SceneError: the data has no number.
-    """
+    """The first number of a data."""
     found = numbers(component, *names, default=[default])
     if not len(found):
         raise SceneError(f"{described(component)}: {names[0]} is empty; a number is needed")
@@ -57,11 +49,7 @@ def number(component: "Component", *names: str, default: float) -> float:
 
 
 def vector(component: "Component", *names: str, default: Sequence[float]) -> np.ndarray:
-    """Numbers of a data, as many as in `default`.
-
-    Raises:
-        SceneError: the number of numbers differs.
-    """
+    """Numbers of a data, as many as in `default`."""
     found = numbers(component, *names, default=default)
     if len(found) != len(default):
         raise SceneError(f"{described(component)}: {names[0]} has {len(found)} numbers; {len(default)} are needed")
@@ -69,11 +57,7 @@ def vector(component: "Component", *names: str, default: Sequence[float]) -> np.
 
 
 def flag(component: "Component", name: str, default: bool) -> bool:
-    """A data that is true or false.
-
-    Raises:
-        SceneError: the value is neither.
-    """
+    """A data that is true or false."""
     value = value_of(component, name)
     if value is None:
         return default
@@ -135,11 +119,7 @@ LOADERS = {"MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", 
 
 
 def node_of(component: "Component") -> "Node":
-    """The node of a component.
-
-    Raises:
-        SceneError: the component is in no node.
-    """
+    """The node of a component."""
     node = component.getContext()
     if node is None:
         raise SceneError(f"{component.described()} ({component.place}) is in no node")
@@ -185,11 +165,7 @@ def mapping_of(state: "Component") -> "Component | None":
 
 
 def inputs_of(mapping: "Component") -> "list[Component]":
-    """The mechanical objects that a mapping's output follows: linked ones, else the nearest one above its node.
-
-    Raises:
-        SceneError: a link leads to no mechanical object.
-    """
+    """The mechanical objects that a mapping's output follows: linked ones, else the nearest one above its node."""
     names = [name for name in ("input1", "input", "object1") if (data := mapping.findData(name)) and data.is_set()]
     if not names:
         above = (nearest(parent, {STATE}) for parent in node_of(mapping).parents)
@@ -198,11 +174,7 @@ def inputs_of(mapping: "Component") -> "list[Component]":
 
 
 def linked_state(mapping: "Component", path: str, target: Any) -> "Component":
-    """The mechanical object to which a link of a mapping leads, itself or by its node.
-
-    Raises:
-        SceneError: it leads to none.
-    """
+    """The mechanical object to which a link of a mapping leads, itself or by its node."""
     kind = getattr(target, "type_name", "")
     state = in_node(target, {STATE}) if kind == "Node" else target if canonical(kind) == STATE else None
     if state is None:

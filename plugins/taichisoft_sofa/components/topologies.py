@@ -149,11 +149,7 @@ def _output_of(mapping: "Component") -> "Component | None":
 
 
 def input_of(mapping: "Component") -> "Component":
-    """The topology of which a mapping makes cells: linked, or the nearest one above its node.
-
-    Raises:
-        SceneError: it leads to none.
-    """
+    """The topology of which a mapping makes cells: linked, or the nearest one above its node."""
     link = text(mapping, "input")
     parent = next(iter(node_of(mapping).parents), None)
     found: Any = mapping.linked("input") if link else None if parent is None else nearest(parent, TOPOLOGIES)
@@ -180,11 +176,7 @@ MIRRORED = np.array([[1, 0, 3, 2, 5, 4, 7, 6], [3, 2, 1, 0, 7, 6, 5, 4], [4, 5, 
 
 
 def grid_size(grid: "Component") -> tuple[int, int, int]:
-    """Number of points of a grid along x, y and z: `n`, or `nx`, `ny` and `nz`.
-
-    Raises:
-        SceneError: a number is below 1, or there are too many points.
-    """
+    """Number of points of a grid along x, y and z: `n`, or `nx`, `ny` and `nz`."""
     size = numbers(grid, "n", default=(2, 2, 2)).astype(int)
     if not is_given(grid, "n"):
         size = np.array([int(number(grid, name, default=2)) for name in ("nx", "ny", "nz")])

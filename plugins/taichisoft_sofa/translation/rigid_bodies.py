@@ -11,16 +11,18 @@ from scipy.spatial.transform import Rotation
 from taichisoft.mesh import tetrahedron_volumes
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
 from taichisoft_sofa.components.dynamics import HELD, SPRING
-from taichisoft_sofa.components.frames import (
+from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of, number
+from taichisoft_sofa.components.states import (
     DrivenFrameTarget,
     PointsTarget,
     base_frames,
     bases_of,
     index_pairs,
     rigid_indices,
+    start_position,
+    start_velocity,
+    width_of,
 )
-from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of, number
-from taichisoft_sofa.components.states import start_position, start_velocity, width_of
 from taichisoft_sofa.translation.parts import Translation, collides
 from taichisoft_sofa.tree.value_kinds import canonical
 

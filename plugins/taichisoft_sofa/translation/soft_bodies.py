@@ -11,9 +11,8 @@ from taichisoft.mesh import VolumeMesh, count_open_edges, enclosed_volume, tetra
 from taichisoft.scene import lame_parameters
 from taichisoft_sofa.components.air_and_cables import PRESSURE, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
-from taichisoft_sofa.components.frames import DrivenFrameTarget, MotionTarget
 from taichisoft_sofa.components.reading import TOPOLOGIES, computed, flag, is_given, nearest, node_of, number, vector
-from taichisoft_sofa.components.states import start_velocity
+from taichisoft_sofa.components.states import DrivenFrameTarget, MotionTarget, start_velocity
 from taichisoft_sofa.translation.parts import SoftPart, Translation, actuator_names, clean, collides, unique
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical

@@ -10,18 +10,18 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
-from taichisoft_sofa.components.frames import (
+from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
+from taichisoft_sofa.components.mappings import check_joints
+from taichisoft_sofa.components.reading import described, flag, independent_state, node_of
+from taichisoft_sofa.components.states import (
     FramePoses,
     PointsTarget,
     base_frames,
     composed,
     local_position,
+    start_position,
     start_values,
 )
-from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
-from taichisoft_sofa.components.mappings import check_joints
-from taichisoft_sofa.components.reading import described, flag, independent_state, node_of
-from taichisoft_sofa.components.states import start_position
 from taichisoft_sofa.components.visuals import visible_shapes
 from taichisoft_sofa.translation.parts import Joint, Translation, body_names, clean, collides, contact_table
 from taichisoft_sofa.translation.rigid_bodies import (
@@ -37,8 +37,7 @@ from taichisoft_sofa.translation.rigid_bodies import (
     parts_of_bodies,
 )
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
-from taichisoft_sofa.tree.base import misspelt
-from taichisoft_sofa.tree.component import names_of
+from taichisoft_sofa.tree.component import misspelt, names_of
 from taichisoft_sofa.tree.scene_controller import OwnComponent
 from taichisoft_sofa.tree.value_kinds import Declared, canonical
 
@@ -124,11 +123,7 @@ def add_planes(draft: "SceneDraft", translation: "Translation") -> None:
 
 
 def own_bodies(draft: SceneDraft) -> list[DraftBody]:
-    """Bodies that are not parts of others, and not mere points: these touch nothing and nothing joins them.
-
-    Raises:
-        SceneError: the parts of a body cannot be found.
-    """
+    """Bodies that are not parts of others, and not mere points: these touch nothing and nothing joins them."""
     parts = parts_of_bodies(draft)
     bodies = [body for key, body in draft.bodies.items() if key not in parts]
     left_out: set[int] = set()
