@@ -139,7 +139,7 @@ def subset_mapping(component: "Component", draft: "SceneDraft") -> None:
 def weigh_joint(component: "Component", joint: "DraftJoint") -> None:
     """Record the inertia of a joint: `vertexMass`, or a share of `totalMass`."""
     each = numbers(component, "vertexMass", "mass")
-    total = numbers(component, "totalMass", default=[1.0])[0]
+    total = numbers(component, "totalMass")[0]
     joint.mass = float(each[0]) if len(each) else float(total) / max(len(start_values(joint.state)), 1)
 
 

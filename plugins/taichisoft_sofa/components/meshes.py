@@ -377,9 +377,9 @@ def file_finder(component: "Component") -> Callable[[str], Path | None]:
 
 def loader_position(loader: "Component") -> np.ndarray:
     """Points of a loader [mm], scaled, rotated and translated, shape (count, 3)."""
-    scale = vector(loader, "scale3d", default=[number(loader, "scale", default=1.0)] * 3)
-    rotation = vector(loader, "rotation", "rotation2", default=(0.0, 0.0, 0.0))
-    translation = vector(loader, "translation", "translation2", default=(0.0, 0.0, 0.0))
+    scale = vector(loader, "scale3d", default=[number(loader, "scale")] * 3)
+    rotation = vector(loader, "rotation", "rotation2")
+    translation = vector(loader, "translation", "translation2")
     return placed_by_loader(read_loader(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())
 
 

@@ -21,57 +21,58 @@ def is_given(component: "Component", name: str) -> bool:
 
 
 def value_of(component: "Component", *names: str) -> Any:
-    """The value of the first of these data that the scene wrote, or None."""
+    """The value of the first of these data that the scene wrote, else the declared default of the first, or None."""
     for name in names:
-        data = component.findData(name)
-        if data is not None and data.is_set():
+        if is_given(component, name) and (data := component.findData(name)) is not None:
             return data.given()
-    return None
+    data = component.findData(names[0]) if component.declared_data(names[0]) is not None else None
+    return None if data is None else data.given()
 
 
-def numbers(component: "Component", *names: str, default: Sequence[float] = ()) -> np.ndarray:
-    """Numbers of the first of these data that the scene wrote, else `default`, flattened, shape (n,)."""
-    value = value_of(component, *names)
-    if value is None:
+def numbers(component: "Component", *names: str, default: Sequence[float] | None = None) -> np.ndarray:
+    """Numbers of the first of these data that the scene wrote, else the default, flattened, shape (n,).
+
+    A default replaces the declared one.
+    """
+    if default is not None and not any(is_given(component, name) for name in names):
         return np.array(default, dtype=np.float64)
+    value = value_of(component, *names)
     try:
-        return parse_numbers(value, bools=True)
+        return np.zeros(0) if value is None else parse_numbers(value, bools=True)
     except WrongValue as error:
         raise SceneError(f"{described(component)}: {names[0]}: {error}") from error
 
 
-def number(component: "Component", *names: str, default: float) -> float:
+def number(component: "Component", *names: str, default: float | None = None) -> float:
     """The first number of a data."""
-    found = numbers(component, *names, default=[default])
-    if not len(found):
+    values = numbers(component, *names, default=None if default is None else [default])
+    if not len(values):
         raise SceneError(f"{described(component)}: {names[0]} is empty; a number is needed")
-    return float(found[0])
+    return float(values[0])
 
 
-def vector(component: "Component", *names: str, default: Sequence[float]) -> np.ndarray:
-    """Numbers of a data, as many as in `default`."""
-    found = numbers(component, *names, default=default)
-    if len(found) != len(default):
-        raise SceneError(f"{described(component)}: {names[0]} has {len(found)} numbers; {len(default)} are needed")
-    return found
+def vector(component: "Component", *names: str, default: Sequence[float] | None = None) -> np.ndarray:
+    """Three numbers of a data; a default replaces the declared one."""
+    values = numbers(component, *names, default=default)
+    if len(values) != 3:
+        raise SceneError(f"{described(component)}: {names[0]} has {len(values)} numbers; 3 are needed")
+    return values
 
 
-def flag(component: "Component", name: str, default: bool) -> bool:
+def flag(component: "Component", name: str) -> bool:
     """A data that is true or false."""
     value = value_of(component, name)
-    if value is None:
-        return default
     if isinstance(value, str):
         if value.strip().lower() not in TRUE | FALSE:
             raise SceneError(f"{described(component)}: {name} = '{value}'; must be true or false")
         return value.strip().lower() in TRUE
-    return bool(np.ravel(value)[0])
+    return value is not None and bool(np.ravel(value)[0])
 
 
-def text(component: "Component", *names: str, default: str = "") -> str:
+def text(component: "Component", *names: str) -> str:
     """A data as text."""
     value = value_of(component, *names)
-    return default if value is None else str(value).strip()
+    return "" if value is None else str(value).strip()
 
 
 def computed(component: "Component", name: str, width: int) -> np.ndarray:

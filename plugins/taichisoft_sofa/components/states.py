@@ -50,7 +50,7 @@ def is_rigid(state: "Component") -> bool:
 
 def width_of(state: "Component") -> int:
     """Numbers per point or frame of a mechanical object; 0 for an unknown template."""
-    template = text(state, "template", default="Vec3").partition(",")[0]
+    template = text(state, "template").partition(",")[0]
     if template.startswith("Rigid"):
         return 3 if template.startswith("Rigid2") else 7
     found = re.fullmatch(r"(?:Ext)?Vec(\d+)[dfiu]?", template)
@@ -75,7 +75,7 @@ def start_position(state: "Component") -> np.ndarray:
     found = _source(state, width)
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
-    scale = vector(state, "scale3d", default=[number(state, "scale", default=1.0)] * 3)
+    scale = vector(state, "scale3d", default=[number(state, "scale")] * 3)
     rotation = vector(state, "rotation", "rotation2", default=_axes(state, "r"))
     translation = vector(state, "translation", "translation2", default=_axes(state, "d"))
     points = placed(found[:, :3], scale.tolist(), rotation.tolist(), translation.tolist())
@@ -89,7 +89,7 @@ def start_position(state: "Component") -> np.ndarray:
 
 def _axes(state: "Component", letter: str) -> list[float]:
     """Translation (dx, dy, dz) or rotation (rx, ry, rz) in the older format."""
-    return [number(state, f"{letter}{axis}", default=0.0) for axis in "xyz"]
+    return [number(state, f"{letter}{axis}") for axis in "xyz"]
 
 
 def _source(state: "Component", width: int) -> np.ndarray:
@@ -197,7 +197,7 @@ class FramePoses:
         if kind == "RigidMapping" and inputs:
             local, carriers = start_position(state), rigid_indices(mapping, len(start_position(state)))
             frames = np.array([self._frame(mapping, inputs[0], index) for index in carriers]).reshape(-1, 7)
-            if flag(mapping, "globalToLocalCoords", False):
+            if flag(mapping, "globalToLocalCoords"):
                 start = FramePoses(start_values)
                 local = relative(np.array([start._frame(mapping, inputs[0], i) for i in carriers]), local)
             return composed(frames, local)
@@ -226,22 +226,22 @@ class FramePoses:
             frames = self.of(linked_state(mapping, *base[0]))
             poses[0] = frames[int(number(mapping, "indexInput2", default=len(frames) - 1))]
         for centre in centres_of(mapping):
-            parent, child = (int(number(centre, name, default=0)) for name in ("parentIndex", "childIndex"))
+            parent, child = (int(number(centre, name)) for name in ("parentIndex", "childIndex"))
             if not (0 <= parent < len(poses) and 0 <= child < len(poses)):
                 raise SceneError(f"{described(centre)}: parentIndex and childIndex must be among {len(poses)} frames")
             turn = Rotation.from_quat(poses[parent, 3:])
-            place = poses[parent, :3] + turn.apply(vector(centre, "posOnParent", default=(0.0, 0.0, 0.0)))
+            place = poses[parent, :3] + turn.apply(vector(centre, "posOnParent"))
             for joint in (one for one in node_of(centre).walk_components() if one.type_name == "Articulation"):
-                index = int(number(joint, "articulationIndex", default=0))
+                index = int(number(joint, "articulationIndex"))
                 if not 0 <= index < len(angles):
                     raise SceneError(f"{described(joint)}: articulationIndex {index}; there are {len(angles)} angles")
-                axis = vector(joint, "rotationAxis", default=(1.0, 0.0, 0.0))
+                axis = vector(joint, "rotationAxis")
                 axis = axis / (np.linalg.norm(axis) or 1.0)
-                if flag(joint, "rotation", False):
+                if flag(joint, "rotation"):
                     turn = turn * Rotation.from_rotvec(angles[index] * axis)
-                if flag(joint, "translation", False):
+                if flag(joint, "translation"):
                     place = place + turn.apply(angles[index] * axis)
-            poses[child, :3] = place - turn.apply(vector(centre, "posOnChild", default=(0.0, 0.0, 0.0)))
+            poses[child, :3] = place - turn.apply(vector(centre, "posOnChild"))
             poses[child, 3:] = turn.as_quat()
         return poses
 
@@ -267,17 +267,13 @@ def rigid_indices(mapping: "Component", count: int) -> np.ndarray:
     each = numbers(mapping, "rigidIndexPerPoint").astype(np.int64)
     if len(each) == count:
         return each
-    return np.full(count, int(number(mapping, "index", default=0)))
+    return np.full(count, int(number(mapping, "index")))
 
 
 def local_position(state: "Component") -> np.ndarray:
     """Positions of points at the start [mm], in the axes of the frames that they follow by a RigidMapping."""
     points, mapping = start_position(state), mapping_of(state)
-    if (
-        mapping is None
-        or canonical(mapping.type_name) != "RigidMapping"
-        or not flag(mapping, "globalToLocalCoords", False)
-    ):
+    if mapping is None or canonical(mapping.type_name) != "RigidMapping" or not flag(mapping, "globalToLocalCoords"):
         return points
     frames = FramePoses(start_values).of(inputs_of(mapping)[0])
     return relative(frames[rigid_indices(mapping, len(points))], points)
@@ -289,7 +285,7 @@ def frame_carrying(component: "Component") -> "tuple[Component, int] | None":
     state = nearest(node, {STATE})
     if state is None or is_rigid(state):
         mapping = None if state is None or node is node_of(state) else in_node(node, {"RigidMapping"})
-        last = 0 if mapping is None else int(number(mapping, "index", default=0))
+        last = 0 if mapping is None else int(number(mapping, "index"))
         return None if state is None else (state, last)
     mapping = mapping_of(state)
     if mapping is None or canonical(mapping.type_name) != "RigidMapping":

@@ -62,11 +62,11 @@ class JointMotion:
         stiffness, rest = self._stiffness(), self._rest()
         mass = self._joint.mass
         stretched = rest - self.angle
-        if flag(solver, "firstOrder", False):
+        if flag(solver, "firstOrder"):
             self.velocity = stiffness * stretched / (mass + time_step * stiffness)
         else:
-            lag = time_step + number(solver, "rayleighStiffness", default=0.0)
-            drag = mass * number(solver, "rayleighMass", default=0.0)
+            lag = time_step + number(solver, "rayleighStiffness")
+            drag = mass * number(solver, "rayleighMass")
             force = stiffness * (stretched - lag * self.velocity) - drag * self.velocity
             inertia = mass + time_step * drag + time_step * lag * stiffness
             self.velocity = self.velocity + time_step * force / inertia
@@ -226,7 +226,7 @@ class PartStiffness:
 def _present_stiffness(field: DraftMaterial) -> DraftMaterial:
     """A force field with its present moduli; the same object if unchanged."""
     component = field.component
-    if not component.reinit_requested and not flag(component, "updateStiffness", False):
+    if not component.reinit_requested and not flag(component, "updateStiffness"):
         return field
     component.reinit_requested = False
     young = young_modulus(component, len(field.tetrahedra))
@@ -320,7 +320,7 @@ class SceneWrites:
             else:
                 pull[name] = self._varied(cable, value, "maxDispVariation", "displacement") - self._paid_out[name]
             place = cable.findData("pullPoint")
-            if place is not None and flag(cable, "hasPullPoint", True) and (moved := place.take()) is not None:
+            if place is not None and flag(cable, "hasPullPoint") and (moved := place.take()) is not None:
                 pull_points[name] = parse_numbers(moved)
         self._driven.advance(self.time_step)
         anchors = {}
@@ -360,7 +360,7 @@ class SceneWrites:
         now = float(parse_numbers(known_data(actuator, quantity).read_value())[0])
         before = self._before.get(id(actuator), 0.0)
         self._before[id(actuator)] = now
-        middle, variation = now if quantity == "pressure" else before, number(actuator, limit, default=np.inf)
+        middle, variation = now if quantity == "pressure" else before, number(actuator, limit)
         return min(max(value, middle - variation), middle + variation)
 
     def without_effect(self) -> Iterator[str]:
@@ -402,7 +402,7 @@ def _present(component: Component) -> float:
     """The present value of an actuator."""
     data = component.findData("value")
     values = parse_numbers(data.read_value()) if data is not None and data.is_set() else np.zeros(1)
-    index = int(number(component, "valueIndex", default=0))
+    index = int(number(component, "valueIndex"))
     if index >= len(values):
         raise SceneError(f"{described(component)}: value has {len(values)} numbers; number {index} is needed")
     return float(values[index])

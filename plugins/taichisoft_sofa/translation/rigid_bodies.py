@@ -254,7 +254,7 @@ def _add_springs(
         table["springs"] = {
             "stiffness": anchor.stiffness,
             "angular_stiffness": number(anchor.component, "angularStiffness", default=SPRING),
-            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness", default=0.0),
+            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness"),
             "follows": name,
         }
         if isinstance(anchor.target, PointsTarget):
@@ -319,7 +319,7 @@ def _note_lost_weight(body: DraftBody, mass: float, draft: SceneDraft) -> None:
         return
     root = node_of(body.state).getRoot()
     load = mass * float(root.dt.read_value()) * float(np.linalg.norm(root.gravity.read_value()))
-    if 0.0 < mass * load**2 < number(solver, "threshold", default=1e-5):
+    if 0.0 < mass * load**2 < number(solver, "threshold"):
         draft.depart(
             f"{body.node.getPathName()}: has its weight, which SOFA loses below the threshold of CGLinearSolver"
         )

@@ -171,7 +171,7 @@ def is_placed(body: DraftBody, solver: "Component | None") -> bool:
     if not body.rigid or solver is None:
         return False
     held = any(anchor.follows_rest or anchor.target for anchor in body.anchors)
-    return body.mass is None or (held and flag(solver, "firstOrder", False))
+    return body.mass is None or (held and flag(solver, "firstOrder"))
 
 
 def driven_frames(draft: "SceneDraft") -> list[DraftFrame]:
@@ -236,7 +236,7 @@ def add_driven_body(name: str, frame: DraftFrame, draft: "SceneDraft", translati
         "position": pose[:3].tolist(),
         "rotation": degrees(pose[3:]),
         **({"colour": frame.colours[0]} if frame.colours else {}),
-        **({"axes": True} if flag(frame.state, "showObject", False) else {}),
+        **({"axes": True} if flag(frame.state, "showObject") else {}),
     }
     translation.add_frame(name, frame.state, frame.index)
     if touches:
@@ -453,7 +453,7 @@ def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
     """How bodies move: without inertia ("overdamped"), to equilibrium ("static"), or ""; mixed scenes are refused."""
     found = [(body, moved_by(body, draft)) for body in bodies]
     moved = [solver for body, solver in found if solver is not None and not is_placed(body, solver)]
-    first_order = {flag(solver, "firstOrder", False) for solver in moved}
+    first_order = {flag(solver, "firstOrder") for solver in moved}
     static = {solver.type_name == "StaticSolver" for solver in moved}
     if len(first_order) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
@@ -485,7 +485,7 @@ def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneD
         for kind in BODIES:
             if body.colours and name in translation.tables.get(kind, {}):
                 translation.tables[kind][name]["colour"] = body.colours[0]
-        if flag(body.state, "showObject", False) and name in translation.tables.get("rigid_bodies", {}):
+        if flag(body.state, "showObject") and name in translation.tables.get("rigid_bodies", {}):
             translation.tables["rigid_bodies"][name]["axes"] = True  # for soft bodies SOFA shows the points
 
 
