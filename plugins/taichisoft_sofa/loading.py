@@ -68,11 +68,7 @@ class SceneTree:
         return self._modules.find_file(name)
 
     def initialise(self) -> None:
-        """Initialise the controllers of the complete scene, as SOFA does.
-
-        Raises:
-            SceneError: a controller failed.
-        """
+        """Initialise the controllers of the complete scene, as SOFA does."""
         for item in (*self.nodes(), *self.components()):
             item.initialised = True
         with self._running(SceneError):
@@ -85,9 +81,6 @@ class SceneTree:
         Args:
             key: name of the key, or its character; a capital letter is typed with Shift.
             ctrl: whether Ctrl is pressed.
-
-        Raises:
-            ControllerFailed: one of them failed.
         """
         self._send_key("KeypressedEvent", key, ctrl)
 
@@ -101,19 +94,11 @@ class SceneTree:
             self._send_event(event, {"key": known, "isShiftPressed": shift, "isCtrlPressed": ctrl})
 
     def animate_begin(self, dt: float) -> None:
-        """Send the beginning of a step of length `dt` [s] to the controllers.
-
-        Raises:
-            ControllerFailed: one of them failed.
-        """
+        """Send the beginning of a step of length `dt` [s] to the controllers."""
         self._send_event("AnimateBeginEvent", {"dt": dt})
 
     def animate_end(self, dt: float) -> None:
-        """Send the end of a step of length `dt` [s] to the controllers.
-
-        Raises:
-            ControllerFailed: one of them failed.
-        """
+        """Send the end of a step of length `dt` [s] to the controllers."""
         self._send_event("AnimateEndEvent", {"dt": dt})
 
     def _send_event(self, event: str, content: dict[str, Any]) -> None:
@@ -148,9 +133,6 @@ def load_tree(
         path: file of the scene: .py, .pyscn or .scn.
         python_path: folders of libraries that the scene imports, such as STLIB's.
         data_path: folders of meshes, such as SOFA's share folder.
-
-    Raises:
-        SceneError: the scene cannot be read, or fails.
     """
     path = Path(path).absolute()
     if not path.is_file():

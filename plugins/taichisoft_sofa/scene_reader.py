@@ -70,11 +70,7 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False, data
 
 
 def split_path(folders: str, option: str = "--python-path") -> list[Path]:
-    """Split the value of an option, a text of folders in the format of PYTHONPATH.
-
-    Raises:
-        SceneError: a folder does not exist.
-    """
+    """Split the value of an option, a text of folders in the format of PYTHONPATH."""
     found = [Path(folder).expanduser() for folder in folders.split(os.pathsep) if folder]
     for folder in found:
         if not folder.is_dir():
@@ -86,9 +82,6 @@ def kept_files(translation: Translation, name: str) -> Path:
     """Folder with the files of a translation, named by a hash of their content.
 
     Missing files are written; changed files are written again, with a warning.
-
-    Raises:
-        TaichisoftError: the files cannot be written.
     """
     own = os.environ.get(CACHE_VARIABLE)
     cache = (Path(own).expanduser() if own else cache_folder()) / "sofa"

@@ -6,11 +6,16 @@ from textwrap import dedent, indent
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
+from taichisoft import Simulation, load_scene, make_controller
 from taichisoft_sofa.components.known_components import known_types
+from taichisoft_sofa.controller.sofa_controller import SofaController
 from taichisoft_sofa.loading import SceneTree, load_tree
 from taichisoft_sofa.tree import component
+
+known_types()  # of trees that tests build by hand
 
 
 def written(folder: Path, files: Mapping[str, str]) -> Path:
@@ -29,9 +34,32 @@ def loaded(folder: Path, create: str, before: str = "", files: Mapping[str, str]
     return load_tree(folder / "scene.py")
 
 
+class Run:
+    """A simulation that the controller of a scene steers."""
+
+    def __init__(self, folder: Path, scene: str):
+        """Begin with a scene of this text, after BODY."""
+        written(folder, {"scene.py": BODY + scene})
+        self.scene = load_scene(folder / "scene.py")
+        self.controller, self.simulation = make_controller(self.scene), Simulation(self.scene)
+        assert isinstance(self.controller, SofaController)
+        self.controller.reset(self.simulation.model)
+        self.start = self.simulation.state.position.copy()
+
+    def steps(self, count: int) -> np.ndarray:
+        """Make steps; returns the positions after them [mm]."""
+        for _ in range(count):
+            self.simulation.step(self.controller.control(self.simulation.observe()))
+        return self.simulation.state.position
+
+    @property
+    def root(self) -> Any:
+        """The scene's root."""
+        return self.controller._tree.root
+
+
 def only_types(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a test know the types alone that it declares."""
-    known_types()
     monkeypatch.setattr(component, "TYPES", {})
 
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from blocks import make_block
-from scenes_of_sofa import BODY, written
+from scenes_of_sofa import Run
 
-from taichisoft import Control, KeyEvent, Simulation, load_scene, make_controller, write_volume_mesh
+from taichisoft import Control, KeyEvent, write_volume_mesh
 from taichisoft.errors import ControllerFailed, TaichisoftError
 from taichisoft.mesh import boundary_triangles, write_stl
-from taichisoft_sofa.controller.sofa_controller import SofaController
 
 # A hollow block held at its left end, with a chamber and a cable, and a cube far away from it.
 SCENE = """
@@ -55,8 +54,8 @@ def createScene(root):
 """
 
 
-class Run:
-    """A run of the scene with these methods of its controller."""
+class KeyRun(Run):
+    """A run of a block with a cavity and a cable, which a controller with these methods steers, with keys."""
 
     def __init__(
         self,
@@ -68,13 +67,7 @@ class Run:
     ):
         own = indent(dedent(methods), "    ")
         scene = SCENE.format(methods=own, value_type=value_type, cable_type=cable_type, more=more.strip())
-        written(folder, {"scene.py": BODY + scene})
-        self.scene = load_scene(folder / "scene.py")
-        made = make_controller(self.scene)
-        assert isinstance(made, SofaController)
-        self.controller = made
-        self.simulation = Simulation(self.scene)
-        self.controller.reset(self.simulation.model)
+        super().__init__(folder, scene)
 
     def steps(self, count: int = 1, *keys: str) -> Control:
         for number in range(count):
@@ -101,7 +94,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> Path:
 
 
 def test_events_come_in_sofas_order(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onAnimateBeginEvent(self, event): self.log.append(("begin", event["dt"]))
@@ -115,7 +108,7 @@ def test_events_come_in_sofas_order(folder: Path) -> None:
 
 
 def test_a_key_is_let_go_after_a_step_and_comes_with_ctrl_and_shift(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event): self.log.append(("down", event["key"], event["isCtrlPressed"]))
@@ -132,7 +125,7 @@ def test_a_key_is_let_go_after_a_step_and_comes_with_ctrl_and_shift(folder: Path
 
 
 def test_a_controller_that_writes_positions_reads_those_of_the_run_again(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event): self.body.dofs.position = self.body.dofs.position.value + 100
@@ -163,7 +156,7 @@ def test_a_controller_that_writes_positions_reads_those_of_the_run_again(folder:
     ],
 )
 def test_changes_of_the_tree_in_a_run_are_said_to_have_no_effect(folder: Path, change: str, line: str) -> None:
-    run = Run(folder, f"def onKeypressedEvent(self, event): {change}")
+    run = KeyRun(folder, f"def onKeypressedEvent(self, event): {change}")
     run.steps()
     with pytest.warns(UserWarning) as warned:
         run.steps(1, "+")
@@ -176,7 +169,7 @@ def test_changes_of_the_tree_in_a_run_are_said_to_have_no_effect(folder: Path, c
 def test_controllers_and_what_is_only_shown_may_come_and_go(folder: Path) -> None:
     import warnings
 
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event):
@@ -193,14 +186,14 @@ def test_controllers_and_what_is_only_shown_may_come_and_go(folder: Path) -> Non
 
 
 def test_a_value_of_pressure_is_an_impulse_until_it_is_changed(folder: Path) -> None:
-    run = Run(folder, "def onKeypressedEvent(self, event): self.body.chamber.air.value = [0.05]")
+    run = KeyRun(folder, "def onKeypressedEvent(self, event): self.body.chamber.air.value = [0.05]")
     assert run.steps().pressure == {"body.chamber": pytest.approx(1.0)}
     assert run.steps(1, "+").pressure == {"body.chamber": pytest.approx(5.0)}
     assert run.simulation.observe().pressures["body.chamber"] == pytest.approx(5.0)
 
 
 def test_a_value_of_volume_growth_is_a_volume(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         "def onKeypressedEvent(self, event): self.body.chamber.air.value.value = [50]",
         value_type="volumeGrowth",
@@ -213,14 +206,14 @@ def test_a_value_of_volume_growth_is_a_volume(folder: Path) -> None:
     ("kind", "attribute", "asked"), [("displacement", "cable_pull", 2.0), ("force", "cable_tension", 200.0)]
 )
 def test_a_value_of_a_cable_is_a_pull_or_an_impulse(folder: Path, kind: str, attribute: str, asked: float) -> None:
-    run = Run(folder, "def onKeypressedEvent(self, event): self.body.cable.tendon.value = [2]", cable_type=kind)
+    run = KeyRun(folder, "def onKeypressedEvent(self, event): self.body.cable.tendon.value = [2]", cable_type=kind)
     assert getattr(run.steps(), attribute) == {"body.cable": 0.0}
     assert getattr(run.steps(1, "+"), attribute) == {"body.cable": pytest.approx(asked)}
 
 
 def test_a_cable_follows_its_value_by_no_more_than_the_scene_allows(folder: Path) -> None:
     """As in SOFA by the allowed variation every two steps, since it looks at the beginning of the last one."""
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event):
@@ -234,7 +227,7 @@ def test_a_cable_follows_its_value_by_no_more_than_the_scene_allows(folder: Path
 
 
 def test_a_pull_point_is_moved(folder: Path) -> None:
-    run = Run(folder, "def onKeypressedEvent(self, event): self.body.cable.tendon.pullPoint = [-41, 0, 14]")
+    run = KeyRun(folder, "def onKeypressedEvent(self, event): self.body.cable.tendon.pullPoint = [-41, 0, 14]")
     assert not run.steps().pull_points
     moved = run.steps(1, "+")
     assert moved.pull_points["body.cable"].tolist() == [-41.0, 0.0, 14.0]
@@ -246,7 +239,7 @@ def test_a_pull_point_is_moved(folder: Path) -> None:
 
 
 def test_rest_positions_are_followed_node_by_node(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event):
@@ -265,7 +258,7 @@ def test_rest_positions_are_followed_node_by_node(folder: Path) -> None:
 
 
 def test_gravity_is_changed(folder: Path) -> None:
-    run = Run(folder, "def onKeypressedEvent(self, event): self.root.gravity = [0, 0, -1000]")
+    run = KeyRun(folder, "def onKeypressedEvent(self, event): self.root.gravity = [0, 0, -1000]")
     assert run.steps().gravity is None
     assert run.steps(1, "+").gravity.tolist() == [0.0, 0.0, -1000.0]
     assert run.simulation.state.rigid_velocity[0] == pytest.approx([0.0, 0.0, -10.0])
@@ -282,7 +275,7 @@ LAYER = """
 
 
 def test_a_modulus_counts_from_reinit_on(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event):
@@ -301,7 +294,7 @@ def test_a_modulus_counts_from_reinit_on(folder: Path) -> None:
 
 
 def test_a_modulus_that_is_updated_in_each_step_needs_no_reinit(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event):
@@ -315,7 +308,7 @@ def test_a_modulus_that_is_updated_in_each_step_needs_no_reinit(folder: Path) ->
 
 
 def test_moduli_of_force_fields_add_up_where_they_overlap(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onKeypressedEvent(self, event):
@@ -345,7 +338,7 @@ def test_moduli_of_force_fields_add_up_where_they_overlap(folder: Path) -> None:
 def test_moduli_that_no_native_material_can_have_end_the_run(
     folder: Path, modulus: Any, poisson: float, message: str
 ) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         f"""
         def onKeypressedEvent(self, event):
@@ -362,7 +355,7 @@ def test_moduli_that_no_native_material_can_have_end_the_run(
 
 
 def test_controllers_read_the_present_state(folder: Path) -> None:
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onAnimateBeginEvent(self, event):
@@ -410,7 +403,7 @@ def test_controllers_read_the_present_state(folder: Path) -> None:
 
 def test_values_have_the_shapes_that_they_have_in_sofa(folder: Path) -> None:
     """Young's modulus is a list of one for each element or one for all; the force of a cable is a number."""
-    run = Run(
+    run = KeyRun(
         folder,
         """
         def onAnimateBeginEvent(self, event):
@@ -425,13 +418,13 @@ def test_values_have_the_shapes_that_they_have_in_sofa(folder: Path) -> None:
 
 
 def test_the_force_of_a_mechanical_object_is_not_empty_but_an_error(folder: Path) -> None:
-    run = Run(folder, "def onAnimateBeginEvent(self, event): self.log.append(self.body.dofs.force.value)")
+    run = KeyRun(folder, "def onAnimateBeginEvent(self, event): self.log.append(self.body.dofs.force.value)")
     with pytest.raises(ControllerFailed, match=r"MechanicalObject '/body/dofs' .*: force is not known in a run"):
         run.steps()
 
 
 def test_what_has_no_effect_is_said_once(folder: Path) -> None:
-    run = Run(folder, "def onKeypressedEvent(self, event): self.body.UniformMass.totalMass = 3")
+    run = KeyRun(folder, "def onKeypressedEvent(self, event): self.body.UniformMass.totalMass = 3")
     run.steps()
     with pytest.warns(
         UserWarning, match=r"UniformMass '/body/UniformMass' .*writes to 'totalMass', which has no effect"
@@ -445,14 +438,14 @@ def test_what_has_no_effect_is_said_once(folder: Path) -> None:
 
 
 def test_a_new_run_begins_with_the_scene_as_it_was(folder: Path) -> None:
-    run = Run(folder, "def onKeypressedEvent(self, event): self.body.chamber.air.value = [0.05]")
+    run = KeyRun(folder, "def onKeypressedEvent(self, event): self.body.chamber.air.value = [0.05]")
     run.steps(1, "+")
     run.controller.reset(run.simulation.model)
     assert run.steps().pressure == {"body.chamber": pytest.approx(1.0)}
 
 
 def test_a_controller_that_fails_ends_the_run_with_its_line(folder: Path) -> None:
-    run = Run(folder, "def onKeypressedEvent(self, event): return 1 / 0")
+    run = KeyRun(folder, "def onKeypressedEvent(self, event): return 1 / 0")
     with pytest.raises(ControllerFailed, match=r"scene.py, line \d+: ZeroDivisionError: division by zero"):
         run.steps(1, "+")
 
@@ -461,7 +454,89 @@ def test_a_scene_whose_keys_matter_is_steered_by_who_has_a_terminal(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    assert Run(folder, "def onKeypressedEvent(self, event): pass").controller.interactive
-    assert not Run(folder, "def onAnimateBeginEvent(self, event): pass").controller.interactive
+    assert KeyRun(folder, "def onKeypressedEvent(self, event): pass").controller.interactive
+    assert not KeyRun(folder, "def onAnimateBeginEvent(self, event): pass").controller.interactive
     monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
-    assert not Run(folder, "def onKeypressedEvent(self, event): pass").controller.interactive
+    assert not KeyRun(folder, "def onKeypressedEvent(self, event): pass").controller.interactive
+
+
+# Points that are held to what a scene moves: the points of another object, and motions given in time.
+
+
+GUIDED = """
+    guide = root.addChild("guide")
+    guide.addObject("EulerImplicitSolver", firstOrder=True)
+    guide.addObject("CGLinearSolver")
+    guide.addObject("MechanicalObject", name="points", position=[[30, 15, 15], [30, -15, 15], [30, 15, -15]])
+    node.addObject("BoxROI", name="corner", box=[29, 14, 14, 31, 16, 16])
+    node.addObject("RestShapeSpringsForceField", points="@corner.indices", stiffness=1e9,
+                   external_rest_shape="@../guide/points", external_points=[{point}])
+"""
+
+
+def test_springs_hold_points_to_those_of_another_object(folder: Path) -> None:
+    """What the scene writes to the other's position is where the springs pull: with stiff ones, where the point is.
+
+    SOFA damps these springs, so that the distance shrinks by b / (b + h) in each step; b is 0.1 s here.
+    """
+    run = KeyRun(
+        folder,
+        """
+        def onAnimateBeginEvent(self, event):
+            self.root.guide.points.position = [[30, 15, 20], [0, 0, 0], [1, 1, 1]]
+        """,
+        more=GUIDED.format(point=0),
+    )
+    corner = np.flatnonzero((np.abs(run.simulation.state.position - [30, 15, 15]) < 1e-9).all(axis=1))
+    run.steps(10)
+    expected = 20.0 - 5.0 * (0.1 / 0.11) ** 10
+    assert run.simulation.state.position[corner][0] == pytest.approx([30, 15, expected], abs=1e-3)
+
+
+def test_springs_to_points_that_are_not_there_are_refused(folder: Path) -> None:
+    with pytest.raises(Exception, match="external_points has 1 points, of 3 in /guide/points; 1 are needed"):
+        KeyRun(folder, "pass", more=GUIDED.format(point=7))
+
+
+def test_springs_lead_to_a_body_that_moves(folder: Path) -> None:
+    """As in SOFA they pull one end only, to where the other is at the start of a step, with their damping.
+
+    x1 = (a + (b / h) x0) / (1 + b / h) for stiff springs, with b = 0.1 s, and a cube at a that moves by 0.2 mm a step.
+    """
+    moving = """
+    tool = root.addChild("tool")
+    for kind in ("EulerImplicitSolver", "SparseLDLSolver", "LinearSolverConstraintCorrection"):
+        tool.addObject(kind)
+    tool.addObject("MechanicalObject", name="frame", template="Rigid3", position=[30, 15, 15, 0, 0, 0, 1],
+                   velocity=[0, 0, 20, 0, 0, 0])
+    tool.addObject("UniformMass", totalMass=0.01)
+    node.addObject("BoxROI", name="corner", box=[29, 14, 14, 31, 16, 16])
+    node.addObject("RestShapeSpringsForceField", points="@corner.indices", stiffness=1e9,
+                   external_rest_shape="@../tool/frame", external_points=[0])
+    """
+    run = KeyRun(folder, "pass", more=moving)
+    corner = np.flatnonzero((np.abs(run.simulation.state.position - [30, 15, 15]) < 1e-9).all(axis=1))
+    height = 15.0
+    for step in range(8):
+        height = (15.0 + 0.2 * step + 10.0 * height) / 11.0
+    run.steps(8)
+    assert run.simulation.state.position[corner][0] == pytest.approx([30, 15, height], abs=1e-3)
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_a_motion_in_time_is_linear_from_key_to_key(folder: Path, relative: bool) -> None:
+    shifts = np.array([[0, 0, 0], [0, 0, 4], [0, 2, 4]]) + (0 if relative else np.array([30, -15, -15]))
+    run = KeyRun(
+        folder,
+        "pass",
+        more=f"""
+    node.addObject("BoxROI", name="right", box=[29, -99, -99, 31, 99, 99])
+    node.addObject("LinearMovementConstraint", indices="@right.indices", keyTimes=[0, 0.04, 0.08],
+                   movements={shifts.tolist()}, relativeMovements={relative})
+""",
+    )
+    right = run.simulation.state.position[:, 0] > 29
+    start = run.simulation.state.position[right]
+    for count, shift in ((1, [0, 0, 1]), (3, [0, 0, 4]), (2, [0, 1, 4]), (9, [0, 2, 4])):
+        run.steps(count)
+        assert run.simulation.state.position[right] == pytest.approx(start + shift, abs=1e-6)

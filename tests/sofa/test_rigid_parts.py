@@ -1,17 +1,19 @@
-"""Joints, the frames that they turn, and the rigid parts of soft bodies that follow frames."""
+"""Joints, the frames that they turn, rigid parts of soft bodies, and bodies that follow frames."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from blocks import make_block
-from scenes_of_sofa import BODY, loaded, written
+from scenes_of_sofa import BODY, Run, loaded, written
 from scipy.spatial.transform import Rotation
 
 from taichisoft import Simulation, load_scene, make_controller, write_volume_mesh
-from taichisoft_sofa.components.frames import FramePoses, composed, relative, start_values
+from taichisoft.errors import SceneError
+from taichisoft.mesh import boundary_triangles, read_surface, write_stl
+from taichisoft_sofa.components.states import FramePoses, composed, relative, start_values
 from taichisoft_sofa.controller.sofa_controller import SofaController
+from taichisoft_sofa.loading import load_tree
 from taichisoft_sofa.translation.translate import translate
 
 TURN, STEP, LAG = 0.5, 0.01, 0.05
@@ -73,6 +75,7 @@ def createScene(root):
     root.addObject("GenericConstraintCorrection")
     node = body(root, correction=False)
 """
+SERVO = SCENE.partition("def createScene")[0]
 
 DRIVEN = """
     root.gravity = [0, 0, 0]
@@ -100,31 +103,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> Path:
     return tmp_path
 
 
-class Run:
+def started(folder: Path, lines: str, scene: str = SCENE) -> Run:
     """A run of a scene that ends with these lines."""
-
-    def __init__(self, folder: Path, lines: str):
-        written(folder, {"scene.py": BODY + SCENE + lines})
-        scene = load_scene(folder / "scene.py")
-        controller = make_controller(scene)
-        assert isinstance(controller, SofaController)
-        self.controller, self.simulation = controller, Simulation(scene)
-        controller.reset(self.simulation.model)
-        self.start = self.simulation.state.position.copy()
-
-    def steps(self, count: int) -> np.ndarray:
-        for _ in range(count):
-            self.simulation.step(self.controller.control(self.simulation.observe()))
-        return self.simulation.state.position
-
-    @property
-    def root(self) -> Any:
-        return self.controller._tree.root
+    return Run(folder, scene + lines)
 
 
 def test_a_joint_follows_its_rest_angle_as_implicit_euler_does(folder: Path) -> None:
     """Without mass the error of the angle shrinks by b / (b + h) in each step, with Rayleigh's b by stiffness."""
-    run = Run(folder, DRIVEN.replace("servo(root, rest=0.5)", "servo(root, rest=0.5, mass=1e-9)"))
+    run = started(folder, DRIVEN.replace("servo(root, rest=0.5)", "servo(root, rest=0.5, mass=1e-9)"))
     angles = []
     for _ in range(5):
         run.steps(1)
@@ -140,7 +126,7 @@ def test_a_body_on_a_wheel_turns_with_it(folder: Path) -> None:
 
     The base is turned by 90 degrees about z, so its x axis, about which the wheel turns, is the y axis of space.
     """
-    run = Run(folder, DRIVEN)
+    run = started(folder, DRIVEN)
     position = run.steps(250)
     centre = np.array([-30.0, 0.0, 0.0])
     turned = Rotation.from_rotvec([0.0, TURN, 0.0]).apply(run.start - centre) + centre
@@ -156,7 +142,7 @@ def test_a_body_on_a_wheel_turns_with_it(folder: Path) -> None:
 
 
 def test_a_free_rigid_part_keeps_its_shape_and_a_fixed_one_its_place(folder: Path) -> None:
-    run = Run(folder, FREE.format(held=HELD))
+    run = started(folder, FREE.format(held=HELD))
     left, right = run.start[:, 0] < -19, run.start[:, 0] > 19
     position = run.steps(60)
     assert position[left] == pytest.approx(run.start[left], abs=1e-6)
@@ -171,7 +157,7 @@ def test_a_free_rigid_part_keeps_its_shape_and_a_fixed_one_its_place(folder: Pat
 
 def test_a_free_rigid_part_falls_as_everything_does(folder: Path) -> None:
     """Implicit Euler falls by g h^2 n (n + 1) / 2 in n steps."""
-    run = Run(folder, FREE.format(held="root.EulerImplicitSolver.rayleighStiffness = 0"))
+    run = started(folder, FREE.format(held="root.EulerImplicitSolver.rayleighStiffness = 0"))
     fallen = run.steps(10) - run.start
     assert fallen == pytest.approx(np.tile([0.0, 0.0, -9810.0 * STEP**2 * 55.0], (len(fallen), 1)), rel=1e-5, abs=1e-5)
 
@@ -241,7 +227,7 @@ def test_what_cannot_be_driven_is_refused_in_one_line(folder: Path, lines: str, 
 
 def test_controllers_read_where_the_parts_of_a_body_are(folder: Path) -> None:
     """The free frame of a falling body falls with it, and free points are where the body's are."""
-    run = Run(folder, FREE.format(held="root.EulerImplicitSolver.rayleighStiffness = 0"))
+    run = started(folder, FREE.format(held="root.EulerImplicitSolver.rayleighStiffness = 0"))
     run.steps(10)
     run.controller.control(run.simulation.observe())
     fall = -9810.0 * STEP**2 * 55.0
@@ -255,7 +241,7 @@ def test_controllers_read_where_the_parts_of_a_body_are(folder: Path) -> None:
 
 def test_the_rest_position_of_a_frame_stays_when_its_position_is_written(folder: Path) -> None:
     """SOFA keeps it from the initialisation; the tutorials move a servo from there, step by step."""
-    run = Run(folder, DRIVEN)
+    run = started(folder, DRIVEN)
     base = run.root.servo.base.dofs
     rest = base.rest_position.value.copy()
     for shift in (1.0, 2.0):
@@ -303,7 +289,7 @@ def createScene(root):
 
 
 def test_frames_on_stiff_springs_follow_their_rest_poses(folder: Path) -> None:
-    run = Run(folder, FREE.format(held=HELD_BY_SPRINGS))
+    run = started(folder, FREE.format(held=HELD_BY_SPRINGS))
     run.steps(2)
     assert run.simulation.state.position == pytest.approx(run.start, abs=0.05)
     right = run.start[:, 0] > 19
@@ -312,3 +298,143 @@ def test_frames_on_stiff_springs_follow_their_rest_poses(folder: Path) -> None:
     position = run.steps(1)[right]
     turned = Rotation.from_quat(quarter).apply(run.start[right] - [25, 0, 0]) + np.array([25, 3, 0])
     assert position == pytest.approx(turned, abs=1e-6)
+
+
+# Rigid bodies that frames, springs or the scene itself lead: servos without a soft body, mazes, tools.
+
+
+ALONE = """
+def createScene(root):
+    root.dt = 0.01
+    root.gravity = [0, 0, 0]
+    collisions(root)
+    root.addObject("EulerImplicitSolver", rayleighStiffness={lag})
+    root.addObject("SparseLDLSolver")
+    wheel = servo(root, rest=0.5, mass=1e-9)
+    arm = wheel.addChild("arm")
+    arm.addObject("MechanicalObject", position=[[0, 20, 0]])
+    arm.addObject("SphereCollisionModel", radius=4)
+    arm.addObject("RigidMapping", index=1)
+"""
+
+
+def test_a_servo_alone_turns_the_ball_on_its_arm(folder: Path) -> None:
+    """The scene has no soft body. The arm's ball is 20 mm from the axis and turns by the angle of the joint.
+
+    The servo's base is turned by 90 degrees about z, so that the axis x of the joint points along y, and the arm's y
+    along -x: the ball, whose centre of mass it is, moves in the plane of x and z.
+    """
+    servo = started(folder, ALONE.format(lag=0.0), SERVO)
+    servo.steps(2)  # without mass and damping the angle is its rest angle after one step
+    body = servo.simulation.model.body_names.index("wheel")
+    place = [-30 - 20 * np.cos(0.5), 0, 20 * np.sin(0.5)]
+    assert servo.simulation.state.rigid_position[body] == pytest.approx(place, abs=1e-9)
+    turn = servo.simulation.state.rigid_rotation[body]
+    assert turn[0] == pytest.approx(np.cos(0.25) * np.cos(np.pi / 4), abs=1e-9)
+    assert servo.simulation.observe().normal_forces == {}
+
+
+MAZE = """
+def createScene(root):
+    root.dt = 0.01
+    root.gravity = [0, 0, -9810]
+    collisions(root)
+    tray = root.addChild("tray")
+    tray.addObject("EulerImplicitSolver", firstOrder=True)
+    tray.addObject("CGLinearSolver")
+    tray.addObject("MechanicalObject", name="dofs", template="Rigid3")
+    tray.addObject("RestShapeSpringsForceField", points=0, stiffness=1e5, angularStiffness=1e5)
+    tray.addObject("UncoupledConstraintCorrection")
+    surface(tray, "block.stl", mapping="RigidMapping")
+    ball = root.addChild("ball")
+    for kind in ("EulerImplicitSolver", "SparseLDLSolver", "LinearSolverConstraintCorrection"):
+        ball.addObject(kind)
+    ball.addObject("MechanicalObject", name="dofs", position=[0, 0, 20.1])
+    ball.addObject("UniformMass", totalMass=1e-3)
+    ball.addObject("SphereCollisionModel", radius=4)
+"""
+
+
+def test_a_tray_on_springs_without_mass_is_where_its_rest_pose_is(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It moves in overdamped dynamics beside a ball that does not, and lifts the ball by what the scene writes."""
+    block = make_block((1, 1, 1), (60.0, 60.0, 30.0))
+    write_stl(block.nodes, boundary_triangles(block.elements), folder / "block.stl")
+    maze = started(folder, MAZE, SERVO)
+    names = maze.simulation.model.body_names
+    for number in range(20):
+        maze.root.tray.dofs.rest_position = [[0, 0, 0.1 * number, 0, 0, 0, 1]]
+        maze.steps(1)
+    heights = maze.simulation.state.rigid_position[:, 2]
+    assert heights[names.index("tray")] == pytest.approx(1.9, abs=1e-12)
+    assert heights[names.index("ball")] == pytest.approx(15 + 1.9 + 4 + 1, abs=0.2)  # radius and contact distance
+
+
+HELD_TOOL = """
+def createScene(root):
+    root.dt = 0.01
+    root.gravity = [0, 0, 0]
+    free_motion(root)
+    tool = root.addChild("tool")
+    for kind in ("EulerImplicitSolver", "SparseLDLSolver", "LinearSolverConstraintCorrection"):
+        tool.addObject(kind)
+    tool.addObject("MechanicalObject", name="dofs", template="Rigid3", position=[1, 2, 3, 0, 0, 0, 1])
+    tool.addObject("UniformMass", totalMass=0.01)
+    tool.addObject("RestShapeSpringsForceField", points=0, stiffness=200, angularStiffness=1e4)
+    tool.addObject("ConstantForceField", indices=[0], forces=[[100, 0, 0, {torque}, 0, 0]])
+"""
+
+
+def test_a_rigid_body_on_springs_gives_way_to_a_force(folder: Path) -> None:
+    """By F / k = 100 mN / (200 mN/mm) at rest, from the rest pose that the scene writes."""
+    tool = started(folder, HELD_TOOL.format(torque=0), SERVO)
+    tool.root.tool.dofs.rest_position = [[1, 2, 8, 0, 0, 0, 1]]
+    tool.steps(300)
+    assert tool.simulation.state.rigid_position[0] == pytest.approx([1.5, 2, 8], abs=1e-6)
+
+
+def test_torques_on_rigid_bodies_are_refused(folder: Path) -> None:
+    written(folder, {"scene.py": BODY + SERVO + HELD_TOOL.format(torque=5)})
+    (line,) = translate(load_tree(folder / "scene.py")).refused
+    assert "has a torque on a rigid body; forces alone act on rigid bodies here" in line
+
+
+def test_a_scene_in_which_nothing_moves_shows_its_visual_models(folder: Path) -> None:
+    block = make_block((1, 1, 1), (60.0, 60.0, 30.0))
+    write_stl(block.nodes, boundary_triangles(block.elements), folder / "block.stl")
+    text = """
+def createScene(root):
+    root.addObject("MeshSTLLoader", name="loader", filename="block.stl", translation=[5, 0, 0])
+    seen = root.addChild("seen")
+    seen.addObject("MechanicalObject", name="dofs", position=root.loader.position.getLinkPath())
+    seen.addObject("UniformMass", totalMass=1.0)
+    root.addChild("visual").addObject("OglModel", src=root.loader.getLinkPath(), translation=[1, 2, 3])
+"""
+    written(folder, {"scene.py": text})
+    translation = translate(load_tree(folder / "scene.py"))
+    assert not translation.refused
+    translation.files.write(folder)
+    (table,) = translation.tables["rigid_bodies"].values()
+    points, _ = read_surface(str(folder / table["surface"]))
+    assert points.mean(axis=0) == pytest.approx([6, 2, 3])
+    assert table["follows"] == "base"
+    assert not table["collides"]
+
+
+def test_points_of_a_subset_are_those_of_the_body(folder: Path) -> None:
+    lines = """
+    part = node.addChild("part")
+    part.addObject("MechanicalObject", name="dofs")
+    part.addObject("SubsetMapping", indices=[{}])
+"""
+    written(folder, {"scene.py": BODY + SCENE + lines.format("3, 1")})
+    tree = load_tree(folder / "scene.py")
+    assert not translate(tree).refused
+    body = tree.root.body
+    assert np.array_equal(body.part.dofs.position.value, np.array(body.dofs.position.value)[[3, 1]])
+    written(folder, {"scene.py": BODY + SCENE + lines.format("999")})
+    tree = load_tree(folder / "scene.py")
+    translate(tree)
+    with pytest.raises(SceneError, match="names point 999; there are 112, from 0 on"):
+        np.array(tree.root.body.part.dofs.position.value)

@@ -1,4 +1,4 @@
-"""What becomes of a SOFA scene: bodies, materials, masses, supports, contact, and one line for each departure."""
+"""What becomes of a SOFA scene: bodies, contact and appearance, one line for each departure, and what is refused."""
 
 from pathlib import Path
 from typing import Any
@@ -9,10 +9,33 @@ from blocks import make_block
 from scenes_of_sofa import BODY, loaded
 
 from taichisoft import VolumeMesh, read_volume_mesh, write_volume_mesh
+from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.mesh import boundary_triangles, write_stl
+from taichisoft.scene import scene_from_dict
 from taichisoft_sofa.components.force_fields import MATERIALS
+from taichisoft_sofa.components.visuals import NAMED
+from taichisoft_sofa.scene_reader import with_files_in
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
+
+VISUAL = """
+def visual(node, mapping, **colour):
+    child = node.addChild("Visual")
+    child.addObject("MeshOBJLoader", name="loader", filename="mesh/cube.obj")
+    child.addObject("OglModel", src="@loader", **colour)
+    child.addObject(mapping)
+
+def cube(root, name, solver, **shown):
+    node = root.addChild(name)
+    if solver:
+        node.addObject("EulerImplicitSolver")
+        node.addObject("CGLinearSolver")
+        node.addObject("UncoupledConstraintCorrection")
+    node.addObject("MechanicalObject", template="Rigid3", **shown)
+    node.addObject("UniformMass", totalMass=0.1)
+    surface(node, "mesh/cube.obj", mapping="RigidMapping")
+    return node
+"""
 
 SIZE = (20.0, 10.0, 10.0)
 UNIT = "FreeMotionAnimationLoop"
@@ -28,7 +51,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def translated(folder: Path, create: str, exact: bool = False) -> Translation:
-    return translate(loaded(folder, create, BODY), exact)
+    return translate(loaded(folder, create, BODY + VISUAL), exact)
 
 
 def mesh_of(translation: Translation, folder: Path, body: str) -> VolumeMesh:
@@ -622,3 +645,258 @@ def test_a_static_solver_leads_to_equilibrium(folder: Path) -> None:
     assert "velocity" not in translation.tables["soft_bodies"]["a"], "nothing moves at the start in statics"
     (line,) = translated(folder, still.format("a") + "body(root, 'b')").refused
     assert "StaticSolver for some of the bodies; all of a scene are at equilibrium, or none is" in line
+
+
+# The colours of SOFA scenes arrive in the native tables.
+
+
+def test_soft_bodies_rigid_bodies_obstacles_and_the_background_have_their_colours(folder: Path) -> None:
+    translation = translated(
+        folder,
+        """
+        collisions(root)
+        root.addObject("BackgroundSetting", color=[0, 0.168627, 0.211765, 1])
+        root.addObject("OglSceneFrame", style="Arrows", alignment="TopRight")
+        visual(body(root, "finger"), "BarycentricMapping", color="0.0 0.7 0.7 0.6")
+        visual(cube(root, "cube", True), "RigidMapping", color=[0.0, 0.1, 0.5])
+        visual(cube(root, "floor", False), "RigidMapping", color="red")
+        visual(cube(root, "plain", False), "RigidMapping")
+        """,
+    )
+    assert not translation.refused
+    tables = translation.tables
+    assert tables["soft_bodies"]["finger"]["colour"] == "#00b2b2"
+    assert tables["rigid_bodies"]["cube"]["colour"] == "#001a80"
+    assert tables["obstacles"]["floor"]["colour"] == "#ff0000"
+    assert "colour" not in tables["obstacles"]["plain"]
+    assert tables["appearance"] == {"background": "#002b36", "frame": True}
+    translation.files.write(folder)
+    scene = scene_from_dict(with_files_in(folder, tables))
+    assert scene.appearance.background == "#002b36" and scene.obstacles["floor"].colour == "#ff0000"
+
+
+def test_only_rigid_bodies_that_show_their_pose_have_axes(folder: Path) -> None:
+    """Of a soft body `showObject` shows the points; something that stands still has no axes."""
+    translation = translated(
+        folder,
+        """
+        collisions(root)
+        body(root, "finger").dofs.showObject = True
+        cube(root, "cube", True, showObject=True, showObjectScale=30)
+        cube(root, "other", True)
+        cube(root, "floor", False, showObject=True)
+        """,
+    )
+    assert not translation.refused
+    bodies = {
+        name: body
+        for kind in ("soft_bodies", "rigid_bodies", "obstacles")
+        for name, body in translation.tables[kind].items()
+    }
+    assert {name for name, body in bodies.items() if body.get("axes")} == {"cube"}
+
+
+@pytest.mark.parametrize(
+    ("given", "colour"),
+    [
+        ("'#1a2B3c'", "#1a2b3c"),
+        ("'#1a2b3cff'", "#1a2b3c"),
+        ("' Gray '", NAMED["gray"]),
+        ("[1.2, -0.1, 0.5]", "#ff0080"),
+        ("'#f80'", "#ff8800"),
+    ],
+)
+def test_colours_are_numbers_names_or_digits(folder: Path, given: str, colour: str) -> None:
+    translation = translated(folder, f"body(root)\nroot.addObject('BackgroundSetting', color={given})")
+    assert not translation.refused
+    assert translation.tables["appearance"] == {"background": colour}
+
+
+@pytest.mark.parametrize("given", ["'dark red'", "[1, 0]", "'#12'", "[0, 0, float('nan')]"])
+def test_what_is_no_colour_is_told_in_one_line(folder: Path, given: str) -> None:
+    translation = translated(folder, f"body(root)\nroot.addObject('BackgroundSetting', color={given})")
+    assert not translation.refused and "appearance" not in translation.tables
+    (line,) = (line for line in translation.departures if "colour" in line)
+    assert line.startswith("BackgroundSetting '/") and line.endswith("is not a colour; it gets the usual one")
+
+
+def test_a_frame_that_is_not_drawn_is_not_in_pictures(folder: Path) -> None:
+    assert "appearance" not in translated(folder, "body(root)").tables
+    tables = translated(folder, "body(root)\nroot.addObject('OglSceneFrame', draw=False)").tables
+    assert tables["appearance"] == {"frame": False}
+
+
+@pytest.mark.parametrize(
+    ("given", "eye", "target"),
+    [
+        ("position=[300, 20, 10], lookAt='0 0 5'", [300.0, 20.0, 10.0], [0.0, 0.0, 5.0]),
+        ("position='300 20 10'", [300.0, 20.0, 10.0], None),
+        ("lookAt='0 0 5'", None, None),
+    ],
+)
+def test_a_camera_stands_where_the_scene_says(
+    folder: Path, given: str, eye: list[float] | None, target: list[float] | None
+) -> None:
+    translation = translated(folder, f"body(root)\nroot.addObject('InteractiveCamera', name='camera', {given})")
+    appearance = translation.tables.get("appearance", {})
+    assert (appearance.get("eye"), appearance.get("target")) == (eye, target)
+
+
+# What is refused, in which words, and what is not refused since it moves nothing.
+
+
+@pytest.mark.parametrize(
+    "name", ["VisualGrid", "LineAxis", "OglWhatever", "OffExporter", "MomentumMonitor", "SpotLight", "WriteState"]
+)
+def test_what_concerns_pictures_and_records_is_without_effect(tmp_path: Path, name: str) -> None:
+    translation = translate(loaded(tmp_path, f"root.addObject({name!r}, size=10)"))
+    assert translation.refused == []
+    assert translation.ignored == {name: 1}
+    exports = name.endswith("Exporter") or name == "WriteState"
+    assert any("`taichisoft recording export`" in line for line in translation.departures) is exports
+
+
+def test_a_serial_port_exchanges_nothing_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    translation = translate(
+        loaded(
+            tmp_path,
+            """
+            import serial.tools.list_ports
+            assert serial.tools.list_ports.comports() == []
+            port = serial.Serial("/dev/ttyUSB0", 115200, timeout=0.05)
+            assert (port.readline(), port.write(b"150")) == (b"", 3)
+            root.addObject("SerialPortBridgeGeneric", port="/dev/ttyUSB0", size=3).packetOut = [1, 2, 3]
+            """,
+        )
+    )
+    assert translation.refused == []
+    assert any("SerialPortBridgeGeneric" in line and "exchanges nothing" in line for line in translation.departures)
+    assert "nothing is sent or read" in caplog.text
+
+
+def test_the_inverse_solver_is_refused_once_for_all_of_its_components(tmp_path: Path) -> None:
+    translation = translate(
+        loaded(
+            tmp_path,
+            """
+            root.addObject("QPInverseProblemSolver", name="QP")
+            root.addObject("PositionEffector")
+            root.addObject("CableActuator")
+            """,
+        )
+    )
+    (line,) = translation.refused
+    assert line.startswith("QPInverseProblemSolver '/QP' (")
+    assert "scene.py, line 3): belongs to the inverse solver" in line
+    assert "beside CableActuator, PositionEffector" in line
+    assert "patented" in line
+
+
+@pytest.mark.parametrize(("base", "word"), [("ForceField", "force field"), ("DataEngine", "engine")])
+def test_computations_of_the_scenes_own_are_refused_where_they_are_used(tmp_path: Path, base: str, word: str) -> None:
+    before = f"import Sofa.Core\nclass Own(Sofa.Core.{base}):\n    pass\n"
+    assert translate(loaded(tmp_path, "pass", before)).refused == []
+    (line,) = translate(loaded(tmp_path, "root.addObject(Own(name='own'))", before)).refused
+    assert "'/own' (" in line
+    assert "of the scene's own" in line
+    assert word in line
+
+
+def test_a_loop_of_the_scenes_own_is_refused_with_a_way_out(tmp_path: Path) -> None:
+    way_out = (
+        r"line 4: Sofa.Simulation.animate\(\) is a loop of the scene's own; .*`taichisoft run`.*Sofa.Core.Controller"
+    )
+    with pytest.raises(SceneError, match=way_out):
+        loaded(tmp_path, "import Sofa\nSofa.Simulation.animate(root, 0.01)")
+    before = """
+    import Sofa.Core
+    class Steps(Sofa.Core.Controller):
+        def onAnimateBeginEvent(self, event):
+            Sofa.Simulation.animate(self, 0.01)
+    """
+    tree = loaded(tmp_path, "root.addObject(Steps(name='steps'))", before)
+    with pytest.raises(ControllerFailed, match=r"line 5: Sofa\.Simulation\.animate"):
+        tree.animate_begin(0.01)
+
+
+def test_components_are_found_by_the_names_of_other_versions(tmp_path: Path) -> None:
+    """SOFA 25.12 renamed its constraint solver; scenes ask the root for it by either name."""
+    tree = loaded(tmp_path, "root.addObject('BlockGaussSeidelConstraintSolver', maxIterations=7)")
+    assert tree.root.GenericConstraintSolver.maxIterations.value == 7
+    tree = loaded(tmp_path, "root.addObject('GenericConstraintSolver', name='mine')")
+    with pytest.raises(AttributeError):
+        tree.root.BlockGaussSeidelConstraintSolver  # noqa: B018
+
+
+XML = """<?xml version="1.0"?>
+<Node name="root" dt="0.02" gravity="0 -9.81 0">
+  <DefaultAnimationLoop/>
+  <Node name="child">
+    <EulerImplicitSolver rayleighStiffness="0.1"/>
+    <CGLinearSolver iterations="25" name="solver" tolerance="1e-9" threshold="1e-9"/>
+    <RegularGridTopology name="grid" n="4 2 2" min="0 0 0" max="30 10 10"/>
+    <Object type="MechanicalObject" name="dofs"/>
+    <UniformMass totalMass="0.1"/>
+    <FixedConstraint indices="0 4 8 12"/>
+    <HexahedronFEMForceField name="FEM" youngModulus="4000" poissonRatio="0.3" method="large"/>
+  </Node>
+</Node>
+"""
+
+
+def test_a_scene_in_xml_is_read(tmp_path: Path) -> None:
+    """Its values are texts, and its components have the lines on which they stand."""
+    from taichisoft_sofa.loading import load_tree
+
+    (tmp_path / "scene.scn").write_text(XML)
+    tree = load_tree(tmp_path / "scene.scn")
+    translation = translate(tree)
+    assert not translation.refused
+    assert translation.tables["time"]["step"] == 0.02
+    assert translation.tables["gravity"] == [0.0, -9.81, 0.0]
+    body = translation.tables["soft_bodies"]["child"]
+    assert (body["element"], body["rayleigh_stiffness"], body["young_modulus"]) == ("hexahedral", 0.1, 4000.0)
+    assert len(body["anchors"][0]["nodes"]) == 4
+    assert str(tree.root.child.dofs.place).endswith("scene.scn, line 8")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<Node><A></Node>", "line 1: no scene in XML: mismatched tag"),
+        ("<Node>\n<include href='a.xml'/></Node>", "line 2: includes 'a.xml'; write its nodes into this file instead"),
+        ("<A/>", "line 1: begins with <A>"),
+        ("<Node><A><B/></A></Node>", "<B> is inside a component"),
+        ("<Node>\n<Wrong/></Node>", "line 2.: is not known here"),
+    ],
+)
+def test_mistakes_in_xml_are_one_line(tmp_path: Path, text: str, message: str) -> None:
+    from taichisoft import load_scene
+
+    (tmp_path / "scene.scn").write_text(text)
+    with pytest.raises(SceneError, match=message):
+        load_scene(tmp_path / "scene.scn")
+
+
+def test_meshes_are_found_in_the_data_path(tmp_path: Path) -> None:
+    from taichisoft_sofa.loading import load_tree
+
+    share = tmp_path / "share" / "mesh"
+    share.mkdir(parents=True)
+    (share / "one.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    loaded(tmp_path, "root.addObject('MeshOBJLoader', name='loader', filename='mesh/one.obj')", BODY)
+    tree = load_tree(tmp_path / "scene.py", data_path=[tmp_path / "share"])
+    translate(tree)
+    assert len(tree.root.loader.position.value) == 3
+    with pytest.raises(SceneError, match="nowhere: no such folder"):
+        load_tree(tmp_path / "scene.py", data_path=[tmp_path / "nowhere"])
+
+
+def test_too_many_bodies_and_levels_are_refused(tmp_path: Path) -> None:
+    body = (
+        "n = root.addChild('n')\n    n.addObject('MechanicalObject', template='Rigid3')\n    n.addObject('UniformMass')"
+    )
+    (line,) = translate(loaded(tmp_path, f"for i in range(1001):\n    {body}")).refused
+    assert "is one of 1001 bodies; at most 1000 are known here" in line
+    with pytest.raises(SceneError, match=r"scene.py: its nodes are nested 252 deep; at most 200 are known here"):
+        loaded(tmp_path, "n = root\nfor i in range(251): n = n.addChild('n')")

@@ -49,7 +49,7 @@ def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") 
         points: points of the mechanical object in the cable's node [mm], shape (count, 3).
         draft: draft of the scene, which records refusals and departures.
     """
-    method, link = text(component, "method", default="point"), text(component, "surfaceTopology")
+    method, link = text(component, "method"), text(component, "surfaceTopology")
     topology = component.linked("surfaceTopology") if link else nearest(node_of(component), TOPOLOGIES)
     triangles = np.zeros((0, 3), dtype=np.int64) if topology is None else surface_triangles(topology)
     if not len(triangles) or triangles.max() >= len(points):
@@ -57,8 +57,8 @@ def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") 
         return []
     centres = numbers(component, "centers").reshape(-1, 3)
     if not len(centres):
-        centres = points[numbers(component, "indices", default=[0.0]).astype(np.int64)]
-    radii = numbers(component, "radii", default=[1.0])
+        centres = points[numbers(component, "indices").astype(np.int64)]
+    radii = numbers(component, "radii")
     if len(radii) not in (1, len(centres)):
         draft.refuse(component, f"radii has {len(radii)} numbers for {len(centres)} places")
         return []
@@ -99,13 +99,13 @@ PRESSURE, VOLUME = "pressure", "volumeGrowth"
 
 def value_type(component: "Component") -> str:
     """Type of a cavity's value, PRESSURE or VOLUME; scenes may also write their numbers."""
-    given = text(component, "valueType", default=PRESSURE)
+    given = text(component, "valueType")
     return {"0": PRESSURE, "1": VOLUME}.get(given, given)
 
 
 def is_driven_by_force(cable: "Component") -> bool:
     """Whether a cable's value is a force, else a displacement."""
-    return text(cable, "valueType", default="displacement") in ("force", "1")
+    return text(cable, "valueType") in ("force", "1")
 
 
 VALUE = {"value": (VECTOR, (0.0,)), "valueIndex": (INTEGER, 0, FROM_0)}
@@ -142,7 +142,7 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
     points = draft.points_of(component)
     if not draft.has_points(component, walls, len(points)):
         return
-    if flag(component, "flipNormal", False):
+    if flag(component, "flipNormal"):
         walls = walls[:, ::-1]
     body.cavities.append(DraftCavity(component, points, walls))
 
@@ -170,12 +170,12 @@ def cable(component: "Component", draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    method = text(component, "method", default="point")
+    method = text(component, "method")
     if method not in METHODS:
         draft.refuse(component, f"method '{method}'; valid: {', '.join(METHODS)}")
         return
     points = draft.points_of(component)
-    indices = numbers(component, "indices", default=[0.0]).astype(np.int64)
+    indices = numbers(component, "indices").astype(np.int64)
     if not len(indices) or indices.min() < 0 or indices.max() >= len(points):
         draft.refuse(component, f"indices must be among the {len(points)} points of its MechanicalObject")
         return

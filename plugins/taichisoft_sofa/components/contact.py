@@ -55,7 +55,7 @@ def narrow_phase(component: "Component", draft: "SceneDraft") -> None:
 
 @component(
     "RuleBasedContactManager",
-    response=(TEXT, WITHOUT_FRICTION),
+    response=TEXT,
     responseParams=TEXT,
     default=TEXT,
     rules=unused(""),
@@ -98,11 +98,7 @@ def constraint_solver(component: "Component", draft: "SceneDraft") -> None:
 
 
 def friction_of(manager: "Component", draft: "SceneDraft") -> float:
-    """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA.
-
-    Raises:
-        SceneError: the coefficient is not a number of 0 or more.
-    """
+    """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA."""
     sources = {name: text(manager, name) for name in ("responseParams", "response", "default")}
     kind = (sources["response"] or sources["default"] or WITHOUT_FRICTION).partition("?")[0]
     if "Friction" not in kind or kind.startswith("Frictionless"):
@@ -122,7 +118,7 @@ def friction_of(manager: "Component", draft: "SceneDraft") -> float:
 
 def distances_of(distance: "Component") -> tuple[float, float]:
     """Alarm distance and contact distance [mm]."""
-    return number(distance, "alarmDistance", default=1.0), number(distance, "contactDistance", default=0.5)
+    return number(distance, "alarmDistance"), number(distance, "contactDistance")
 
 
 @component(
@@ -141,17 +137,15 @@ def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    normal = vector(component, "normal", "planeNormal", default=(0.0, 1.0, 0.0))
+    normal = vector(component, "normal", "planeNormal")
     length = float(np.linalg.norm(normal))
     if length == 0.0:
         draft.refuse(component, "normal = 0 0 0 has no direction")
         return
-    if flag(component, "bilateral", False):
+    if flag(component, "bilateral"):
         draft.refuse(component, "bilateral = true; planes push from one side here")
         return
-    draft.planes.append(
-        DraftPlane(component, body, normal / length, number(component, "d", "planeD", default=0.0) / length)
-    )
+    draft.planes.append(DraftPlane(component, body, normal / length, number(component, "d", "planeD") / length))
 
 
 MODEL = {
@@ -181,7 +175,7 @@ def collision_model(component: "Component", draft: "SceneDraft") -> None:
         if not draft.has_points(component, triangles, len(points)):
             return
         body.surfaces[path] = DraftSurface(component, points, triangles, groups, False)
-    body.surfaces[path].self_collision |= flag(component, "selfCollision", False)
+    body.surfaces[path].self_collision |= flag(component, "selfCollision")
 
 
 # Collision spheres about the points of mechanical objects.
@@ -199,7 +193,7 @@ def sphere_model(component: "Component", draft: "SceneDraft") -> None:
         return
     centres = draft.points_of(component)
     each = numbers(component, "listRadius")
-    radii = each if len(each) else np.full(len(centres), number(component, "radius", default=1.0))
+    radii = each if len(each) else np.full(len(centres), number(component, "radius"))
     if len(radii) != len(centres):
         draft.refuse(component, f"listRadius has {len(radii)} numbers for {len(centres)} points")
         return
@@ -210,7 +204,7 @@ def sphere_model(component: "Component", draft: "SceneDraft") -> None:
     points = (centres[:, None] + radii[:, None, None] * np.array(ball.vertices)).reshape(-1, 3)
     triangles = (np.arange(len(centres))[:, None, None] * len(ball.vertices) + np.array(ball.faces)).reshape(-1, 3)
     groups = frozenset(numbers(component, "group").astype(int).tolist())
-    own = flag(component, "selfCollision", False)
+    own = flag(component, "selfCollision")
     spheres = np.column_stack([centres, radii])
     surface = DraftSurface(component, points, triangles, groups, own, spheres=spheres)
     body.surfaces[f"{node_of(component).getPathName()} {component.getName()}"] = surface

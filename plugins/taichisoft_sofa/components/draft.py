@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_sofa.components.frames import frame_carrying, local_position
 from taichisoft_sofa.components.reading import (
     STATE,
     described,
@@ -18,10 +17,10 @@ from taichisoft_sofa.components.reading import (
     node_of,
     upwards,
 )
-from taichisoft_sofa.components.states import is_rigid, start_position, width_of
+from taichisoft_sofa.components.states import frame_carrying, is_rigid, local_position, start_position, width_of
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.components.frames import AnchorTarget
+    from taichisoft_sofa.components.states import AnchorTarget
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 
@@ -314,11 +313,7 @@ class SceneDraft:
         return self.bodies[id(state)]
 
     def carrier_of(self, component: "Component") -> DraftBody | DraftFrame | None:
-        """The body, or the frame that follows others, on which a surface or visual model is; None if refused.
-
-        Raises:
-            SceneError: it hangs on several frames.
-        """
+        """The body, or the frame that follows others, on which a surface or visual model is; None if refused."""
         state = independent_state(node_of(component))
         if state is None or not (is_assembled(state) and is_rigid(state)):
             return self.body_of(component)

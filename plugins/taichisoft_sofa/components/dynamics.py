@@ -8,14 +8,6 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, Mass
-from taichisoft_sofa.components.frames import (
-    FramePoses,
-    MotionTarget,
-    PointsTarget,
-    composed,
-    local_position,
-    start_values,
-)
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import (
     STATE,
@@ -33,7 +25,16 @@ from taichisoft_sofa.components.reading import (
     numbers,
     text,
 )
-from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.components.states import (
+    FramePoses,
+    MotionTarget,
+    PointsTarget,
+    composed,
+    is_rigid,
+    local_position,
+    start_position,
+    start_values,
+)
 from taichisoft_sofa.tree.component import Component, component, unused
 from taichisoft_sofa.tree.value_kinds import (
     ABOVE_0,
@@ -80,7 +81,7 @@ INTEGRATION = {
 def time_integration(component: Component, draft: "SceneDraft") -> None:
     """Translate implicit Euler with Rayleigh damping, or equilibrium, for the bodies in its node and below."""
     draft.solvers[id(node_of(component))] = component
-    if flag(component, "trapezoidalScheme", False):
+    if flag(component, "trapezoidalScheme"):
         draft.refuse(component, "trapezoidalScheme; only the implicit Euler method is there")
 
 
@@ -128,7 +129,7 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    total = number(component, "totalMass", default=1.0)
+    total = number(component, "totalMass")
     each = numbers(component, "vertexMass", "mass")
     if is_given(component, "totalMass") and total == 0.0 and not len(each):
         draft.refuse(component, "totalMass = 0; a body needs a mass above 0")
@@ -163,14 +164,14 @@ def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
     if body is None:
         return
     if is_given(component, "totalMass"):
-        body.mass = Mass(component, total=number(component, "totalMass", default=1.0), density=0.0)
+        body.mass = Mass(component, total=number(component, "totalMass"), density=0.0)
     else:
-        density = numbers(component, "massDensity", default=[1.0])
+        density = numbers(component, "massDensity")
         if not len(density) or (density != density[0]).any():
             draft.refuse(component, f"massDensity has {len(density)} numbers; a body has one density here")
             return
         body.mass = Mass(component, density=float(density[0]))
-    if component.type_name == "MeshMatrixMass" and not flag(component, "lumping", False):
+    if component.type_name == "MeshMatrixMass" and not flag(component, "lumping"):
         draft.depart(
             f"{node_of(component).getPathName()}: MeshMatrixMass couples neighbours; here each point has its share"
         )
@@ -228,11 +229,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
 
 
 def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget | None:
-    """Points of another mechanical object to which springs lead, or None.
-
-    Raises:
-        SceneError: the link leads to no mechanical object, or it has other numbers of points.
-    """
+    """Points of another mechanical object to which springs lead, or None."""
     if not text(component, "external_rest_shape"):
         return None
     ((path, target), *_) = component.linked_all("external_rest_shape") or [("", None)]
@@ -306,7 +303,7 @@ def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     if body.rigid:
         draft.refuse(component, "moves a rigid body; only points of soft bodies are moved so here")
         return
-    points = numbers(component, "indices", default=[0.0]).astype(np.int64)
+    points = numbers(component, "indices").astype(np.int64)
     times, shifts = numbers(component, "keyTimes"), numbers(component, "movements").reshape(-1, 3)
     if not draft.has_points(component, points, len(body.position)):
         return
@@ -316,7 +313,7 @@ def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
         )
         return
     start = body.position[points]
-    if flag(component, "relativeMovements", True) is False:
+    if flag(component, "relativeMovements") is False:
         shifts = shifts - start[:1]
     target = MotionTarget(start, times, shifts)
     body.anchors.append(DraftAnchor(component, points, HELD, follows_rest=False, target=target))
@@ -332,7 +329,7 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    fixed = numbers(component, "fixedDirections", default=[1.0, 1.0, 1.0]).astype(bool)
+    fixed = numbers(component, "fixedDirections").astype(bool)
     if body.rigid and len(fixed) == 6:
         if not fixed.all():
             draft.refuse(component, "holds a rigid body along some axes; all of it is held here, or nothing")
@@ -342,8 +339,8 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
         draft.refuse(component, f"fixedDirections has {len(fixed)} numbers; three are needed, for x, y and z")
         return
     directions = "".join(np.array(["x", "y", "z"])[fixed])
-    all_points = flag(component, "fixAll", False)
-    points = numbers(component, "indices", default=[0.0]).astype(np.int64)
+    all_points = flag(component, "fixAll")
+    points = numbers(component, "indices").astype(np.int64)
     chosen = np.arange(len(body.position)) if all_points else points
     if not draft.has_points(component, chosen, len(body.position)):
         return
@@ -356,7 +353,7 @@ def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> N
     data = component.findData(name)
     parent = data.getParent() if data is not None else None
     source = parent.owner if parent is not None else None
-    if isinstance(source, Component) and canonical(source.type_name) in ENGINES and flag(source, "doUpdate", True):
+    if isinstance(source, Component) and canonical(source.type_name) in ENGINES and flag(source, "doUpdate"):
         draft.depart(
             f"{source.getPathName()}: selects its points once, at the start; SOFA repeats this whenever rest positions "
             "change (doUpdate)"
@@ -405,7 +402,7 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
         if len(lengths) not in (len(first), 1):
             lengths = np.array([]) if not len(lengths) else lengths[:1]
         given = np.broadcast_to(lengths, len(first)) if len(lengths) else np.full(len(first), np.nan)
-        each = (number(component, "stiffness", default=STIFFNESS), number(component, "damping", default=DAMPING))
+        each = (number(component, "stiffness"), number(component, "damping"))
         rows = np.column_stack([first, second, *(np.full(len(first), value) for value in each), given])
     damped = False
     for one, other, stiffness, damping, length in rows.tolist():
@@ -435,8 +432,8 @@ def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
     done: set[tuple[int, int]] = set()
     damped = False
     for name, (kind, corners) in CELLS.items():
-        modulus = number(component, f"{name}Stiffness", "stiffness", default=0.0)
-        damped |= number(component, f"{name}Damping", "damping", default=0.0) > 0.0
+        modulus = number(component, f"{name}Stiffness", "stiffness")
+        damped |= number(component, f"{name}Damping", "damping") > 0.0
         for cell in computed(topology, kind, corners).tolist() if modulus > 0.0 else ():
             for pair in combinations(cell, 2):
                 if (key := (min(pair), max(pair))) not in done:
@@ -482,7 +479,7 @@ def _add(
         return
     rest = distance if np.isnan(length) else length
     modulus = stiffness * distance if not relative else stiffness
-    pushes = not flag(component, "noCompression", False)
+    pushes = not flag(component, "noCompression")
     draft.springs.append(DraftSpring(component, ends, points, modulus, distance - rest, pushes))
 
 

@@ -193,7 +193,7 @@ def point_indices(engine: "Component") -> np.ndarray:
 
 def cell_indices(engine: "Component", kind: str) -> np.ndarray:
     """Indices of the cells inside, shape (count,)."""
-    strict = flag(engine, "strict", True)
+    strict = flag(engine, "strict")
     return cells_inside(engine_points(engine), engine_cells(engine, kind), region_of(engine), strict)
 
 
@@ -236,8 +236,8 @@ def accept_selection(component: "Component", draft: "SceneDraft") -> None:
 def transformed_points(engine: "Component") -> np.ndarray:
     """TransformEngine: points scaled, then rotated, then translated [mm], or, inverse, the other way round."""
     points = numbers(engine, "input_position").reshape(-1, 3)
-    scale = vector(engine, "scale", default=(1.0, 1.0, 1.0))
-    shift = vector(engine, "translation", default=(0.0, 0.0, 0.0))
+    scale = vector(engine, "scale")
+    shift = vector(engine, "translation")
     turn = numbers(engine, "rotation", default=(0.0, 0.0, 0.0))
     if len(turn) == 4:  # a quaternion
         turn = Rotation.from_quat(turn).as_euler("xyz", degrees=True)
@@ -245,7 +245,7 @@ def transformed_points(engine: "Component") -> np.ndarray:
         raise SceneError(
             f"{described(engine)}: rotation has {len(turn)} numbers; three angles or a quaternion are needed"
         )
-    if not flag(engine, "inverse", False):
+    if not flag(engine, "inverse"):
         return placed(points, scale.tolist(), turn.tolist(), shift.tolist())
     back: np.ndarray = Rotation.from_euler("xyz", turn, degrees=True).inv().apply(points - shift) / scale
     return back
@@ -255,11 +255,11 @@ def mapped_values(engine: "Component") -> np.ndarray:
     """IndexValueMapper: values, with another one at some indices; where there are none yet, the default value."""
     values, indices = numbers(engine, "inputValues"), numbers(engine, "indices").astype(np.int64)
     if len(indices) and indices.max() >= len(values):
-        rest = np.full(int(indices.max()) + 1 - len(values), number(engine, "defaultValue", default=1.0))
+        rest = np.full(int(indices.max()) + 1 - len(values), number(engine, "defaultValue"))
         values = np.concatenate([values, rest])
     if len(indices) and indices.min() < 0:
         raise SceneError(f"{described(engine)}: indices has {int(indices.min())}; they count from 0")
-    values[indices] = number(engine, "value", default=0.0)
+    values[indices] = number(engine, "value")
     return values
 
 
@@ -291,7 +291,7 @@ SETS: dict[str, Any] = {
 
 def merged_set(engine: "Component") -> np.ndarray:
     """MergeSets: what `op` makes of two sets of indices."""
-    operation = text(engine, "op", default="union").lower()
+    operation = text(engine, "op").lower()
     if operation not in SETS:
         raise SceneError(f"{described(engine)}: op '{operation}'; valid: {', '.join(SETS)}")
     merged: np.ndarray = SETS[operation](

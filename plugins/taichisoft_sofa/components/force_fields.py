@@ -149,16 +149,12 @@ COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "pol
 
 
 def young_modulus(component: Component, count: int) -> np.ndarray:
-    """Young's modulus of each tetrahedron of a force field [kPa], shape (count,).
-
-    Raises:
-        SceneError: the data is neither one number nor one per tetrahedron.
-    """
-    return _of_cells(component, "youngModulus", 5000.0, count)
+    """Young's modulus of each tetrahedron of a force field [kPa], shape (count,)."""
+    return _of_cells(component, "youngModulus", count)
 
 
-def _of_cells(component: Component, name: str, default: float, count: int, cells: str = "tetrahedra") -> np.ndarray:
-    values = numbers(component, name, default=[default])
+def _of_cells(component: Component, name: str, count: int, cells: str = "tetrahedra") -> np.ndarray:
+    values = numbers(component, name)
     if len(values) not in (1, count):
         raise SceneError(f"{described(component)}: {name} has {len(values)} numbers for {count} {cells}")
     return np.broadcast_to(values, count)
@@ -189,7 +185,7 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    method = text(component, "method", default="large").lower()
+    method = text(component, "method").lower()
     if method not in COROTATIONS:
         draft.refuse(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
         return
@@ -197,7 +193,7 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     count = len(tetrahedra)
     if not count or not draft.has_points(component, tetrahedra, len(body.position)):
         return
-    young, poisson = young_modulus(component, count), _of_cells(component, "poissonRatio", 0.45, count)
+    young, poisson = young_modulus(component, count), _of_cells(component, "poissonRatio", count)
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, COROTATIONS[method]))
 
 
@@ -220,8 +216,8 @@ def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     except MeshError as error:
         raise SceneError(str(error)) from error
     young, poisson = (
-        np.repeat(_of_cells(component, name, default, len(hexahedra), "hexahedra"), 6)
-        for name, default in (("youngModulus", 5000.0), ("poissonRatio", 0.45))
+        np.repeat(_of_cells(component, name, len(hexahedra), "hexahedra"), 6)
+        for name in ("youngModulus", "poissonRatio")
     )
     draft.depart(
         f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "

@@ -2,10 +2,17 @@
 
 from typing import TYPE_CHECKING
 
-from taichisoft_sofa.components.frames import FramePoses, index_pairs, start_values
 from taichisoft_sofa.components.meshes import TRANSFORMED, TURNED_AGAIN
 from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of, numbers
-from taichisoft_sofa.components.states import is_rigid, rest_position, state_position, width_of
+from taichisoft_sofa.components.states import (
+    FramePoses,
+    index_pairs,
+    is_rigid,
+    rest_position,
+    start_values,
+    state_position,
+    width_of,
+)
 from taichisoft_sofa.tree.component import component, derived, unused, without_effect
 from taichisoft_sofa.tree.value_kinds import (
     BOOL,
@@ -132,7 +139,7 @@ def subset_mapping(component: "Component", draft: "SceneDraft") -> None:
 def weigh_joint(component: "Component", joint: "DraftJoint") -> None:
     """Record the inertia of a joint: `vertexMass`, or a share of `totalMass`."""
     each = numbers(component, "vertexMass", "mass")
-    total = numbers(component, "totalMass", default=[1.0])[0]
+    total = numbers(component, "totalMass")[0]
     joint.mass = float(each[0]) if len(each) else float(total) / max(len(start_values(joint.state)), 1)
 
 

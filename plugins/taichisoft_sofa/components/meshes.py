@@ -187,11 +187,7 @@ STOCK_MESHES: dict[str, Callable[[], LoadedMesh]] = {
 
 
 def find_mesh(name: str, find_file: Callable[[str], Path | None]) -> Path:
-    """Path of a mesh: a file found by `find_file`, or the name of one of SOFA's meshes known to `read_mesh`.
-
-    Raises:
-        MeshError: the mesh was not found.
-    """
+    """Path of a mesh: a file found by `find_file`, or the name of one of SOFA's meshes known to `read_mesh`."""
     found = find_file(str(Path(name).expanduser()))
     if found is not None:
         return found.resolve()
@@ -208,11 +204,7 @@ CELLS = {"edges": "line", "triangles": "triangle", "quads": "quad", "tetrahedra"
 
 
 def read_mesh(path: Path) -> LoadedMesh:
-    """Read a mesh found by `find_mesh`, or make the stand-in for a mesh of SOFA's by its name.
-
-    Raises:
-        MeshError: the file is missing or unreadable, or its format is unknown.
-    """
+    """Read a mesh found by `find_mesh`, or make the stand-in for a mesh of SOFA's by its name."""
     if path.as_posix() in STOCK_MESHES:
         return STOCK_MESHES[path.as_posix()]()
     path = existing_file(path, "mesh", tuple(READERS))
@@ -366,11 +358,7 @@ OTHER_NAMES = {"tetrahedra": ("tetras",), "hexahedra": ("hexas",)}
 
 
 def read_loader(loader: "Component") -> LoadedMesh:
-    """The mesh of a loader, as in the file.
-
-    Raises:
-        SceneError: the loader names no file, or the file is missing or unreadable.
-    """
+    """The mesh of a loader, as in the file."""
     name = text(loader, "filename", "fileMesh", "fileTopology")
     if not name:
         raise SceneError(f"{described(loader)}: filename is missing; name a mesh")
@@ -389,9 +377,9 @@ def file_finder(component: "Component") -> Callable[[str], Path | None]:
 
 def loader_position(loader: "Component") -> np.ndarray:
     """Points of a loader [mm], scaled, rotated and translated, shape (count, 3)."""
-    scale = vector(loader, "scale3d", default=[number(loader, "scale", default=1.0)] * 3)
-    rotation = vector(loader, "rotation", "rotation2", default=(0.0, 0.0, 0.0))
-    translation = vector(loader, "translation", "translation2", default=(0.0, 0.0, 0.0))
+    scale = vector(loader, "scale3d", default=[number(loader, "scale")] * 3)
+    rotation = vector(loader, "rotation", "rotation2")
+    translation = vector(loader, "translation", "translation2")
     return placed_by_loader(read_loader(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())
 
 

@@ -21,73 +21,58 @@ def is_given(component: "Component", name: str) -> bool:
 
 
 def value_of(component: "Component", *names: str) -> Any:
-    """The value of the first of these data that the scene wrote, or None."""
+    """The value of the first of these data that the scene wrote, else the declared default of the first, or None."""
     for name in names:
-        data = component.findData(name)
-        if data is not None and data.is_set():
+        if is_given(component, name) and (data := component.findData(name)) is not None:
             return data.given()
-    return None
+    data = component.findData(names[0]) if component.declared_data(names[0]) is not None else None
+    return None if data is None else data.given()
 
 
-def numbers(component: "Component", *names: str, default: Sequence[float] = ()) -> np.ndarray:
-    """Numbers of the first of these data that the scene wrote, else `default`, flattened, shape (n,).
+def numbers(component: "Component", *names: str, default: Sequence[float] | None = None) -> np.ndarray:
+    """Numbers of the first of these data that the scene wrote, else the default, flattened, shape (n,).
 
-    Raises:
-        SceneError: the value is not a list of numbers.
+    A default replaces the declared one.
     """
-    value = value_of(component, *names)
-    if value is None:
+    if default is not None and not any(is_given(component, name) for name in names):
         return np.array(default, dtype=np.float64)
+    value = value_of(component, *names)
     try:
-        return parse_numbers(value, bools=True)
+        return np.zeros(0) if value is None else parse_numbers(value, bools=True)
     except WrongValue as error:
         raise SceneError(f"{described(component)}: {names[0]}: {error}") from error
 
 
-def number(component: "Component", *names: str, default: float) -> float:
-    """The first number of a data.
-
-    Raises:
-        SceneError: the data has no number.
-    """
-    found = numbers(component, *names, default=[default])
-    if not len(found):
+def number(component: "Component", *names: str, default: float | None = None) -> float:
+    """The first number of a data."""
+    values = numbers(component, *names, default=None if default is None else [default])
+    if not len(values):
         raise SceneError(f"{described(component)}: {names[0]} is empty; a number is needed")
-    return float(found[0])
+    return float(values[0])
 
 
-def vector(component: "Component", *names: str, default: Sequence[float]) -> np.ndarray:
-    """Numbers of a data, as many as in `default`.
-
-    Raises:
-        SceneError: the number of numbers differs.
-    """
-    found = numbers(component, *names, default=default)
-    if len(found) != len(default):
-        raise SceneError(f"{described(component)}: {names[0]} has {len(found)} numbers; {len(default)} are needed")
-    return found
+def vector(component: "Component", *names: str, default: Sequence[float] | None = None) -> np.ndarray:
+    """Three numbers of a data; a default replaces the declared one."""
+    values = numbers(component, *names, default=default)
+    if len(values) != 3:
+        raise SceneError(f"{described(component)}: {names[0]} has {len(values)} numbers; 3 are needed")
+    return values
 
 
-def flag(component: "Component", name: str, default: bool) -> bool:
-    """A data that is true or false.
-
-    Raises:
-        SceneError: the value is neither.
-    """
+def flag(component: "Component", name: str) -> bool:
+    """A data that is true or false."""
     value = value_of(component, name)
-    if value is None:
-        return default
     if isinstance(value, str):
         if value.strip().lower() not in TRUE | FALSE:
             raise SceneError(f"{described(component)}: {name} = '{value}'; must be true or false")
         return value.strip().lower() in TRUE
-    return bool(np.ravel(value)[0])
+    return value is not None and bool(np.ravel(value)[0])
 
 
-def text(component: "Component", *names: str, default: str = "") -> str:
+def text(component: "Component", *names: str) -> str:
     """A data as text."""
     value = value_of(component, *names)
-    return default if value is None else str(value).strip()
+    return "" if value is None else str(value).strip()
 
 
 def computed(component: "Component", name: str, width: int) -> np.ndarray:
@@ -135,11 +120,7 @@ LOADERS = {"MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", 
 
 
 def node_of(component: "Component") -> "Node":
-    """The node of a component.
-
-    Raises:
-        SceneError: the component is in no node.
-    """
+    """The node of a component."""
     node = component.getContext()
     if node is None:
         raise SceneError(f"{component.described()} ({component.place}) is in no node")
@@ -185,11 +166,7 @@ def mapping_of(state: "Component") -> "Component | None":
 
 
 def inputs_of(mapping: "Component") -> "list[Component]":
-    """The mechanical objects that a mapping's output follows: linked ones, else the nearest one above its node.
-
-    Raises:
-        SceneError: a link leads to no mechanical object.
-    """
+    """The mechanical objects that a mapping's output follows: linked ones, else the nearest one above its node."""
     names = [name for name in ("input1", "input", "object1") if (data := mapping.findData(name)) and data.is_set()]
     if not names:
         above = (nearest(parent, {STATE}) for parent in node_of(mapping).parents)
@@ -198,11 +175,7 @@ def inputs_of(mapping: "Component") -> "list[Component]":
 
 
 def linked_state(mapping: "Component", path: str, target: Any) -> "Component":
-    """The mechanical object to which a link of a mapping leads, itself or by its node.
-
-    Raises:
-        SceneError: it leads to none.
-    """
+    """The mechanical object to which a link of a mapping leads, itself or by its node."""
     kind = getattr(target, "type_name", "")
     state = in_node(target, {STATE}) if kind == "Node" else target if canonical(kind) == STATE else None
     if state is None:

@@ -1,10 +1,13 @@
-"""Mechanical objects: their positions and velocities at the start."""
+"""Mechanical objects: positions at the start, frames that follow others, and what follows frames."""
 
 import contextlib
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.meshes import multiply_quaternions, placed, quaternion
@@ -14,16 +17,21 @@ from taichisoft_sofa.components.reading import (
     TOPOLOGIES,
     computed,
     described,
+    flag,
     in_node,
     inputs_of,
     is_given,
+    linked_state,
+    mapping_of,
     nearest,
     node_of,
     number,
     numbers,
     text,
+    upwards,
     vector,
 )
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
@@ -42,7 +50,7 @@ def is_rigid(state: "Component") -> bool:
 
 def width_of(state: "Component") -> int:
     """Numbers per point or frame of a mechanical object; 0 for an unknown template."""
-    template = text(state, "template", default="Vec3").partition(",")[0]
+    template = text(state, "template").partition(",")[0]
     if template.startswith("Rigid"):
         return 3 if template.startswith("Rigid2") else 7
     found = re.fullmatch(r"(?:Ext)?Vec(\d+)[dfiu]?", template)
@@ -57,11 +65,7 @@ def keep_start_position(state: "Component") -> None:
 
 
 def start_position(state: "Component") -> np.ndarray:
-    """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7).
-
-    Raises:
-        SceneError: the positions are not rows of three or seven numbers, or the template is unknown.
-    """
+    """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7)."""
     if hasattr(state, "_start"):
         kept: np.ndarray = state._start
         return kept
@@ -71,7 +75,7 @@ def start_position(state: "Component") -> np.ndarray:
     found = _source(state, width)
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
-    scale = vector(state, "scale3d", default=[number(state, "scale", default=1.0)] * 3)
+    scale = vector(state, "scale3d", default=[number(state, "scale")] * 3)
     rotation = vector(state, "rotation", "rotation2", default=_axes(state, "r"))
     translation = vector(state, "translation", "translation2", default=_axes(state, "d"))
     points = placed(found[:, :3], scale.tolist(), rotation.tolist(), translation.tolist())
@@ -85,7 +89,7 @@ def start_position(state: "Component") -> np.ndarray:
 
 def _axes(state: "Component", letter: str) -> list[float]:
     """Translation (dx, dy, dz) or rotation (rx, ry, rz) in the older format."""
-    return [number(state, f"{letter}{axis}", default=0.0) for axis in "xyz"]
+    return [number(state, f"{letter}{axis}") for axis in "xyz"]
 
 
 def _source(state: "Component", width: int) -> np.ndarray:
@@ -115,11 +119,7 @@ def _source(state: "Component", width: int) -> np.ndarray:
 
 
 def start_velocity(state: "Component") -> np.ndarray:
-    """Common initial velocity of all points of a mechanical object: (3,) [mm/s], or (6,) with [rad/s] for a frame.
-
-    Raises:
-        SceneError: the points have different velocities, or some have none.
-    """
+    """Common initial velocity of all points of a mechanical object: (3,) [mm/s], or (6,) with [rad/s] for a frame."""
     width = 6 if is_rigid(state) else 3
     rows = numbers(state, "velocity")
     if not rows.any():
@@ -150,3 +150,278 @@ def rest_position(state: "Component") -> np.ndarray:
 def _given(state: "Component", name: str) -> Any:
     data = state.findData(name)
     return np.zeros(0) if data is None else data.given()
+
+
+Values = Callable[["Component"], np.ndarray]
+"""Rows of an independent mechanical object: poses (x, y, z, qx, qy, qz, qw) of frames, or angles [rad]."""
+
+
+def start_values(state: "Component") -> np.ndarray:
+    """Rows of an independent mechanical object at the start: poses, shape (count, 7), or angles [rad], (count, 1)."""
+    if width_of(state) == 1:
+        return np.reshape(numbers(state, "position", default=[0.0]), (-1, 1))
+    return start_position(state)
+
+
+class FramePoses:
+    """FramePoses of the frames of mechanical objects at one moment."""
+
+    def __init__(self, values: Values):
+        """Begin without any.
+
+        Args:
+            values: the rows of independent mechanical objects at that moment.
+        """
+        self._values = values
+        self._known: dict[int, np.ndarray] = {}
+
+    def of(self, state: "Component") -> np.ndarray:
+        """FramePoses of the frames of a mechanical object, shape (frame_count, 7) [mm]."""
+        if id(state) not in self._known:
+            self._known[id(state)] = self._compute(state)
+        return self._known[id(state)]
+
+    def _compute(self, state: "Component") -> np.ndarray:
+        mapping = mapping_of(state)
+        if mapping is None:
+            return self._values(state)
+        kind = canonical(mapping.type_name)
+        inputs = inputs_of(mapping)
+        if kind == "ArticulatedSystemMapping":
+            return self._articulated(state, mapping, inputs)
+        if kind == "SubsetMultiMapping":
+            pairs = index_pairs(mapping, len(inputs))
+            return np.array([self._frame(mapping, inputs[which], index) for which, index in pairs]).reshape(-1, 7)
+        if kind == "IdentityMapping" and inputs:
+            return self.of(inputs[0])
+        if kind == "RigidMapping" and inputs:
+            local, carriers = start_position(state), rigid_indices(mapping, len(start_position(state)))
+            frames = np.array([self._frame(mapping, inputs[0], index) for index in carriers]).reshape(-1, 7)
+            if flag(mapping, "globalToLocalCoords"):
+                start = FramePoses(start_values)
+                local = relative(np.array([start._frame(mapping, inputs[0], i) for i in carriers]), local)
+            return composed(frames, local)
+        if not is_rigid(state):  # points that follow a body, whose values are known
+            return self._values(state)
+        raise SceneError(f"{described(mapping)}: frames that follow others by {kind} are not known here")
+
+    def _frame(self, mapping: "Component", state: "Component", index: int) -> np.ndarray:
+        frames = self.of(state)
+        if not 0 <= index < len(frames):
+            raise SceneError(
+                f"{described(mapping)}: names frame {index} of {state.getPathName()}, which has {len(frames)}"
+            )
+        frame: np.ndarray = frames[index]
+        return frame
+
+    def _articulated(self, state: "Component", mapping: "Component", inputs: "Sequence[Component]") -> np.ndarray:
+        """Frames that joints place one after another, beginning with a frame of `input2` or where the first one is.
+
+        A joint's centre is a point of its parent and of its child; its axes are those of the parent, turned by the
+        articulations before.
+        """
+        poses = start_position(state).copy()
+        angles = self._values(inputs[0]).ravel()
+        if base := mapping.linked_all("input2"):
+            frames = self.of(linked_state(mapping, *base[0]))
+            poses[0] = frames[int(number(mapping, "indexInput2", default=len(frames) - 1))]
+        for centre in centres_of(mapping):
+            parent, child = (int(number(centre, name)) for name in ("parentIndex", "childIndex"))
+            if not (0 <= parent < len(poses) and 0 <= child < len(poses)):
+                raise SceneError(f"{described(centre)}: parentIndex and childIndex must be among {len(poses)} frames")
+            turn = Rotation.from_quat(poses[parent, 3:])
+            place = poses[parent, :3] + turn.apply(vector(centre, "posOnParent"))
+            for joint in (one for one in node_of(centre).walk_components() if one.type_name == "Articulation"):
+                index = int(number(joint, "articulationIndex"))
+                if not 0 <= index < len(angles):
+                    raise SceneError(f"{described(joint)}: articulationIndex {index}; there are {len(angles)} angles")
+                axis = vector(joint, "rotationAxis")
+                axis = axis / (np.linalg.norm(axis) or 1.0)
+                if flag(joint, "rotation"):
+                    turn = turn * Rotation.from_rotvec(angles[index] * axis)
+                if flag(joint, "translation"):
+                    place = place + turn.apply(angles[index] * axis)
+            poses[child, :3] = place - turn.apply(vector(centre, "posOnChild"))
+            poses[child, 3:] = turn.as_quat()
+        return poses
+
+
+def centres_of(mapping: "Component") -> "list[Component]":
+    """The ArticulationCenters of the nearest ArticulatedHierarchyContainer, in the order of the tree."""
+    for above in upwards(node_of(mapping)):
+        if any(one.type_name == "ArticulatedHierarchyContainer" for one in above.objects):
+            return [one for one in above.walk_components() if one.type_name == "ArticulationCenter"]
+    raise SceneError(f"{described(mapping)}: finds no ArticulatedHierarchyContainer in its node or above")
+
+
+def index_pairs(mapping: "Component", inputs: int) -> np.ndarray:
+    """Input and index in it of each point or frame of a SubsetMultiMapping, shape (count, 2)."""
+    pairs = numbers(mapping, "indexPairs").astype(np.int64)
+    if len(pairs) % 2 or (len(pairs) and not 0 <= pairs[::2].min() <= pairs[::2].max() < inputs):
+        raise SceneError(f"{described(mapping)}: indexPairs must be pairs of one of {inputs} inputs and an index in it")
+    return pairs.reshape(-1, 2)
+
+
+def rigid_indices(mapping: "Component", count: int) -> np.ndarray:
+    """The frame that each of `count` points follows by a RigidMapping, shape (count,)."""
+    each = numbers(mapping, "rigidIndexPerPoint").astype(np.int64)
+    if len(each) == count:
+        return each
+    return np.full(count, int(number(mapping, "index")))
+
+
+def local_position(state: "Component") -> np.ndarray:
+    """Positions of points at the start [mm], in the axes of the frames that they follow by a RigidMapping."""
+    points, mapping = start_position(state), mapping_of(state)
+    if mapping is None or canonical(mapping.type_name) != "RigidMapping" or not flag(mapping, "globalToLocalCoords"):
+        return points
+    frames = FramePoses(start_values).of(inputs_of(mapping)[0])
+    return relative(frames[rigid_indices(mapping, len(points))], points)
+
+
+def frame_carrying(component: "Component") -> "tuple[Component, int] | None":
+    """The mechanical object and the index in it of the frame to which a component's node is fixed, or None."""
+    node = node_of(component)
+    state = nearest(node, {STATE})
+    if state is None or is_rigid(state):
+        mapping = None if state is None or node is node_of(state) else in_node(node, {"RigidMapping"})
+        last = 0 if mapping is None else int(number(mapping, "index"))
+        return None if state is None else (state, last)
+    mapping = mapping_of(state)
+    if mapping is None or canonical(mapping.type_name) != "RigidMapping":
+        return None
+    each = np.unique(rigid_indices(mapping, len(start_position(state))))
+    if len(each) != 1:
+        raise SceneError(f"{described(component)}: follows {len(each)} frames; a surface follows one here")
+    return inputs_of(mapping)[0], int(each[0])
+
+
+def composed(frames: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """FramePoses (count, 7) of frames given in the axes of others, or places (count, 3) of points in them [mm]."""
+    turns = Rotation.from_quat(frames[:, 3:])
+    places = turns.apply(local[:, :3]) + frames[:, :3]
+    if local.shape[1] == 3:
+        return np.asarray(places)
+    return np.column_stack([places, (turns * Rotation.from_quat(local[:, 3:])).as_quat()])
+
+
+def relative(frames: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """Inverse of `composed`: poses (count, 7) or points (count, 3) in the axes of frames (count, 7)."""
+    back = Rotation.from_quat(frames[:, 3:]).inv()
+    places = back.apply(poses[:, :3] - frames[:, :3])
+    if poses.shape[1] == 3:
+        return np.asarray(places)
+    return np.column_stack([places, (back * Rotation.from_quat(poses[:, 3:])).as_quat()])
+
+
+def base_frames(state: "Component", index: int) -> "list[tuple[Component, int | None]]":
+    """The independent mechanical objects that a frame follows, each with the index of its frame or None."""
+    mapping = mapping_of(state)
+    if mapping is None:
+        return [(state, index)]
+    kind, above = canonical(mapping.type_name), inputs_of(mapping)
+    if kind == "SubsetMultiMapping":
+        which, index = index_pairs(mapping, len(above))[index].tolist()
+        return base_frames(above[which], index)
+    if kind == "RigidMapping":
+        return base_frames(above[0], int(rigid_indices(mapping, len(start_position(state)))[index]))
+    return [(base, None) for base in bases_of(state)]
+
+
+def bases_of(state: "Component") -> "list[Component]":
+    """The independent mechanical objects that a mechanical object follows, itself if it follows none."""
+    mapping = mapping_of(state)
+    if mapping is None:
+        return [state]
+    above = inputs_of(mapping)
+    if text(mapping, "input2"):
+        above += [linked_state(mapping, *link) for link in mapping.linked_all("input2")]
+    return list({id(base): base for one in above for base in bases_of(one)}.values())
+
+
+# What anchored points follow: driven frames, the points of another mechanical object, or a motion given in time.
+
+
+class AnchorTarget(Protocol):
+    """Places to which points are held."""
+
+    def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
+        """Places of some of the points [mm], shape (row_count, 3).
+
+        Args:
+            rows: numbers of these points among those of the anchor, shape (row_count,).
+            time: end of the step [s].
+            poses: poses of frames and places of points at that time.
+        """
+        ...
+
+    def sources(self) -> "Sequence[Component]":
+        """The mechanical objects whose positions the scene may write to move the target."""
+        ...
+
+
+@dataclass(frozen=True)
+class DrivenFrameTarget:
+    """Points that a driven frame carries: mechanical object and index of it, and their places in its axes [mm]."""
+
+    state: "Component"
+    index: int
+    local: np.ndarray
+
+    @classmethod
+    def carrying(cls, state: "Component", index: int, places: np.ndarray) -> "DrivenFrameTarget":
+        """The target of points at these places at the start [mm], shape (count, 3)."""
+        frame = FramePoses(start_values).of(state)[[index]]
+        return cls(state, index, relative(np.repeat(frame, len(places), axis=0), places))
+
+    def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
+        """Places of points on the frame [mm]."""
+        return composed(np.repeat(poses.of(self.state)[[self.index]], len(rows), axis=0), self.local[rows])
+
+    def sources(self) -> "Sequence[Component]":
+        """The independent frames and angles."""
+        return [base for base, _ in base_frames(self.state, self.index)]
+
+
+@dataclass(frozen=True)
+class PointsTarget:
+    """Points of another mechanical object that no body here moves: itself, and their indices, shape (count,)."""
+
+    state: "Component"
+    indices: np.ndarray
+
+    def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
+        """Present places of the points, or of the origins of frames [mm]."""
+        return poses.of(self.state)[self.indices[rows], :3]
+
+    def sources(self) -> "Sequence[Component]":
+        """The mechanical object."""
+        return [self.state]
+
+    def frame_of(self, row: int) -> "tuple[Component, int]":
+        """The mechanical object, and the index in it of a point or frame."""
+        return self.state, int(self.indices[row])
+
+
+@dataclass(frozen=True)
+class MotionTarget:
+    """Points that are shifted in time, linearly from key to key, and stand still before the first and after the last.
+
+    Attributes:
+        start: places at the start [mm], shape (count, 3).
+        times: times of the keys, rising [s], shape (key_count,).
+        shifts: shifts at the keys [mm], shape (key_count, 3).
+    """
+
+    start: np.ndarray
+    times: np.ndarray
+    shifts: np.ndarray
+
+    def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
+        """Shifted places [mm]."""
+        shift = [np.interp(time, self.times, column) for column in self.shifts.T]
+        return self.start[rows] + np.array(shift)
+
+    def sources(self) -> "Sequence[Component]":
+        """None."""
+        return []

@@ -130,7 +130,7 @@ def mapped_cells(container: "Component", kind: str) -> np.ndarray | None:
             hexahedra, grid = hexahedra_of(source)
             if mapping.type_name == "Hexa2QuadTopologicalMapping":
                 return boundary_quads(hexahedra)
-            return divided(hexahedra, grid, flag(mapping, "swapping", False))
+            return divided(hexahedra, grid, flag(mapping, "swapping"))
     return None
 
 
@@ -149,11 +149,7 @@ def _output_of(mapping: "Component") -> "Component | None":
 
 
 def input_of(mapping: "Component") -> "Component":
-    """The topology of which a mapping makes cells: linked, or the nearest one above its node.
-
-    Raises:
-        SceneError: it leads to none.
-    """
+    """The topology of which a mapping makes cells: linked, or the nearest one above its node."""
     link = text(mapping, "input")
     parent = next(iter(node_of(mapping).parents), None)
     found: Any = mapping.linked("input") if link else None if parent is None else nearest(parent, TOPOLOGIES)
@@ -180,14 +176,10 @@ MIRRORED = np.array([[1, 0, 3, 2, 5, 4, 7, 6], [3, 2, 1, 0, 7, 6, 5, 4], [4, 5, 
 
 
 def grid_size(grid: "Component") -> tuple[int, int, int]:
-    """Number of points of a grid along x, y and z: `n`, or `nx`, `ny` and `nz`.
-
-    Raises:
-        SceneError: a number is below 1, or there are too many points.
-    """
-    size = numbers(grid, "n", default=(2, 2, 2)).astype(int)
+    """Number of points of a grid along x, y and z: `n`, or `nx`, `ny` and `nz`."""
+    size = numbers(grid, "n").astype(int)
     if not is_given(grid, "n"):
-        size = np.array([int(number(grid, name, default=2)) for name in ("nx", "ny", "nz")])
+        size = np.array([int(number(grid, name)) for name in ("nx", "ny", "nz")])
     if len(size) != 3 or (size < 1).any() or np.prod(size.astype(float)) > MOST_POINTS:
         raise SceneError(
             f"{described(grid)}: n = {size.tolist()}: three numbers of 1 or more, of at most {MOST_POINTS} points"
@@ -199,17 +191,17 @@ def grid_position(grid: "Component") -> np.ndarray:
     """Points of a grid [mm], shape (count, 3), x fastest: `min` to `max`, or cells of `cellWidth`, and `p0`."""
     size = grid_size(grid)
     low, high = (
-        vector(grid, end, default=[number(grid, f"{axis}{end}", default=value) for axis in "xyz"])
+        vector(grid, end, default=[number(grid, f"{axis}{end}") for axis in "xyz"])
         for end, value in (("min", 0.0), ("max", 1.0))
     )
-    width = number(grid, "cellWidth", default=0.0)
+    width = number(grid, "cellWidth")
     if width > 0.0:
         high = low + width * (np.array(size) - 1)
     axes = [
         np.linspace(a, b, count) if count > 1 else np.array([a]) for a, b, count in zip(low, high, size, strict=True)
     ]
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel(), z.ravel()]) + vector(grid, "p0", default=(0.0, 0.0, 0.0))
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()]) + vector(grid, "p0")
 
 
 def grid_cells(grid: "Component", kind: str) -> np.ndarray:
@@ -322,12 +314,12 @@ def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
     points, triangles = _surface(grid)
     if not len(triangles):
         raise SceneError(f"{described(grid)}: has no surface of triangles; name a file with fileTopology, or a source")
-    low, high = (vector(grid, end, default=(0.0, 0.0, 0.0)) for end in ("min", "max"))
+    low, high = (vector(grid, end) for end in ("min", "max"))
     if not low.any() and not high.any():
         size = np.ptp(points, axis=0)
         low, high = points.min(axis=0) - MARGIN * size, points.max(axis=0) + MARGIN * size
     count = np.array(grid_size(grid))
-    if (width := number(grid, "cellWidth", default=0.0)) > 0.0:
+    if (width := number(grid, "cellWidth")) > 0.0:
         count = np.ceil((high - low) / width).astype(int) + 1
     if (count < 2).any() or np.prod(count.astype(float)) > MOST_POINTS:
         raise SceneError(

@@ -111,13 +111,13 @@ def background(component: "Component", draft: "SceneDraft") -> None:
 @component("OglSceneFrame", draw=(BOOL, True))
 def axes(component: "Component", draft: "SceneDraft") -> None:
     """Show the axes in a corner of pictures."""
-    draft.appearance["frame"] = flag(component, "draw", True)
+    draft.appearance["frame"] = flag(component, "draw")
 
 
 @component("Camera", "InteractiveCamera", position=fixed(3), lookAt=fixed(3))
 def camera(component: "Component", draft: "SceneDraft") -> None:
     """Translate the camera, if the scene gives `position` and `lookAt`."""
-    eye, target = numbers_of(component, "position"), numbers_of(component, "lookAt")
+    eye, target = (numbers_of(component, name, default=()) for name in ("position", "lookAt"))
     if len(eye) == 3:
         draft.appearance["eye"] = eye.tolist()
         if len(target) == 3 and not np.array_equal(eye, target):

@@ -13,10 +13,9 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.mechanics import State, embed
 from taichisoft_sofa.components.contact import CONSTRAINT_SOLVERS
-from taichisoft_sofa.components.frames import base_frames, composed, index_pairs, relative
 from taichisoft_sofa.components.reading import STATE, described, independent_state, inputs_of, mapping_of, node_of
-from taichisoft_sofa.components.states import is_rigid, start_position
-from taichisoft_sofa.controller.driven_frames import DrivenFrames, JointMotion
+from taichisoft_sofa.components.states import base_frames, composed, index_pairs, is_rigid, relative, start_position
+from taichisoft_sofa.controller.writes import DrivenFrames, JointMotion
 from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.translation.rigid_bodies import rigid_parts
@@ -87,11 +86,7 @@ class RunValues:
     """Provides the data of a scene's components with their values in a run."""
 
     def __init__(self, tree: SceneTree, translation: Translation, model: "Model", driven: DrivenFrames):
-        """Register as the provider of the tree's data.
-
-        Raises:
-            SceneError: the model lacks a soft body of the translation.
-        """
+        """Register as the provider of the tree's data."""
         self._observation: Observation | None = None
         self._provided: list[tuple[Data, Callable[[], Any]]] = []
         self._effort_of_value = translation.effort_of_value
@@ -126,8 +121,8 @@ class RunValues:
         """Provide the values of this observation from now on."""
         self._observation = observation
         for data, value in self._provided:
-            data.take()  # discard what the scene wrote: the data shows the run's value again
             data.provider = value
+            data.take()  # discard what the scene wrote: the data shows the run's value again
 
     @property
     def _seen(self) -> Observation:

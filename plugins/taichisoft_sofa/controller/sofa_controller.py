@@ -10,9 +10,8 @@ from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_sofa.components.reading import STATE
 from taichisoft_sofa.components.states import keep_start_position
-from taichisoft_sofa.controller.driven_frames import DrivenFrames
 from taichisoft_sofa.controller.reads import RunValues
-from taichisoft_sofa.controller.writes import SceneWrites
+from taichisoft_sofa.controller.writes import DrivenFrames, SceneWrites
 from taichisoft_sofa.loading import SceneTree, load_tree
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.value_kinds import canonical

@@ -1,31 +1,173 @@
-"""Writes of a scene's controllers during a run, converted to requests."""
+"""What a scene's controllers write in a run: the frames that they drive, and the requests of the run."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftMaterial
 from taichisoft_sofa.components.force_fields import young_modulus
-from taichisoft_sofa.components.frames import base_frames
 from taichisoft_sofa.components.known_components import is_without_effect
-from taichisoft_sofa.components.reading import described, flag, is_given, number
-from taichisoft_sofa.controller.driven_frames import DrivenFrames
+from taichisoft_sofa.components.reading import STATE, described, flag, is_given, mapping_of, number, numbers
+from taichisoft_sofa.components.states import FramePoses, base_frames, bases_of, is_rigid, start_values, width_of
 from taichisoft_sofa.loading import SceneTree
-from taichisoft_sofa.translation.parts import SoftPart, Translation
+from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation
 from taichisoft_sofa.translation.soft_bodies import add_moduli
-from taichisoft_sofa.tree.base import TreeObject
-from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.component import Component, TreeObject
 from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.node import Node
-from taichisoft_sofa.tree.value_kinds import canonical, numbers
+from taichisoft_sofa.tree.value_kinds import POINT, canonical
+from taichisoft_sofa.tree.value_kinds import numbers as parse_numbers
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
+
+SPRING = 100.0
+"""SOFA's default stiffness of rest shape springs, here of angles [mN mm]."""
+
+
+class JointMotion:
+    """Angles of a joint under its springs and Rayleigh damping, by implicit Euler as in SOFA, without other torques.
+
+    Attributes:
+        state: mechanical object of the angles.
+        angle: angles [rad], shape (count,).
+        velocity: angular velocities [rad/s], shape (count,).
+    """
+
+    def __init__(self, joint: Joint) -> None:
+        self.state = joint.state
+        self._joint = joint
+        self.angle = start_values(joint.state).ravel().copy()
+        self.velocity = np.zeros_like(self.angle)
+
+    def take_written(self) -> None:
+        """Take the angles that the scene wrote since the last step."""
+        data = self._joint.state.findData("position")
+        assert data is not None
+        if (written := data.take()) is not None:
+            self.angle, self.velocity = np.array(written, dtype=np.float64).ravel(), np.zeros(np.size(written))
+
+    def advance(self, time_step: float) -> None:
+        """Move by a time step [s]."""
+        self.take_written()
+        solver = self._joint.solver
+        if solver is None:
+            return
+        stiffness, rest = self._stiffness(), self._rest()
+        mass = self._joint.mass
+        stretched = rest - self.angle
+        if flag(solver, "firstOrder"):
+            self.velocity = stiffness * stretched / (mass + time_step * stiffness)
+        else:
+            lag = time_step + number(solver, "rayleighStiffness")
+            drag = mass * number(solver, "rayleighMass")
+            force = stiffness * (stretched - lag * self.velocity) - drag * self.velocity
+            inertia = mass + time_step * drag + time_step * lag * stiffness
+            self.velocity = self.velocity + time_step * force / inertia
+        self.angle = self.angle + time_step * self.velocity
+
+    def _stiffness(self) -> np.ndarray:
+        springs = self._joint.springs
+        given = numbers(springs, "stiffness", default=[SPRING])
+        points = numbers(springs, "points", "indices").astype(np.int64)
+        chosen = points if len(points) else np.arange(len(self.angle))
+        stiffness = np.zeros(len(self.angle))
+        if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(self.angle)):
+            raise SceneError(f"{described(springs)}: names an angle outside 0..{len(self.angle) - 1}")
+        stiffness[chosen] = given if len(given) == len(chosen) else given[0]
+        if (stiffness <= 0.0).any():
+            raise SceneError(f"{described(springs)}: stiffness = 0: an angle that nothing holds is not known here")
+        return stiffness
+
+    def _rest(self) -> np.ndarray:
+        data = self._joint.state.findData("rest_position")
+        # Not the computed value, which does not follow a link to a data that the scene changes.
+        rest = start_values(self._joint.state) if data is None or not data.is_set() else data.given()
+        if np.size(rest) != len(self.angle):
+            where = f"{described(self._joint.state)}: rest_position"
+            raise SceneError(f"{where} has {np.size(rest)} angles; {len(self.angle)} are needed")
+        return np.ravel(rest)
+
+
+class DrivenFrames:
+    """The driven frames of a run."""
+
+    def __init__(self, tree: SceneTree, translation: Translation):
+        """Begin at the start of the scene."""
+        self._joints = {id(joint.state): JointMotion(joint) for joint in translation.joints}
+        self._parts = {name: part for name, part in translation.soft.items() if part.targets}
+        self._driven = [component for component in tree.components() if self._is_driven(component)]
+        self._poses = FramePoses(start_values)
+        self._time = 0.0
+        self._sprung, self._frames = translation.sprung, translation.driven
+
+    def advance(self, time_step: float) -> None:
+        """Move all joints by a time step [s], and all frames with them."""
+        for joint in self._joints.values():
+            joint.advance(time_step)
+        self._poses = FramePoses(self._present)
+        self._time += time_step
+
+    def anchor_positions(self, name: str, positions: np.ndarray) -> bool:
+        """Write the places of the nodes of a soft body that follow targets into the places of its anchors [mm].
+
+        Returns:
+            Whether there are such nodes.
+        """
+        targets = self._parts[name].targets if name in self._parts else ()
+        for target, nodes, rows in targets:
+            positions[nodes] = target.places(rows, self._time, self._poses)
+        return bool(targets)
+
+    def frame_poses(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Translations [mm] and rotation vectors [rad] of the native frames from the start, by name."""
+        start, translations, rotations = FramePoses(start_values), dict[str, np.ndarray](), dict[str, np.ndarray]()
+        for name, (state, index) in self._frames.items():
+            before, now = start.of(state)[index], self._poses.of(state)[index]
+            translations[name] = now[:3] - before[:3]
+            if len(now) > POINT:
+                turn = Rotation.from_quat(now[3:]) * Rotation.from_quat(before[3:]).inv()
+                rotations[name] = turn.as_rotvec()
+        return translations, rotations
+
+    @property
+    def joints(self) -> list[JointMotion]:
+        """Motion of the joints."""
+        return list(self._joints.values())
+
+    @property
+    def frames(self) -> list[Component]:
+        """Mechanical objects of the frames that joints move."""
+        return self._driven
+
+    def poses(self, state: Component) -> np.ndarray:
+        """Present poses of a mechanical object's frames [mm], shape (frame_count, 7)."""
+        return self._poses.of(state)
+
+    def _present(self, state: Component) -> np.ndarray:
+        if id(state) in self._joints:
+            return self._joints[id(state)].angle
+        rest = state.findData("rest_position") if state in self._sprung else None
+        if state in self._sprung:
+            given = rest is not None and rest.is_set()
+            return (
+                np.reshape(rest.given(), (-1, width_of(state))) if rest is not None and given else start_values(state)
+            )
+        data = state.findData("position")
+        assert data is not None
+        return np.reshape(data.read_value(), (-1, width_of(state)))
+
+    def _is_driven(self, component: Component) -> bool:
+        if canonical(component.type_name) != STATE or mapping_of(component) is None or not is_rigid(component):
+            return False
+        return any(width_of(base) == 1 for base in bases_of(component))
+
 
 # Changes of Young's moduli by a scene's controllers, which take effect at `reinit()`, as in SOFA.
 
@@ -58,11 +200,7 @@ class PartStiffness:
             field.component.reinit_requested = False
 
     def take(self) -> dict[str, float]:
-        """The moduli [kPa] that have changed since the last call, by native material.
-
-        Raises:
-            SceneError: no modulus of a native material is equivalent to the force fields.
-        """
+        """The moduli [kPa] that have changed since the last call, by native material."""
         fields = tuple(map(_present_stiffness, self._fields))
         changed = [new for new, old in zip(fields, self._fields, strict=True) if new is not old]
         if not changed:
@@ -88,7 +226,7 @@ class PartStiffness:
 def _present_stiffness(field: DraftMaterial) -> DraftMaterial:
     """A force field with its present moduli; the same object if unchanged."""
     component = field.component
-    if not component.reinit_requested and not flag(component, "updateStiffness", False):
+    if not component.reinit_requested and not flag(component, "updateStiffness"):
         return field
     component.reinit_requested = False
     young = young_modulus(component, len(field.tetrahedra))
@@ -115,11 +253,7 @@ class SceneWrites:
     """Converts writes to the tree to requests of the run."""
 
     def __init__(self, tree: SceneTree, translation: Translation, model: "Model", driven: DrivenFrames):
-        """Find the data that steer the run.
-
-        Raises:
-            SceneError: the run lacks a cavity or cable of the scene.
-        """
+        """Find the data that steer the run."""
         self._tree, self._translation, self._driven = tree, translation, driven
         targets = (target for part in translation.soft.values() for target, _, _ in part.targets)
         self._steering = {id(source) for target in targets for source in target.sources()}
@@ -186,8 +320,8 @@ class SceneWrites:
             else:
                 pull[name] = self._varied(cable, value, "maxDispVariation", "displacement") - self._paid_out[name]
             place = cable.findData("pullPoint")
-            if place is not None and flag(cable, "hasPullPoint", True) and (moved := place.take()) is not None:
-                pull_points[name] = numbers(moved)
+            if place is not None and flag(cable, "hasPullPoint") and (moved := place.take()) is not None:
+                pull_points[name] = parse_numbers(moved)
         self._driven.advance(self.time_step)
         anchors = {}
         for name, data in self._rest.items():
@@ -211,7 +345,7 @@ class SceneWrites:
             anchor_positions=anchors,
             frame_translation=translations,
             frame_rotation=rotations,
-            gravity=None if gravity is None else numbers(gravity),
+            gravity=None if gravity is None else parse_numbers(gravity),
             young_modulus=young_modulus,
         )
 
@@ -223,10 +357,10 @@ class SceneWrites:
         """
         if not is_given(actuator, limit):
             return value
-        now = float(numbers(known_data(actuator, quantity).read_value())[0])
+        now = float(parse_numbers(known_data(actuator, quantity).read_value())[0])
         before = self._before.get(id(actuator), 0.0)
         self._before[id(actuator)] = now
-        middle, variation = now if quantity == "pressure" else before, number(actuator, limit, default=np.inf)
+        middle, variation = now if quantity == "pressure" else before, number(actuator, limit)
         return min(max(value, middle - variation), middle + variation)
 
     def without_effect(self) -> Iterator[str]:
@@ -267,8 +401,8 @@ def known_data(owner: TreeObject, name: str) -> Data:
 def _present(component: Component) -> float:
     """The present value of an actuator."""
     data = component.findData("value")
-    values = numbers(data.read_value()) if data is not None and data.is_set() else np.zeros(1)
-    index = int(number(component, "valueIndex", default=0))
+    values = parse_numbers(data.read_value()) if data is not None and data.is_set() else np.zeros(1)
+    index = int(number(component, "valueIndex"))
     if index >= len(values):
         raise SceneError(f"{described(component)}: value has {len(values)} numbers; number {index} is needed")
     return float(values[index])

@@ -13,12 +13,12 @@ import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
 from taichisoft_sofa.components.contact import distances_of, friction_of
 from taichisoft_sofa.components.draft import SceneDraft
-from taichisoft_sofa.components.frames import FramePoses, start_values
 from taichisoft_sofa.components.reading import node_of, upwards
+from taichisoft_sofa.components.states import FramePoses, start_values
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import DraftBody
-    from taichisoft_sofa.components.frames import AnchorTarget
+    from taichisoft_sofa.components.states import AnchorTarget
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 
@@ -246,11 +246,7 @@ class MeshFiles:
         return [*self._volumes, *self._surfaces]
 
     def write(self, folder: Path) -> None:
-        """Write all files into a folder.
-
-        Raises:
-            MeshError: a file cannot be written.
-        """
+        """Write all files into a folder."""
         for name, mesh in self._volumes.items():
             write_volume_mesh(mesh, folder / name)
         for name, (points, triangles) in self._surfaces.items():

@@ -11,16 +11,18 @@ from scipy.spatial.transform import Rotation
 from taichisoft.mesh import tetrahedron_volumes
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
 from taichisoft_sofa.components.dynamics import HELD, SPRING
-from taichisoft_sofa.components.frames import (
+from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of, number
+from taichisoft_sofa.components.states import (
     DrivenFrameTarget,
     PointsTarget,
     base_frames,
     bases_of,
     index_pairs,
     rigid_indices,
+    start_position,
+    start_velocity,
+    width_of,
 )
-from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of, number
-from taichisoft_sofa.components.states import start_position, start_velocity, width_of
 from taichisoft_sofa.translation.parts import Translation, collides
 from taichisoft_sofa.tree.value_kinds import canonical
 
@@ -252,7 +254,7 @@ def _add_springs(
         table["springs"] = {
             "stiffness": anchor.stiffness,
             "angular_stiffness": number(anchor.component, "angularStiffness", default=SPRING),
-            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness", default=0.0),
+            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness"),
             "follows": name,
         }
         if isinstance(anchor.target, PointsTarget):
@@ -317,7 +319,7 @@ def _note_lost_weight(body: DraftBody, mass: float, draft: SceneDraft) -> None:
         return
     root = node_of(body.state).getRoot()
     load = mass * float(root.dt.read_value()) * float(np.linalg.norm(root.gravity.read_value()))
-    if 0.0 < mass * load**2 < number(solver, "threshold", default=1e-5):
+    if 0.0 < mass * load**2 < number(solver, "threshold"):
         draft.depart(
             f"{body.node.getPathName()}: has its weight, which SOFA loses below the threshold of CGLinearSolver"
         )

@@ -11,9 +11,8 @@ from taichisoft.mesh import VolumeMesh, count_open_edges, enclosed_volume, tetra
 from taichisoft.scene import lame_parameters
 from taichisoft_sofa.components.air_and_cables import PRESSURE, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
-from taichisoft_sofa.components.frames import DrivenFrameTarget, MotionTarget
 from taichisoft_sofa.components.reading import TOPOLOGIES, computed, flag, is_given, nearest, node_of, number, vector
-from taichisoft_sofa.components.states import start_velocity
+from taichisoft_sofa.components.states import DrivenFrameTarget, MotionTarget, start_velocity
 from taichisoft_sofa.translation.parts import SoftPart, Translation, actuator_names, clean, collides, unique
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
@@ -85,8 +84,8 @@ def add_soft_body(
     if solver is not None:
         if (velocity := start_velocity(body.state)).any() and not translation.is_static:
             table["velocity"] = velocity.tolist()
-        table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
-        table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
+        table["rayleigh_mass"] = number(solver, "rayleighMass")
+        table["rayleigh_stiffness"] = number(solver, "rayleighStiffness")
         # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
         prescribed = (DrivenFrameTarget, MotionTarget)
         table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)
@@ -287,9 +286,9 @@ def _add_cables(name: str, body: DraftBody, table: dict[str, Any], draft: SceneD
     for cable_name, cable in zip(names, body.cables, strict=True):
         component = cable.component
         made: dict[str, Any] = {"points": cable.places, "pull_point_moves": False}
-        if flag(component, "hasPullPoint", True):
-            made["pull_point"] = vector(component, "pullPoint", default=(0.0, 0.0, 0.0)).tolist()
-        if not is_given(component, "minForce") or number(component, "minForce", default=0.0) < 0.0:
+        if flag(component, "hasPullPoint"):
+            made["pull_point"] = vector(component, "pullPoint").tolist()
+        if not is_given(component, "minForce") or number(component, "minForce") < 0.0:
             made["rod"] = True
         made |= _limits(component, TENSION_LIMITS, draft.effort_of_value)
         made |= _limits(component, PULL_LIMITS, 1.0)
@@ -309,7 +308,7 @@ def _note_stops(component: Component, names: Mapping[str, tuple[str, float]], dr
 def _limits(component: Component, names: Mapping[str, tuple[str, float]], factor: float) -> dict[str, float]:
     """Native limits of an actuator; a negative factor exchanges lowest and highest."""
     found = {
-        key: max(-LARGEST, min(LARGEST, sign * factor * number(component, data, default=0.0)))
+        key: max(-LARGEST, min(LARGEST, sign * factor * number(component, data)))
         for key, (data, sign) in names.items()
         if is_given(component, data)
     }

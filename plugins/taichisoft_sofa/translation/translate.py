@@ -10,18 +10,18 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
-from taichisoft_sofa.components.frames import (
+from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
+from taichisoft_sofa.components.mappings import check_joints
+from taichisoft_sofa.components.reading import described, flag, independent_state, node_of
+from taichisoft_sofa.components.states import (
     FramePoses,
     PointsTarget,
     base_frames,
     composed,
     local_position,
+    start_position,
     start_values,
 )
-from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
-from taichisoft_sofa.components.mappings import check_joints
-from taichisoft_sofa.components.reading import described, flag, independent_state, node_of
-from taichisoft_sofa.components.states import start_position
 from taichisoft_sofa.components.visuals import visible_shapes
 from taichisoft_sofa.translation.parts import Joint, Translation, body_names, clean, collides, contact_table
 from taichisoft_sofa.translation.rigid_bodies import (
@@ -37,8 +37,7 @@ from taichisoft_sofa.translation.rigid_bodies import (
     parts_of_bodies,
 )
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
-from taichisoft_sofa.tree.base import misspelt
-from taichisoft_sofa.tree.component import names_of
+from taichisoft_sofa.tree.component import misspelt, names_of
 from taichisoft_sofa.tree.scene_controller import OwnComponent
 from taichisoft_sofa.tree.value_kinds import Declared, canonical
 
@@ -124,11 +123,7 @@ def add_planes(draft: "SceneDraft", translation: "Translation") -> None:
 
 
 def own_bodies(draft: SceneDraft) -> list[DraftBody]:
-    """Bodies that are not parts of others, and not mere points: these touch nothing and nothing joins them.
-
-    Raises:
-        SceneError: the parts of a body cannot be found.
-    """
+    """Bodies that are not parts of others, and not mere points: these touch nothing and nothing joins them."""
     parts = parts_of_bodies(draft)
     bodies = [body for key, body in draft.bodies.items() if key not in parts]
     left_out: set[int] = set()
@@ -176,7 +171,7 @@ def is_placed(body: DraftBody, solver: "Component | None") -> bool:
     if not body.rigid or solver is None:
         return False
     held = any(anchor.follows_rest or anchor.target for anchor in body.anchors)
-    return body.mass is None or (held and flag(solver, "firstOrder", False))
+    return body.mass is None or (held and flag(solver, "firstOrder"))
 
 
 def driven_frames(draft: "SceneDraft") -> list[DraftFrame]:
@@ -241,7 +236,7 @@ def add_driven_body(name: str, frame: DraftFrame, draft: "SceneDraft", translati
         "position": pose[:3].tolist(),
         "rotation": degrees(pose[3:]),
         **({"colour": frame.colours[0]} if frame.colours else {}),
-        **({"axes": True} if flag(frame.state, "showObject", False) else {}),
+        **({"axes": True} if flag(frame.state, "showObject") else {}),
     }
     translation.add_frame(name, frame.state, frame.index)
     if touches:
@@ -458,7 +453,7 @@ def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
     """How bodies move: without inertia ("overdamped"), to equilibrium ("static"), or ""; mixed scenes are refused."""
     found = [(body, moved_by(body, draft)) for body in bodies]
     moved = [solver for body, solver in found if solver is not None and not is_placed(body, solver)]
-    first_order = {flag(solver, "firstOrder", False) for solver in moved}
+    first_order = {flag(solver, "firstOrder") for solver in moved}
     static = {solver.type_name == "StaticSolver" for solver in moved}
     if len(first_order) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
@@ -490,7 +485,7 @@ def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneD
         for kind in BODIES:
             if body.colours and name in translation.tables.get(kind, {}):
                 translation.tables[kind][name]["colour"] = body.colours[0]
-        if flag(body.state, "showObject", False) and name in translation.tables.get("rigid_bodies", {}):
+        if flag(body.state, "showObject") and name in translation.tables.get("rigid_bodies", {}):
             translation.tables["rigid_bodies"][name]["axes"] = True  # for soft bodies SOFA shows the points
 
 

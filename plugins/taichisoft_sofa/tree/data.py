@@ -113,6 +113,11 @@ class Owner(Protocol):
     def linked_data(self, path: str, same_name: str) -> "Data | None": ...
 
 
+def getter(attribute: str) -> Callable[[Any], Any]:
+    """Method of SOFA's that returns an attribute."""
+    return lambda self: getattr(self, attribute)
+
+
 class LinkPath(str):
     """The path of a data, component or node, with a reference to its target that survives changes of the tree.
 
@@ -131,9 +136,9 @@ class LinkPath(str):
 class Data(Arithmetic):
     """One data of a component or node.
 
-    A scene writes numbers, texts, lists, arrays or links to it, and reads values of its kind. The value read is the
-    first available of: value provided by a run; value written since the initialisation of the component; value computed
-    from other data; value written before.
+    A scene writes numbers, texts, lists, arrays or links to it, and reads values of its kind. The value read is the one
+    that is provided, by a run or computed from other data, unless the scene has written another since the run's last
+    step or the initialisation of the component; without a provided one, the written value or the default.
 
     Attributes:
         name: name.
@@ -168,7 +173,6 @@ class Data(Arithmetic):
 
     @property
     def kind(self) -> ValueKind:
-        """Kind of the values."""
         known = self._declared()
         if known is None:
             return ANY
@@ -176,11 +180,9 @@ class Data(Arithmetic):
 
     @property
     def linkpath(self) -> LinkPath:
-        """Link to this data, for other data."""
         return LinkPath(f"@{self.owner.getPathName()}.{self.name}", self)
 
     def described(self) -> str:
-        """Description for error messages."""
         return f"data '{self.name}' of {self.owner.described()}"
 
     # Reading.
@@ -207,16 +209,11 @@ class Data(Arithmetic):
         return view
 
     def read_value(self) -> Any:
-        """Value, without a copy of arrays.
-
-        Raises:
-            SceneError: a link is broken, or a value is not of the kind.
-        """
-        if self.provider is not None and self.revision == self._taken:
-            return self._provide(self.provider)
+        """Value, without a copy of arrays."""
         if not self._overrides and not self._computing:
-            known = self._declared()
-            if known is not None and known.compute is not None:
+            if self.provider is not None:
+                return self._provide(self.provider)
+            if (known := self._declared()) is not None and known.compute is not None:
                 return self._compute(known.compute)
         return self.given()
 
@@ -241,11 +238,12 @@ class Data(Arithmetic):
         return self._convert(known.default)
 
     def is_set(self) -> bool:
-        """Whether a value was written."""
         return self.revision > 0
 
+    def is_declared(self) -> bool:
+        return self._declared() is not None
+
     def is_own(self) -> bool:
-        """Whether the scene added this data to the component."""
         return self._own is not None
 
     def written(self) -> Any:
@@ -266,9 +264,6 @@ class Data(Arithmetic):
         Args:
             value: value, text of a value, or another data or its path as a link.
             place: line of the write; None: the line being executed.
-
-        Raises:
-            SceneError: the value is not of the data's kind.
         """
         self.place = place or here()
         self._parent = self._path = self._written = self._converted = None
@@ -284,7 +279,7 @@ class Data(Arithmetic):
         else:
             self._written = value.copy() if isinstance(value, np.ndarray | list) else value
             self._convert(self._written)
-        self._overrides = self.owner.initialised
+        self._overrides = self.owner.initialised or self.provider is not None
         self.revision += 1
         self.owner.data_revision += 1
         Data.names_given += self.name == "name"
@@ -298,10 +293,8 @@ class Data(Arithmetic):
         changed.flags.writeable = False
 
     def take(self) -> Any:
-        """Value written since the last call, converted to the kind, or None.
-
-        Until this call, reading returns the written value instead of the provider's.
-        """
+        """Value written since the last call, converted to the kind, or None; the provider's is read again."""
+        self._overrides = self._overrides and self.provider is None
         if self.revision == self._taken:
             return None
         self._taken = self.revision
@@ -321,52 +314,12 @@ class Data(Arithmetic):
         rows = self._older_rows(value)
         return len(value if rows is None else rows)
 
-    # SOFA's own names.
-
-    writeableArray = writeable
-
-    def getName(self) -> str:
-        """Name."""
-        return self.name
-
-    def setName(self, name: str) -> None:
-        """Set the name."""
-        self.name = name
-
-    def getOwner(self) -> Any:
-        """Component or node of the data."""
-        return self.owner
-
-    def getLinkPath(self) -> LinkPath:
-        """Link to this data, for other data."""
-        return self.linkpath
-
-    def getAsACreateObjectParameter(self) -> LinkPath:
-        """Link to this data, for other data."""
-        return self.linkpath
-
-    def isSet(self) -> bool:
-        """Whether a value was written."""
-        return self.is_set()
-
     def unset(self) -> None:
         """Remove the written value."""
         self._written = self._converted = self._parent = self._path = None
         self._overrides = False
         self.revision = self._taken = 0
         self.owner.data_revision += 1
-
-    def setParent(self, parent: Any) -> None:
-        """Link to another data or a path."""
-        self.set(parent)
-
-    def getParent(self) -> "Data | None":
-        """Target of the link, or None."""
-        return self._parent
-
-    def hasParent(self) -> bool:
-        """Whether the data is a link to another data."""
-        return self._parent is not None or self._path is not None
 
     def read(self, text: str) -> bool:
         """Write a text; returns whether it is of the data's kind."""
@@ -376,55 +329,45 @@ class Data(Arithmetic):
             return False
         return True
 
-    def getValue(self, index: int = 0) -> Any:
-        """One number of the value."""
-        return self.array().ravel()[index]
-
     def getValueString(self) -> str:
-        """Value as a text."""
         value = self.read_value()
         return " ".join(f"{item:g}" for item in value.ravel()) if isinstance(value, np.ndarray) else str(value)
 
-    def getSize(self) -> int:
-        """Number of rows."""
-        return len(self)
+    # SOFA's names; values are computed on access, links are written like values, and scenes are not saved.
+
+    getName = getter("name")
+    getOwner = getter("owner")
+    getLinkPath = getAsACreateObjectParameter = getter("linkpath")
+    getParent = getter("_parent")
+    isSet = is_set
+    setParent = set
+    writeableArray = writeable
+    getSize = __len__
+    shape = property(lambda self: self.array().shape)
+    size = property(lambda self: self.array().size)
+    ndim = property(lambda self: self.array().ndim)
+
+    def setName(self, name: str) -> None:
+        self.name = name
+
+    def hasParent(self) -> bool:
+        return self._parent is not None or self._path is not None
+
+    def getValue(self, index: int = 0) -> Any:
+        return self.array().ravel()[index]
 
     def typeName(self) -> str:
-        """Name of the kind of values."""
         return self.kind.name
 
-    getValueTypeString = typeName
-
     def tolist(self) -> Any:
-        """Value as lists."""
         return self.array().tolist()
 
-    toList = tolist
+    getValueTypeString, toList = typeName, tolist
 
-    def updateIfDirty(self) -> None:
-        """Do nothing: values are computed on access."""
-
+    def updateIfDirty(self) -> None: ...
+    def setPersistent(self, _persistent: bool) -> None: ...
     def isDirty(self) -> bool:
-        """False: values are computed on access."""
         return False
-
-    def setPersistent(self, _persistent: bool) -> None:
-        """Do nothing: scenes are not saved."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the array."""
-        return self.array().shape
-
-    @property
-    def size(self) -> int:
-        """Number of numbers."""
-        return self.array().size
-
-    @property
-    def ndim(self) -> int:
-        """Number of dimensions of the array."""
-        return self.array().ndim
 
     def __call__(self, *_arguments: Any, **_named: Any) -> Any:
         raise AttributeError(

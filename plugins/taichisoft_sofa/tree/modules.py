@@ -13,8 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from taichisoft.errors import SceneError, nearest
-from taichisoft_sofa.tree.base import TreeObject
-from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.component import Component, TreeObject
 from taichisoft_sofa.tree.data import Data, LinkPath
 from taichisoft_sofa.tree.node import MAKERS, Node
 from taichisoft_sofa.tree.place import PACKAGE, here

@@ -4,9 +4,8 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from taichisoft_sofa.tree.base import COMMON, TreeObject, follow
-from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.data import Data
+from taichisoft_sofa.tree.component import COMMON, Component, TreeObject, follow
+from taichisoft_sofa.tree.data import Data, getter
 from taichisoft_sofa.tree.place import here
 from taichisoft_sofa.tree.value_kinds import ABOVE_0, ALIASES, BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 
@@ -36,8 +35,17 @@ class Members(list[Any]):
         return super().__getitem__(key)
 
     def at(self, index: int) -> Any:
-        """The member at an index."""
         return self[index]
+
+
+def ending_in(ending: str) -> Callable[..., Component | None]:
+    """Method of a node that returns a component by the end of its type, the first or the one at an index; or None."""
+
+    def get(self: "Node", index: int = 0) -> Component | None:
+        matching = [item for item in self.objects if canonical(item.type_name).endswith(ending)]
+        return matching[index] if index < len(matching) else None
+
+    return get
 
 
 class Node(TreeObject):
@@ -88,10 +96,6 @@ class Node(TreeObject):
         self._note("adds", added)
         return added
 
-    def createObject(self, kind: str, **data: Any) -> Any:
-        """Add a component, in the older generation."""
-        return self.addObject(kind, **data)
-
     def addChild(self, child: Any, **data: Any) -> "Node":
         """Add a new child node by name, or an existing node, which may also have other parents."""
         if isinstance(child, str):
@@ -106,10 +110,6 @@ class Node(TreeObject):
             child._parents.append(self)
             self._note("adds", child)
         return child
-
-    def createChild(self, name: str, **data: Any) -> "Node":
-        """Add a new child node, in the older generation."""
-        return self.addChild(name, **data)
 
     def add(self, made: Any, **data: Any) -> Any:
         """Add the result of a function of this node, or an argument of addObject or addChild."""
@@ -197,25 +197,12 @@ class Node(TreeObject):
 
     @property
     def parents(self) -> Members:
-        """Parent nodes."""
         return Members(self._parents)
 
     @property
     def objects(self) -> Members:
         """Components, in the order of their addition."""
         return Members(self._objects)
-
-    def getChildren(self) -> Members:
-        """Child nodes."""
-        return self.children
-
-    def getParents(self) -> Members:
-        """Parent nodes."""
-        return self.parents
-
-    def getObjects(self) -> Members:
-        """Components."""
-        return self.objects
 
     def getChild(self, name: str, warning: bool = True) -> "Node | None":
         """A descendant by name or a path such as finger/cavity, or None."""
@@ -242,46 +229,8 @@ class Node(TreeObject):
             return None
         return found
 
-    def hasObject(self, name: str) -> bool:
-        """Whether a component of this node has a name."""
-        return self.own_object(name) is not None
-
-    def _first(self, ending: str, index: int = 0) -> Component | None:
-        found = [item for item in self._objects if canonical(item.type_name).endswith(ending)]
-        return found[index] if index < len(found) else None
-
-    def getMechanicalState(self) -> Component | None:
-        """MechanicalObject of the node, or None."""
-        return self._first("MechanicalObject")
-
-    def getMass(self) -> Component | None:
-        """Mass of the node, or None."""
-        return self._first("Mass")
-
-    def getForceField(self, index: int = 0) -> Component | None:
-        """A force field of the node, or None."""
-        return self._first("ForceField", index)
-
-    def getMechanicalMapping(self) -> Component | None:
-        """Mapping of the node, or None."""
-        return self._first("Mapping")
-
     def getRoot(self) -> "Node":
-        """Root of the tree."""
         return self._parents[0].getRoot() if self._parents else self
-
-    @property
-    def root(self) -> "Node":
-        """Root of the tree."""
-        return self.getRoot()
-
-    def getRootContext(self) -> "Node":
-        """Root of the tree."""
-        return self.getRoot()
-
-    def getContext(self) -> "Node":
-        """The node itself."""
-        return self
 
     def walk(self) -> Iterator["Node"]:
         """The node and all descendants, each once, from the top down."""
@@ -314,7 +263,6 @@ class Node(TreeObject):
         return True
 
     def link_start(self) -> "Node":
-        """The node itself."""
         return self
 
     def known_names(self) -> list[str]:
@@ -330,7 +278,6 @@ class Node(TreeObject):
         return "../" * (self.getPathName().count("/") if self._parents else 0)
 
     def described(self) -> str:
-        """Description for error messages."""
         return f"node '{self.getPathName() if self._parents else self.getName()}'"
 
     def __getattr__(self, name: str) -> Any:
@@ -350,31 +297,35 @@ class Node(TreeObject):
     def __hash__(self) -> int:
         return id(self)
 
-    # Queries of a simulation.
+    # SOFA's names, those of the older generation among them.
+
+    createObject, createChild, getRootContext = addObject, addChild, getRoot
+    getChildren, getParents, getObjects = getter("children"), getter("parents"), getter("objects")
+    root = property(getRoot)
+    isInitialized = getter("initialised")
+    getMechanicalState, getMass = ending_in("MechanicalObject"), ending_in("Mass")
+    getForceField, getMechanicalMapping = ending_in("ForceField"), ending_in("Mapping")
+
+    def getContext(self) -> "Node":
+        return self
+
+    def hasObject(self, name: str) -> bool:
+        return self.own_object(name) is not None
 
     def getGravity(self) -> Any:
-        """Gravity."""
         return self.gravity.value
 
     def setGravity(self, gravity: Any) -> None:
-        """Set gravity."""
         self.gravity = gravity
 
     def getDt(self) -> float:
-        """Time step."""
         return float(self.dt)
 
     def getTime(self) -> float:
-        """Simulated time."""
         return float(self.time)
 
     def getRootDt(self) -> float:
-        """Time step of the root."""
         return self.getRoot().getDt()
-
-    def isInitialized(self) -> bool:
-        """Whether the scene is complete."""
-        return self.initialised
 
     def init(self) -> None:
         """Do nothing: components are initialised on access."""

@@ -237,9 +237,6 @@ def xml_program(path: Path, source: bytes) -> ast.Module:
 
     A `Node` is a child, the outermost the root itself; any other element a component of its type, or of its attribute
     `type` where it is an `Object`. Values are the texts of the attributes.
-
-    Raises:
-        SceneError: the file is not well-formed, or it includes another one.
     """
     builder = _Builder(path)
     parser = expat.ParserCreate()
@@ -328,9 +325,6 @@ def compiled(path: Path, in_package: bool = False) -> Program:
     Args:
         path: the file.
         in_package: whether the file is in a package, within which Python 2 imports modules by their bare names.
-
-    Raises:
-        SceneError: the file is in neither Python 3 nor Python 2, nor a scene in XML.
     """
     source = path.read_bytes()
     if is_xml(source):

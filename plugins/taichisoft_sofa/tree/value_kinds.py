@@ -158,9 +158,6 @@ def numbers(value: Any, dtype: type = float, bools: bool = False) -> NDArray[Any
         value: value written by a scene.
         dtype: type of the numbers: float or int.
         bools: whether true and false are valid.
-
-    Raises:
-        WrongValue: an entry is not a number, or not an integer.
     """
     if isinstance(value, str):
         return np.array([_number(word, dtype, bools) for word in value.split()], dtype)
