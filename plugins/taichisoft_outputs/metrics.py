@@ -31,25 +31,6 @@ DOUBTFUL_SHARE = 0.05
 """Share of the steps of a run that did not converge from which on nothing of it can be trusted."""
 
 
-def goal_figures(scene: Scene, goal: Goal, lift: LiftFigures) -> dict[str, Any]:
-    """Figures of the goal's object; lift and slip are counted from the moment before the base moves."""
-    base_lift, object_lift = float(lift.base_way @ scene.up), float(lift.object_way @ scene.up)
-    position = lift.positions[-1]
-    figures = {
-        "object_lift_mm": object_lift,
-        "object_peak_lift_mm": lift.peak_lift,
-        "base_lift_mm": base_lift,
-        "object_slip_mm": lift.slip,
-        "object_creep_mm": lift.creep,
-        "final_object_position_mm": position.tolist(),
-    }
-    if goal.position is not None:
-        figures["object_distance_mm"] = float(np.linalg.norm(position - goal.position))
-    if lift.pushed_away is not None:
-        figures["object_pushed_away_mm"] = lift.pushed_away
-    return figures
-
-
 def shortcomings(scene: Scene, goal: Goal, metrics: Mapping[str, Any], floor_force: float) -> list[str]:
     """What keeps the goal from being reached; each names the figure and its limit.
 
@@ -246,22 +227,31 @@ class MetricsOutput(Output):
     def figures(self, outcome: str) -> dict[str, Any]:
         """The figures of the steps so far, by name, without whether the goal was reached."""
         self._look_at_stretches()
-        return {
-            "outcome": outcome,
-            **self._step_metrics(),
-            **self._body_metrics(),
-            **self._stretch_metrics(),
-            **self._training_metrics(),
-            **self._actuator_metrics(),
-            **self._goal_metrics(),
-        }
+        figures = {"outcome": outcome, **self._figures.metrics(self._scene.time.step), **self._body_metrics()}
+        if self._stretch:
+            figures["largest_stretch"] = {name: largest for name, (largest, _) in self._stretch.items()}
+            figures["stretch_99_percent"] = {name: most for name, (_, most) in self._stretch.items()}
+        figures |= self._training_metrics()
+        if self._figures.last is not None:
+            named = zip(self._watched, self._largest, strict=True)
+            figures |= {figure.metric("largest"): largest for figure, largest in named}
+            if self._lift is not None and self._scene.goal is not None:
+                figures |= self._lift.metrics(self._scene.goal.position)
+        return figures
 
     def summary(self) -> dict[str, str]:
         """Rows of the table that closes a run."""
         m = self.metrics
         if not m or not self._figures.steps:
             return {}
-        rows = {}
+        inverted, at_end = m["inverted_elements_max"], m["inverted_elements_at_end"]
+        rows, newton = {}, {}
+        if "linearisations_max" in m:
+            newton = {
+                "linearisations, most": str(m["linearisations_max"]),
+                "linearisations not enough": f"in {m['unconverged_newton_steps']} steps",
+                "motion that another one would make, worst": f"{m['worst_newton_residual_mm']:.2g} mm",
+            }
         if self._scene.goal is not None:
             rows = {
                 f"{self._scene.goal.object} {self._scene.goal.kind}": self._verdict,
@@ -287,8 +277,8 @@ class MetricsOutput(Output):
             "steps with surfaces that overlap": f"{m['overlapping_steps']} of {m['steps']}",
             "solver iterations, median and most": f"{m['iterations_median']:.0f} and {m['iterations_max']}",
             "steps not converged": f"{m['unconverged_steps']} of {m['steps']}",
-            **self._newton_rows(),
-            **self._inverted_rows(),
+            **newton,
+            **({"elements turned inside out, most and at the end": f"{inverted} and {at_end}"} if inverted else {}),
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
             "real-time factor": f"{m['real_time_factor']:.2f}",
         }
@@ -300,20 +290,6 @@ class MetricsOutput(Output):
         ended = f"{outcome} at {self.metrics.get('simulated_time_s', 0.0):g} s"
         return f"not judged: {ended}" if not reached else f"yes, {ended}{f', but doubtful: {doubt}' if doubt else ''}"
 
-    def _newton_rows(self) -> dict[str, str]:
-        m = self.metrics
-        if "linearisations_max" not in m:
-            return {}
-        return {
-            "linearisations, most": str(m["linearisations_max"]),
-            "linearisations not enough": f"in {m['unconverged_newton_steps']} steps",
-            "motion that another one would make, worst": f"{m['worst_newton_residual_mm']:.2g} mm",
-        }
-
-    def _inverted_rows(self) -> dict[str, str]:
-        most, at_end = self.metrics["inverted_elements_max"], self.metrics["inverted_elements_at_end"]
-        return {"elements turned inside out, most and at the end": f"{most} and {at_end}"} if most else {}
-
     def _write(self) -> None:
         path = self.folder / FILE_NAME
         with atomic_file(path) as partial:
@@ -322,26 +298,6 @@ class MetricsOutput(Output):
 
     def _object_position(self, state: "State") -> np.ndarray:
         return state.rigid_position[self._object]
-
-    def _step_metrics(self) -> dict[str, Any]:
-        figures = self._figures
-        if figures.last is None:
-            return {"steps": 0}
-        median, most = figures.iterations
-        return {
-            "steps": figures.steps,
-            "simulated_time_s": figures.last.time,
-            "max_penetration_mm": figures.max_penetration,
-            "overlapping_steps": figures.overlapping,
-            "iterations_median": median,
-            "iterations_max": most,
-            "unconverged_steps": figures.unconverged,
-            **self._newton_metrics(),
-            "inverted_elements_max": figures.inverted_elements,
-            "inverted_elements_at_end": figures.last.inverted_elements,
-            "step_time_median_ms": 1e3 * figures.step_time.value,
-            "real_time_factor": self._scene.time.step / figures.step_time.value,
-        }
 
     def _body_metrics(self) -> dict[str, Any]:
         """Volumes of the soft bodies at rest, and where everything is and what presses after the last step."""
@@ -354,17 +310,6 @@ class MetricsOutput(Output):
             **{figure.metric("final"): _last(figure, seen) for figure in FIGURES if In.FINAL in figure.recorded},
             "peak_contact_pressures_kPa": {name: peak for name, (peak, _) in self._peak_pressures.items()},
             "peak_contact_pressure_errors_kPa": {name: off for name, (_, off) in self._peak_pressures.items()},
-        }
-
-    def _newton_metrics(self) -> dict[str, Any]:
-        """How far the equations at the ends of the steps were solved; nothing where steps have one linearisation."""
-        figures = self._figures
-        if figures.worst_newton_residual is None:
-            return {}
-        return {
-            "linearisations_max": figures.linearisations,
-            "worst_newton_residual_mm": figures.worst_newton_residual,
-            "unconverged_newton_steps": figures.unconverged_newton,
         }
 
     def _look_at_stretches(self) -> None:
@@ -394,32 +339,6 @@ class MetricsOutput(Output):
             figures["imbalance_over_validation"] = {name: times for name, (times, _) in doubts}
             figures["estimated_error_mm"] = {name: error for name, (_, error) in doubts}
         return figures
-
-    def _stretch_metrics(self) -> dict[str, Any]:
-        """The largest principal stretch of each soft body in the run; nothing where there is none."""
-        if not self._stretch:
-            return {}
-        return {
-            "largest_stretch": {name: largest for name, (largest, _) in self._stretch.items()},
-            "stretch_99_percent": {name: most for name, (_, most) in self._stretch.items()},
-        }
-
-    def _actuator_metrics(self) -> dict[str, Any]:
-        """The largest tension and pull of each cable, and the like, with its sign; nothing where there are none."""
-        named = zip(self._watched, self._largest, strict=True)
-        return {figure.metric("largest"): largest for figure, largest in named if self._figures.steps}
-
-    def _goal_metrics(self) -> dict[str, Any]:
-        """Figures of the goal's object, and of what presses on it."""
-        goal, lift = self._scene.goal, self._lift
-        if goal is None or lift is None or self._figures.last is None:
-            return {}
-        return {
-            **goal_figures(self._scene, goal, lift),
-            "unconverged_hold_steps": sum(lift.unconverged),
-            "peak_normal_force_mN": lift.peak_force,
-            "mean_normal_force_mN": float(np.mean(lift.forces)),
-        }
 
     def _normal_force(self, report: "StepReport", others: Iterable[str]) -> float:
         """Sum of the normal forces between the object and other bodies [mN]."""

@@ -429,11 +429,14 @@ def _signal(column: int, run: RunCurves) -> Panel:
     return run.over_time(f"signal {name}", run.recording.column("signals")[:, [column]], [name], [""])
 
 
-PANEL_NAMES = {"peak_pressure": "contact-pressure"}
-"""Names of panels that differ from those of their figures."""
+def panel_name(figure: Figure) -> str:
+    """The name of the panel of a figure of actuators or pairs."""
+    other = {"peak_pressure": "contact-pressure"}
+    return figure.name if figure.per.kind else other.get(figure.name, figure.name.replace("_", "-"))
+
 
 PANELS: dict[str, Callable[[RunCurves], Panel]] = {
-    **{figure.name: partial(_of_actuators, figure) for figure in FIGURES if figure.per.kind and figure.drawn},
+    **{panel_name(figure): partial(_of_actuators, figure) for figure in FIGURES if figure.per.kind and figure.drawn},
     "bending": bending,
     "tip-x": partial(_tip, 0),
     "tip-y": partial(_tip, 1),
@@ -442,11 +445,7 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "height": height,
     "tips-side": _tips_side,
     "tips-above": _tips_above,
-    **{
-        PANEL_NAMES.get(figure.name, figure.name.replace("_", "-")): partial(_of_pairs, figure)
-        for figure in OF_PAIRS
-        if figure.drawn
-    },
+    **{panel_name(figure): partial(_of_pairs, figure) for figure in OF_PAIRS if figure.drawn},
     "slip": slip,
     "base-force": partial(_wrench, 0, "force on the base [mN]"),
     "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),

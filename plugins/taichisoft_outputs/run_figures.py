@@ -2,7 +2,8 @@
 
 import math
 from collections import Counter, deque
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,14 +50,6 @@ class StepFigures:
 
     Attributes:
         steps: their number.
-        max_penetration: the largest [mm].
-        overlapping: steps with surfaces that overlap.
-        unconverged: steps that did not converge.
-        inverted_elements: most elements that were inside out after a step.
-        linearisations: most in a step.
-        worst_newton_residual: of the equations at the ends of steps [mm]; None where steps have one linearisation.
-        unconverged_newton: steps whose linearisations were not enough.
-        step_time: median of the wall-clock times [s].
         last: report of the last one; None before the first.
     """
 
@@ -93,22 +86,36 @@ class StepFigures:
         self.step_time.add(report.step_time)
         self._iterations[report.iterations] += 1
 
-    @property
-    def iterations(self) -> tuple[float, int]:
-        """Median and largest number of sweeps."""
-        return 0.5 * sum(middle_keys(self._iterations)), max(self._iterations)
+    def metrics(self, time_step: float) -> dict[str, Any]:
+        """The figures for metrics.json; those of linearisations where steps have several."""
+        if self.last is None:
+            return {"steps": 0}
+        newton = {
+            "linearisations_max": self.linearisations,
+            "worst_newton_residual_mm": self.worst_newton_residual,
+            "unconverged_newton_steps": self.unconverged_newton,
+        }
+        return {
+            "steps": self.steps,
+            "simulated_time_s": self.last.time,
+            "max_penetration_mm": self.max_penetration,
+            "overlapping_steps": self.overlapping,
+            "iterations_median": 0.5 * sum(middle_keys(self._iterations)),
+            "iterations_max": max(self._iterations),
+            "unconverged_steps": self.unconverged,
+            **({} if self.worst_newton_residual is None else newton),
+            "inverted_elements_max": self.inverted_elements,
+            "inverted_elements_at_end": self.last.inverted_elements,
+            "step_time_median_ms": 1e3 * self.step_time.value,
+            "real_time_factor": time_step / self.step_time.value,
+        }
 
 
 class LiftFigures:
     """Where an object and the base were before the base moved and in the last steps, and what pressed the object.
 
     Attributes:
-        slip: how far the object has slid down what holds it, since the moment before the base moved, or since the start
-            where it did not [mm].
-        peak_force: the largest sum of the fingers' normal forces [mN].
-        positions: of the object before and after each of the last steps [mm].
-        forces: that sum in each of these steps [mN].
-        unconverged: whether each of them did not converge.
+        forces: sum of the fingers' normal forces in each of the last steps [mN].
     """
 
     def __init__(self, up: np.ndarray, hold_steps: int, push: int | None, base: np.ndarray, position: np.ndarray):
@@ -128,10 +135,10 @@ class LiftFigures:
         self._before, self._at_rest = (base, position), True
         self._rest = base, position
         self._now = base, position
-        self.slip = self.peak_force = 0.0
-        self.positions = deque([position], maxlen=hold_steps + 1)
+        self._slip = self._peak_force = 0.0
+        self._positions = deque([position], maxlen=hold_steps + 1)
         self.forces: deque[float] = deque(maxlen=hold_steps)
-        self.unconverged: deque[bool] = deque(maxlen=hold_steps)
+        self._unconverged: deque[bool] = deque(maxlen=hold_steps)
 
     def add(self, base: np.ndarray, position: np.ndarray, slide: np.ndarray, force: float, converged: bool) -> None:
         """Include a step, in which the object slid by `slide` on what holds it [mm], shape (3,)."""
@@ -144,39 +151,33 @@ class LiftFigures:
             self._rest = self._now
         elif self._at_rest:
             self._before, self._at_rest = self._rest, False
-            self.slip = 0.0
-        self.slip -= float(slide @ self._up)
-        self.peak_force = max(self.peak_force, force) if self.forces else force
-        self.positions.append(position)
+            self._slip = 0.0
+        self._slip -= float(slide @ self._up)
+        self._peak_force = max(self._peak_force, force) if self.forces else force
+        self._positions.append(position)
         self.forces.append(force)
-        self.unconverged.append(not converged)
+        self._unconverged.append(not converged)
 
-    @property
-    def base_way(self) -> np.ndarray:
-        """From the moment before the base moved, or from the start where it did not [mm], shape (3,)."""
-        way: np.ndarray = self._now[0] - self._before[0]
-        return way
+    def metrics(self, place: Sequence[float] | None) -> dict[str, Any]:
+        """The figures for metrics.json; of the goal's place [mm] if there is one.
 
-    @property
-    def object_way(self) -> np.ndarray:
-        """Of the object since the same moment [mm], shape (3,)."""
-        way: np.ndarray = self._now[1] - self._before[1]
-        return way
-
-    @property
-    def peak_lift(self) -> float:
-        """How far the object was above its place at that moment, at most in the whole run [mm]."""
-        return self._highest - float(self._before[1] @ self._up)
-
-    @property
-    def pushed_away(self) -> float | None:
-        """How far the object is from its place beside the base before it was pushed [mm]; None before that."""
-        if self._beside_base is None:
-            return None
-        return float(np.linalg.norm(self._now[1] - self._now[0] - self._beside_base))
-
-    @property
-    def creep(self) -> float:
-        """How far the object got from where it was before the last steps [mm]."""
-        held = np.array(self.positions)
-        return float(np.linalg.norm(held - held[0], axis=1).max())
+        Lift and slip are counted from the moment before the base moved, or from the start where it did not.
+        """
+        (base, now), (base_before, before), held = self._now, self._before, np.array(self._positions)
+        figures = {
+            "object_lift_mm": float((now - before) @ self._up),
+            "object_peak_lift_mm": self._highest - float(before @ self._up),
+            "base_lift_mm": float((base - base_before) @ self._up),
+            "object_slip_mm": self._slip,
+            "object_creep_mm": float(np.linalg.norm(held - held[0], axis=1).max()),
+            "final_object_position_mm": held[-1].tolist(),
+        }
+        if place is not None:
+            figures["object_distance_mm"] = float(np.linalg.norm(held[-1] - place))
+        if self._beside_base is not None:
+            figures["object_pushed_away_mm"] = float(np.linalg.norm(now - base - self._beside_base))
+        return figures | {
+            "unconverged_hold_steps": sum(self._unconverged),
+            "peak_normal_force_mN": self._peak_force,
+            "mean_normal_force_mN": float(np.mean(self.forces)),
+        }

@@ -1,7 +1,7 @@
 """Validate a Control and apply it to the state within the scene's limits."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from numbers import Real
 from types import MappingProxyType
 from typing import Any
@@ -45,7 +45,7 @@ def limit_actuators(model: Model, state: State, imposed: np.ndarray, request: np
             low, high = ranges[by_coordinate][number].tolist()
             lowest, highest, furthest = reaches[by_coordinate]
             last = state.actuator_target[number]
-            if by_coordinate != state.actuator_imposed[number]:  # it goes on from where the other way has led
+            if by_coordinate != state.actuator_imposed[number]:  # continue from where the other drive has led
                 last = (actuators.own_coordinates(state) if by_coordinate else state.actuator_effort)[number]
             allowed = min(max(min(max(float(request[number]), low), high), lowest), highest)
             targets.append(min(max(allowed, float(last) - furthest), float(last) + furthest))
@@ -132,7 +132,7 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
     tables, time_step = model.scene.all_frames, model.scene.time.step
     request, velocity = state.frame_request.copy(), state.frame_velocity.copy()
     for row, (pose, rate) in enumerate(PARTS):
-        poses, rates = (_asked(model, tables, control, kind) for kind in (pose, rate))
+        poses, rates = (_requests(model, tables, control, kind) for kind in (pose, rate))
         for number, (key, _) in rates.items():
             if number in poses:
                 raise ControlError(f"control: {poses[number][0]} and {key} are both given; give one of them")
@@ -150,38 +150,38 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
         if hinge is None:
             raise ControlError(f"{key}: this frame has no hinge; give it one in the scene, or ask for frame_rotation")
         request[number, 1] = hinge.unit_axis * finite(angle, key, ())
-    found = state.frame_pose.copy()
+    reached = state.frame_pose.copy()
     for number, table in enumerate(tables.values()):
         if table.path is not None:
-            request[number] = found[number] = _on_path(table.path, (state.step + 1) * time_step)
+            request[number] = reached[number] = _on_path(table.path, (state.step + 1) * time_step)
             continue
         if velocity[number, 0].any():
             request[number, 0] = state.frame_pose[number, 0] + time_step * velocity[number, 0]
         if velocity[number, 1].any():
             request[number, 1] = compose_rotation_vectors(time_step * velocity[number, 1], state.frame_pose[number, 1])
-        if (request[number] != found[number]).any():
-            found[number] = _limited(table, time_step, found[number], request[number])
-    return {"frame_request": request, "frame_velocity": velocity, "frame_pose": found}
+        if (request[number] != reached[number]).any():
+            reached[number] = _limited(table, time_step, reached[number], request[number])
+    return {"frame_request": request, "frame_velocity": velocity, "frame_pose": reached}
 
 
-def _asked(
+def _requests(
     model: Model, tables: Mapping[str, FrameSettings], control: Control, kind: str
 ) -> dict[int, tuple[str, np.ndarray]]:
-    """What is asked for of a kind, such as "translation", by number of the frame: key for messages, and value."""
-    found, of_base = {}, getattr(control, f"{BASE}_{kind}")
+    """Requests of a kind, such as "translation", by number of the frame: key for messages, and value."""
+    requests, of_base = {}, getattr(control, f"{BASE}_{kind}")
     if of_base is not None:
-        found[0] = (f"{BASE}_{kind}", of_base)
+        requests[0] = (f"{BASE}_{kind}", of_base)
     for name, value in getattr(control, f"frame_{kind}").items():
         key = f"frame_{kind}['{name}']"
         number = index_of(name, model.frames.names, "frame", f"frame_{kind}")
-        if number in found:
-            raise ControlError(f"control: {found[number][0]} and {key} are both given; give one of them")
+        if number in requests:
+            raise ControlError(f"control: {requests[number][0]} and {key} are both given; give one of them")
         if tables[name].path is not None:
             raise ControlError(f"control.{key}: this frame moves on its path; remove the path from the scene")
         if tables[name].hinge is not None:
             raise ControlError(f"control.{key}: this frame turns about its hinge; ask for frame_angle")
-        found[number] = (key, value)
-    return found
+        requests[number] = (key, value)
+    return requests
 
 
 def _on_path(path: FramePath, time: float) -> np.ndarray:
@@ -194,13 +194,13 @@ def _on_path(path: FramePath, time: float) -> np.ndarray:
 
 
 def _limited(table: FrameSettings, time_step: float, pose: np.ndarray, request: np.ndarray) -> np.ndarray:
-    """Pose after a step [s] on the straight way to the requested one; all of shape (2, 3)."""
+    """Pose after a step [s] on the straight path to the requested one; all of shape (2, 3)."""
     translation, rotation = request
     if table.speed is not None:
-        way = translation - pose[0]
-        length, furthest = float(np.linalg.norm(way)), table.speed * time_step
+        displacement = translation - pose[0]
+        length, furthest = float(np.linalg.norm(displacement)), table.speed * time_step
         if length > furthest:
-            translation = pose[0] + furthest / length * way
+            translation = pose[0] + furthest / length * displacement
     furthest = math.inf if table.turning_speed is None else math.radians(table.turning_speed) * time_step
     if table.hinge is not None:
         rotation = _limited_turn(table.hinge, furthest, pose[1], rotation)
@@ -212,11 +212,11 @@ def _limited(table: FrameSettings, time_step: float, pose: np.ndarray, request: 
 def _limited_turn(hinge: HingeSettings, furthest: float, last: np.ndarray, request: np.ndarray) -> np.ndarray:
     """Rotation vector of a hinge [rad], shape (3,): it goes the way of its angle, not the shortest one to a pose."""
     axis = hinge.unit_axis
-    asked, before = float(request @ axis), float(last @ axis)
+    wanted, before = float(request @ axis), float(last @ axis)
     low = -math.inf if hinge.lowest_angle is None else math.radians(hinge.lowest_angle)
     high = math.inf if hinge.highest_angle is None else math.radians(hinge.highest_angle)
-    angle = min(max(min(max(asked, low), high), before - furthest), before + furthest)
-    return request if angle == asked else angle * axis
+    angle = min(max(min(max(wanted, low), high), before - furthest), before + furthest)
+    return request if angle == wanted else angle * axis
 
 
 def observed_frames(model: Model, state: State) -> dict[str, Any]:
@@ -247,9 +247,22 @@ def observed_frames(model: Model, state: State) -> dict[str, Any]:
 
 # A controller's wishes, checked and taken over into the state as far as the scene's limits allow.
 
-DRIVES = tuple(drive.asked for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
-MAPPINGS = (*DRIVES, VALVE.asked, *FRAME_MAPPINGS, "pull_points", "anchor_positions", "young_modulus", "signals")
+DRIVES = tuple(drive for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
+MAPPINGS = (
+    *(drive.asked for drive in (*DRIVES, VALVE)),
+    *FRAME_MAPPINGS,
+    "pull_points",
+    "anchor_positions",
+    "young_modulus",
+    "signals",
+)
 """Keys of a control that ask for actuators, and all that have dictionaries by name."""
+
+
+def requests_of(control: Control, drive: Drive) -> Mapping[str, Any]:
+    """What a control asks for of the actuators that are driven so, by name."""
+    requests: Mapping[str, Any] = getattr(control, drive.asked)
+    return requests
 
 
 def apply_control(model: Model, state: State, control: Control) -> State:
@@ -282,7 +295,7 @@ def apply_control(model: Model, state: State, control: Control) -> State:
 def _actuator_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
     """What the actuators are asked for, and how much of it the limits allow."""
     imposed, request = state.actuator_imposed, state.actuator_request
-    if any(getattr(control, key) for key in DRIVES):
+    if any(requests_of(control, drive) for drive in DRIVES):
         imposed, request = imposed.copy(), request.copy()
         for kind in ACTUATOR_KINDS:
             place = model.actuators.place(kind)
@@ -295,33 +308,37 @@ def _drive(
     kind: ActuatorKind, actuators: ActuatorSet, control: Control, imposed: np.ndarray, request: np.ndarray
 ) -> None:
     """Fill in whether each actuator of a kind is driven by its coordinate, else by its effort, and the value."""
-    efforts, coordinates = (getattr(control, drive.asked) for drive in (kind.effort, kind.coordinate))
+    efforts, coordinates = (requests_of(control, drive) for drive in (kind.effort, kind.coordinate))
     both = sorted(efforts.keys() & coordinates.keys())
     if both:
         words = f"{kind.effort.words} and a {kind.coordinate.words}"
         raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
-    for drive, wishes in ((kind.effort, efforts), (kind.coordinate, coordinates)):
-        for name, value in wishes.items():
-            index = index_of(name, actuators.names, kind.name, drive.asked)
-            why_not = actuators.why_not(drive, index)
-            if why_not:
-                raise ControlError(f"control.{drive.asked}['{name}']: cannot be asked for, {why_not}")
-            imposed[index] = drive is kind.coordinate
-            request[index] = finite(value, f"control.{drive.asked}['{name}']", ())
+    for drive, requests in ((kind.effort, efforts), (kind.coordinate, coordinates)):
+        for index, _, value in _driven(drive, requests, kind, actuators):
+            imposed[index], request[index] = drive is kind.coordinate, value
+
+
+def _driven(
+    drive: Drive, requests: Mapping[str, Any], kind: ActuatorKind, actuators: ActuatorSet
+) -> Iterator[tuple[int, str, Any]]:
+    """Number, key for messages and request of each actuator that is driven so."""
+    for name, value in requests.items():
+        index, key = index_of(name, actuators.names, kind.name, drive.asked), f"control.{drive.asked}['{name}']"
+        why_not = actuators.why_not(drive, index)
+        if why_not:
+            raise ControlError(f"{key}: cannot be asked for, {why_not}")
+        yield index, key, finite(value, key, ())
 
 
 def _valves(model: Model, state: State, control: Control, target: np.ndarray) -> dict[str, np.ndarray]:
     """How valves and regulators of air lines are in the step, by what they and (actuator_count,) are asked for."""
     request, cavities = state.valve_request.copy(), model.cavities
-    for name, value in control.valve.items():
-        index = index_of(name, cavities.names, CAVITIES.name, VALVE.asked)
-        key = f"control.{VALVE.asked}['{name}']"
-        why_not = cavities.why_not(VALVE, index)
-        if why_not:
-            raise ControlError(f"{key}: cannot be asked for, {why_not}")
-        request[index] = opening = finite(value, key, ())
+    for index, key, opening in _driven(VALVE, control.valve, CAVITIES, cavities):
         if not -1.0 <= opening <= 1.0:
-            raise ControlError(f"{key} = {value!r}: must be from -1 (open to the exhaust) to 1 (open to the source)")
+            raise ControlError(
+                f"{key} = {float(opening)!r}: must be from -1 (open to the exhaust) to 1 (open to the source)"
+            )
+        request[index] = opening
     return cavities.valves.moved(state, model.actuators.of(CAVITIES, target), request)
 
 
@@ -329,10 +346,10 @@ def _pull_point(model: Model, state: State, control: Control) -> np.ndarray:
     """Places of all cables' pull points [mm], (cable_count, 3), with those that are asked for."""
     pull_point, cables = state.pull_point.copy(), model.cables
     for name, place in control.pull_points.items():
-        cable = index_of(name, cables.names, "cable", "pull_points")
+        cable, key = index_of(name, cables.names, "cable", "pull_points"), f"control.pull_points['{name}']"
         if not cables.has_pull_point[cable]:
-            raise ControlError(f"control.pull_points['{name}']: this cable has none; give it one in the scene")
-        pull_point[cable] = finite(place, f"control.pull_points['{name}']", (3,))
+            raise ControlError(f"{key}: this cable has none; give it one in the scene")
+        pull_point[cable] = finite(place, key, (3,))
     return pull_point
 
 
@@ -349,12 +366,12 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
             known = nearest(str(name), list(rows), "there are")
             raise ControlError(f"control.anchor_positions: no soft body with anchors is called {str(name)!r}; {known}")
         key = f"control.anchor_positions['{name}']"
-        asked, needed = as_array(value, key), position[rows[name]].shape
-        if asked.shape != needed:
-            raise ControlError(f"{key} has shape {asked.shape}: must have {needed}, a row for each anchored node")
-        if not np.isfinite(asked).all():
+        request, needed = as_array(value, key), position[rows[name]].shape
+        if request.shape != needed:
+            raise ControlError(f"{key} has shape {request.shape}: must have {needed}, a row for each anchored node")
+        if not np.isfinite(request).all():
             raise ControlError(f"{key} has a number that is not finite: all must be")
-        position[rows[name]] = asked
+        position[rows[name]] = request
     return position
 
 
@@ -362,10 +379,11 @@ def _young_modulus(model: Model, state: State, control: Control) -> np.ndarray:
     """Young's moduli of all materials [kPa], (material_count,), with those that are asked for."""
     moduli = state.young_modulus.copy()
     for name, value in control.young_modulus.items():
-        material = index_of(name, model.material_names, "material", "young_modulus")
-        key = f"control.young_modulus['{name}']"
-        modulus = finite(value, key, ())
-        if modulus <= 0.0:
+        material, key = (
+            index_of(name, model.material_names, "material", "young_modulus"),
+            f"control.young_modulus['{name}']",
+        )
+        moduli[material] = finite(value, key, ())
+        if moduli[material] <= 0.0:
             raise ControlError(f"{key} = {value!r}: must be above 0")
-        moduli[material] = modulus
     return moduli

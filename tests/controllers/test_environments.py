@@ -32,9 +32,9 @@ def make(name: str, **told: Any) -> gymnasium.Env:
     return gymnasium.make(f"taichisoft_gym:taichisoft/{name}-v0", **{**ARGUMENTS[name], **told})
 
 
-@pytest.mark.parametrize("name", EPISODES)
-def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
-    env = make(name)
+@pytest.mark.parametrize(("name", "told"), [*((name, {}) for name in EPISODES), ("Reach", {"goals": True})])
+def test_gymnasiums_checker_finds_nothing(name: str, told: dict) -> None:
+    env = make(name, **told)
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)  # what gymnasium's logger uses
         warnings.filterwarnings("ignore", ".*(walls of one element|is stretched)")  # the scene, which is coarse
@@ -43,7 +43,7 @@ def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", EPISODES)
-def test_the_checker_of_stable_baselines_has_nothing_to_say(name: str) -> None:
+def test_stable_baselines_checker_finds_nothing(name: str) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -63,14 +63,14 @@ def episode(env: gymnasium.Env, seed: int) -> list[bytes]:
     return seen
 
 
-def test_a_seed_repeats_everything_to_the_bit_and_another_does_not() -> None:
+def test_seed_repeats_every_bit() -> None:
     told = {"randomisation": EVERYTHING, "noise": 0.01}
     first = episode(make("Grasp", **told), 3)
     assert episode(make("Grasp", **told), 3) == first
     assert episode(make("Grasp", **told), 4) != first
 
 
-def test_reduced_bodies_with_all_their_modes_are_seen_as_full_ones(tmp_path: Path) -> None:
+def test_reduced_bodies_with_all_modes_move_as_full_ones(tmp_path: Path) -> None:
     """A basis of all motions leaves nothing out; what is left is the tolerance of the contact solver, 1e-5 mm/s."""
     full = make("Grasp")
     full.reset(seed=1)
@@ -86,8 +86,6 @@ def test_reduced_bodies_with_all_their_modes_are_seen_as_full_ones(tmp_path: Pat
         there, here = (env.step(np.array([action] * 2 + [0.2], np.float32))[0] for env in (full, reduced))
         np.testing.assert_allclose(here, there, atol=1e-4)
     assert len(simulation.state.contact_impulse) > 2  # the pads press
-    with pytest.raises(SceneError, match="reduced nowhere: no such folder"):
-        make("Grasp", reduced="nowhere")
 
 
 def test_what_is_drawn_is_what_is_simulated() -> None:
@@ -123,7 +121,7 @@ def test_no_drawn_place_lies_within_a_finger() -> None:
     assert repeated["randomised"] == told["randomised"]
 
 
-def test_an_object_without_a_free_place_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_object_without_a_free_place_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("taichisoft_gym.episode_start.MOST_PLACES", 1)
     env = make("Grasp", randomisation={"place": 12.0})
     with pytest.raises(SceneError, match=r"place'\]: none of 1 places was free; bodies '.*' and 'cube' overlap"):
@@ -142,7 +140,7 @@ def grasp(env: gymnasium.Env) -> tuple[list[float], dict[str, Any], bool]:
     return rewards, told, terminated
 
 
-def test_who_grasps_and_lifts_is_rewarded_more_and_more_and_succeeds() -> None:
+def test_reward_of_grasp_grows_until_success() -> None:
     env = make("Grasp", lift=10.0)
     env.reset(seed=0)
     rewards, told, terminated = grasp(env)
@@ -154,7 +152,7 @@ def test_who_grasps_and_lifts_is_rewarded_more_and_more_and_succeeds() -> None:
     assert rewards[-1] == pytest.approx(1.0)
 
 
-def test_an_object_that_flies_away_terminates_the_episode() -> None:
+def test_lost_object_terminates_the_episode() -> None:
     env = make("Grasp")
     env.reset()
     state = env.get_wrapper_attr("simulation").state
@@ -167,14 +165,14 @@ def test_an_object_that_flies_away_terminates_the_episode() -> None:
     assert (terminated, truncated, told["is_success"]) == (True, False, False)
 
 
-def test_an_episode_that_is_over_is_truncated_and_not_terminated() -> None:
+def test_last_step_truncates_the_episode() -> None:
     env = make("Grasp", max_episode_steps=2)
     env.reset()
     ends = [env.step(np.zeros(3))[2:4] for _ in range(2)]
     assert ends == [(False, False), (False, True)]
 
 
-def test_a_simulation_that_diverges_truncates_the_episode() -> None:
+def test_divergence_truncates_the_episode() -> None:
     env = make("Grasp")
     env.reset()
     state = env.get_wrapper_attr("simulation").state
@@ -184,7 +182,7 @@ def test_a_simulation_that_diverges_truncates_the_episode() -> None:
     assert "step" in told["diverged"]
 
 
-def test_an_episode_begins_at_the_state_that_is_given() -> None:
+def test_episode_begins_at_a_given_state() -> None:
     env = make("Grasp", randomisation=EVERYTHING)
     env.reset(seed=0)
     grasp(env)
@@ -200,7 +198,7 @@ def test_an_episode_begins_at_the_state_that_is_given() -> None:
 
 
 @pytest.mark.parametrize("share", [0.1, 0.9])
-def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> None:
+def test_measured_pressure_reaches_its_target(share: float) -> None:
     env = make("Reach")
     env.reset(seed=0)
     from taichisoft_gym.tasks import LARGEST
@@ -218,17 +216,11 @@ def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> 
     env.reset(options={"target": target})
     _, reward, _, _, told = env.step(np.array([1.0]))  # the first action is no change
     assert reward == pytest.approx(-0.1 * told["distance"])
-    for wrong in ((1.0, 2.0), (1.0, 2.0, np.nan), "there", [[1.0], 2.0, 3.0]):
-        with pytest.raises(SceneError, match="must be a point"):
-            env.reset(options={"target": wrong})
 
 
-def test_carrying_pays_where_the_object_comes_nearer_and_most_where_it_is_let_go() -> None:
+def test_carry_rewards_progress_and_letting_go() -> None:
     env = make("Carry", tolerance=2.0)
     env.reset()
-    for wrong in ((0.0, 0.0), (1.0, np.nan), "there"):
-        with pytest.raises(SceneError, match="must be a way to the right and to the front"):
-            env.reset(options={"target": wrong})
     env.reset(seed=0, options={"target": (10.0, 0.0)})
     _, far, _, _, told = env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))
     assert told["distance"] == pytest.approx(10.0, abs=0.1)
@@ -239,7 +231,7 @@ def test_carrying_pays_where_the_object_comes_nearer_and_most_where_it_is_let_go
     assert env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))[1] > far + 1.0
 
 
-def test_an_object_that_is_pushed_along_the_floor_is_not_carried() -> None:
+def test_dragged_object_fails_carry() -> None:
     env = make("Carry", longest_drag=3.0, tolerance=100.0)
     env.reset(seed=0, options={"target": (30.0, 0.0)})
     closed = [1.0, 1.0]
@@ -256,23 +248,7 @@ def test_an_object_that_is_pushed_along_the_floor_is_not_carried() -> None:
     assert told["dragged"] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("task", "told", "problem"),
-    [
-        ("Carry", {"longest_drag": 0.0}, "longest_drag = 0.0: must be above 0"),
-        ("Carry", {"tolerance": "fine"}, "tolerance = 'fine': must be a finite number"),
-        ("Carry", {"distance": (50.0, 20.0)}, "must be a shortest and a longest distance"),
-        ("Grasp", {"lift": -30.0}, "lift = -30.0: must be above 0"),
-        ("Grasp", {"hold": float("nan")}, "hold = nan: must be a finite number"),
-        ("Reach", {"tolerance": 0.0}, "tolerance = 0.0: must be above 0"),
-    ],
-)
-def test_figures_of_a_task_are_above_zero(task: str, told: dict, problem: str) -> None:
-    with pytest.raises(SceneError, match=re.escape(problem)):
-        make(task, **told)
-
-
-def test_another_object_takes_the_place_of_the_scenes() -> None:
+def test_argument_object_replaces_the_object() -> None:
     env = make("Grasp", object={"sphere": {"radius": 5.0}, "mass": 0.002}, friction=0.5)
     env.reset()
     model = env.get_wrapper_attr("simulation").model
@@ -282,31 +258,55 @@ def test_another_object_takes_the_place_of_the_scenes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "problem"),
+    ("task", "told", "problem"),
     [
-        ({"pressure": (10.0, 10.0)}, "the first must be below the second"),
-        ({"pressure": (0.0, 100.0)}, r"\(0, 100\): goes beyond limits.highest_pressure = 30 kPa of the scene"),
-        ({"pressure": (-1.0, 20.0)}, "goes beyond limits.lowest_pressure = 0 kPa"),
-        ({"pressure": (0.0, float("nan"))}, "must be a lowest and a highest pressure"),
-        ({"pressure": "high"}, "pressure = 'high': must be a lowest and a highest pressure"),
-        ({"pressure": 10.0}, "must be a lowest and a highest pressure"),
-        ({"pressure_rate": 301.0}, "goes beyond limits.pressure_rate = 300 kPa/s"),
-        ({"control_period": 0.015}, "must be a whole multiple of the time step, 0.01 s"),
-        ({"randomisation": {"fiction": (0.1, 0.2)}}, "there is no 'fiction'; did you mean 'friction'"),
-        ({"randomisation": {"mass": (2.0, 1.0)}}, r"randomisation\['mass'\]"),
-        ({"randomisation": {"friction": 0.5}}, r"randomisation\['friction'\] = 0.5: must be"),
-        ({"object": {"weight": 1.0}}, "rigid_bodies.cube.weight"),
+        ("Carry", {"longest_drag": 0.0}, "longest_drag = 0.0: must be above 0"),
+        ("Carry", {"tolerance": "fine"}, "tolerance = 'fine': must be a finite number"),
+        ("Carry", {"distance": (50.0, 20.0)}, "must be a shortest and a longest distance"),
+        ("Grasp", {"lift": -30.0}, "lift = -30.0: must be above 0"),
+        ("Grasp", {"hold": float("nan")}, "hold = nan: must be a finite number"),
+        ("Reach", {"tolerance": 0.0}, "tolerance = 0.0: must be above 0"),
+        ("Grasp", {"pressure": (10.0, 10.0)}, "the first must be below the second"),
+        ("Grasp", {"pressure": (0.0, 100.0)}, "(0, 100): goes beyond limits.highest_pressure = 30 kPa of the scene"),
+        ("Grasp", {"pressure": (-1.0, 20.0)}, "goes beyond limits.lowest_pressure = 0 kPa"),
+        ("Grasp", {"pressure": (0.0, float("nan"))}, "must be a lowest and a highest pressure"),
+        ("Grasp", {"pressure": "high"}, "pressure = 'high': must be a lowest and a highest pressure"),
+        ("Grasp", {"pressure": 10.0}, "must be a lowest and a highest pressure"),
+        ("Grasp", {"pressure_rate": 301.0}, "goes beyond limits.pressure_rate = 300 kPa/s"),
+        ("Grasp", {"control_period": 0.015}, "must be a whole multiple of the time step, 0.01 s"),
+        ("Grasp", {"randomisation": {"fiction": (0.1, 0.2)}}, "there is no 'fiction'; did you mean 'friction'"),
+        ("Grasp", {"randomisation": {"mass": (2.0, 1.0)}}, "randomisation['mass']"),
+        ("Grasp", {"randomisation": {"friction": 0.5}}, "randomisation['friction'] = 0.5: must be"),
+        ("Grasp", {"object": {"weight": 1.0}}, "rigid_bodies.cube.weight"),
+        ("Grasp", {"objects": {"cube": 3}}, "object = 3: must be a dictionary of keys of a rigid body"),
+        ("Grasp", {"objects": {}}, "objects: must be changed keys"),
+        ("Grasp", {"goals": True}, "Grasp has no goal"),
+        ("Grasp", {"reduced": "nowhere"}, "reduced nowhere: no such folder"),
     ],
 )
-def test_an_argument_that_makes_no_sense_is_refused(told: dict[str, Any], problem: str) -> None:
-    with pytest.raises(SceneError, match=problem):
-        make("Grasp", **told)
+def test_arguments_that_make_no_sense_are_refused(task: str, told: dict[str, Any], problem: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(problem)):
+        make(task, **told)
 
 
-def test_options_and_actions_that_make_no_sense_are_refused() -> None:
+@pytest.mark.parametrize(
+    ("task", "option", "values", "problem"),
+    [
+        ("Reach", "target", ((1.0, 2.0), (1.0, 2.0, np.nan), "there", [[1.0], 2.0, 3.0]), "must be a point"),
+        ("Carry", "target", ((0.0, 0.0), (1.0, np.nan), "there"), "must be a way to the right and to the front"),
+        ("Grasp", "difficulty", (2,), "options['difficulty'] = 2: must be a number from 0 to 1"),
+        ("Grasp", "stat", (None,), "there is no 'stat'; there are: state"),
+    ],
+)
+def test_options_of_reset_are_refused(task: str, option: str, values: tuple, problem: str) -> None:
+    env = make(task)
+    for wrong in values:
+        with pytest.raises(SceneError, match=re.escape(problem)):
+            env.reset(options={option: wrong})
+
+
+def test_actions_and_states_that_make_no_sense_are_refused() -> None:
     env = make("Grasp").unwrapped
-    with pytest.raises(SceneError, match="there is no 'stat'; there are: state"):
-        env.reset(options={"stat": None})
     env.reset()
     for action in (
         [0.0, np.nan, 0.0],
@@ -337,7 +337,7 @@ def test_options_and_actions_that_make_no_sense_are_refused() -> None:
     env.step(np.zeros(3))  # nothing of all that is left
 
 
-def test_a_step_or_a_picture_before_the_first_reset_says_what_is_missing() -> None:
+def test_step_and_picture_need_a_reset() -> None:
     env = make("Reach").unwrapped
     for ask in (lambda: env.step(np.zeros(1)), lambda: env.picture("iso", (8, 8))):
         with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\) first"):
@@ -345,7 +345,7 @@ def test_a_step_or_a_picture_before_the_first_reset_says_what_is_missing() -> No
     env.close()
 
 
-def test_an_action_beyond_the_space_counts_as_its_end_for_motion_and_reward() -> None:
+def test_actions_are_clipped_for_motion_and_reward() -> None:
     """Reach-v0 takes a change of the action off the reward: from 1 to 5 there is none, since 5 is 1."""
     rewards, ends = {}, {}
     for second in (1.0, 5.0):
@@ -360,7 +360,7 @@ def test_an_action_beyond_the_space_counts_as_its_end_for_motion_and_reward() ->
     assert ends[5.0] == ends[1.0]
 
 
-def test_the_ranges_of_actions_end_at_the_limits_of_the_scene() -> None:
+def test_ranges_of_actions_end_at_limits() -> None:
     """No part of a range is dead: without an argument pressures and speeds go as far as scene and cavities allow."""
     scene = taichisoft.load_scene(str(TINY_GRIPPER), ["limits.base_speed=40", "limits.pressure_rate=50"])
     env = make("Grasp", scene=scene, pressure=None).unwrapped
@@ -372,7 +372,7 @@ def test_the_ranges_of_actions_end_at_the_limits_of_the_scene() -> None:
     assert make("Reach").unwrapped.action_channels[0].high == 60.0
 
 
-def test_a_limit_of_a_cavity_counts_as_one_of_the_scene() -> None:
+def test_limit_of_a_cavity_bounds_the_pressure() -> None:
     text = taichisoft.load_scene("finger-inflated", ["soft_bodies.finger.cavities.cavity.highest_pressure=18"])
     assert make("Reach", scene=text).unwrapped.action_channels[0].high == 18.0
     key = "soft_bodies.finger.cavities.cavity.highest_pressure = 18 kPa"
@@ -381,7 +381,7 @@ def test_a_limit_of_a_cavity_counts_as_one_of_the_scene() -> None:
 
 
 @pytest.mark.parametrize(("mode", "count"), [(None, 1), ("sync", 2)])  # a process of its own takes long to start
-def test_environments_side_by_side_give_the_bits_of_one_alone(mode: str | None, count: int) -> None:
+def test_vector_environments_give_the_same_bits(mode: str | None, count: int) -> None:
     alone = make("Grasp")
     expected, _ = alone.reset(seed=5)
     envs = gymnasium.make_vec("taichisoft_gym:taichisoft/Grasp-v0", num_envs=count, vectorization_mode=mode, **SMALL)
@@ -436,21 +436,16 @@ def test_a_page_in_the_browser_shows_an_episode(capfd: pytest.CaptureFixture[str
     env.close()
 
 
-def test_an_environment_can_be_described_as_text() -> None:
+def test_spec_is_written_as_text() -> None:
     env = make("Grasp", randomisation={"friction": (0.4, 0.8)})
     text = env.spec.to_json()
     assert json.loads(text)["kwargs"]["randomisation"] == {"friction": [0.4, 0.8]}
     assert taichisoft_gym.EPISODES["Grasp"] == env.spec.max_episode_steps
 
 
-def test_a_goal_is_in_the_observation_and_its_reward_can_be_worked_out_for_another() -> None:
+def test_goals_are_observed_and_rewarded() -> None:
     """Hindsight: the reward of a step is that of its goals, and that of a goal which is where the tip is, is 0."""
     env = make("Reach", goals=True)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UserWarning)
-        warnings.filterwarnings("ignore", ".*walls of one element")
-        warnings.filterwarnings("ignore", ".*is stretched")  # by the highest pressure, which gives the targets
-        check_env(env.unwrapped, skip_render_check=True)
     first, _ = env.reset(seed=0, options={"target": (-110.0, 20.0, 0.0)})
     assert "way to the target up" not in [channel.name for channel in env.unwrapped.channels]
     seen, reward, *_, told = env.step(np.array([1.0]))
@@ -459,8 +454,6 @@ def test_a_goal_is_in_the_observation_and_its_reward_can_be_worked_out_for_anoth
     assert reward == env.unwrapped.compute_reward(achieved, desired, told) == -1.0
     many = env.unwrapped.compute_reward(np.array([achieved, achieved]), np.array([desired, achieved]), [{}, {}])
     assert many.tolist() == [-1.0, 0.0]
-    with pytest.raises(SceneError, match="Grasp has no goal"):
-        make("Grasp", goals=True)
 
 
 def test_every_reset_draws_one_of_the_objects() -> None:
@@ -471,10 +464,6 @@ def test_every_reset_draws_one_of_the_objects() -> None:
         _, told = env.reset(seed=seed)
         masses[told["randomised"]["object"]] = env.get_wrapper_attr("simulation").model.rigid_mass.tolist()
     assert masses == {"cube": [0.0005], "ball": [0.001]}
-    with pytest.raises(SceneError, match="object = 3: must be a dictionary of keys of a rigid body"):
-        make("Grasp", objects={"cube": 3})
-    with pytest.raises(SceneError, match="objects: must be changed keys"):
-        make("Grasp", objects={})
 
 
 def test_a_difficulty_is_the_share_of_all_ranges() -> None:
@@ -485,8 +474,6 @@ def test_a_difficulty_is_the_share_of_all_ranges() -> None:
     whole = env.reset(seed=0, options={"difficulty": 1.0})[1]["randomised"]
     for name, value in whole.items():
         assert half[name] - easy[name] == pytest.approx(0.5 * (value - easy[name]))
-    with pytest.raises(SceneError, match=r"options\['difficulty'\] = 2: must be a number from 0 to 1"):
-        env.reset(options={"difficulty": 2})
 
 
 class Pull(SoftRobotEnvironment):
@@ -497,7 +484,7 @@ class Pull(SoftRobotEnvironment):
     observations = ("actuators", "wrist force", "contact pressure", "tactile")
 
 
-def test_a_base_that_turns_stops_at_its_end_and_mistakes_of_a_task_are_named() -> None:
+def test_turning_base_stops_and_mistakes_are_named() -> None:
     env = Pull(scene=str(TINY_GRIPPER), pressure=(0.0, 15.0))
     env.reset(seed=0)
     with pytest.raises(NotImplementedError, match="Pull needs a method reward"):
@@ -542,7 +529,7 @@ def test_what_a_task_reads_draws_and_gives_is_checked() -> None:
             env.step(np.zeros(4))
 
 
-def test_sensors_of_the_scene_disturb_readings_but_not_rewards_and_differ_between_episodes() -> None:
+def test_scene_sensors_disturb_readings_alone() -> None:
     scene = taichisoft.load_scene(str(TINY_GRIPPER), ["sensors.object_position={noise=5.0}"])
     env, exact = make("Grasp", scene=scene), make("Grasp")
     first, told = env.reset(seed=1)

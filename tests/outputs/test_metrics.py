@@ -419,5 +419,5 @@ def test_the_largest_stretch_of_each_body_is_kept(tmp_path: Path) -> None:
     for stretch in (1.5, 1.25):
         output._last_state = SimpleNamespace(position=fake_run.REST * [stretch, 1.0, 1.0])
         output._look_at_stretches()
-    assert output._stretch_metrics()["largest_stretch"]["finger"] == pytest.approx(1.5)
-    assert output._stretch_metrics()["stretch_99_percent"]["finger"] == pytest.approx(1.5)
+    figures = output.figures("completed")
+    assert figures["largest_stretch"]["finger"] == figures["stretch_99_percent"]["finger"] == pytest.approx(1.5)
