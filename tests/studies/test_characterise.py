@@ -38,7 +38,7 @@ def test_a_finger_bends_by_its_pressure_and_presses_with_what_is_left(found):
     assert np.isnan(curves.forces[1, 0])
     assert 0.0 < curves.forces[1, 2] < curves.forces[0, 2]
     # At small angles a finger is a spring that pressure moves: the force goes with the way that the block takes.
-    held_back = curves.way[2] - curves.way[curves.blocked]
+    held_back = curves.travel[2] - curves.travel[curves.blocked]
     assert curves.forces[0, 2] / held_back[0] == pytest.approx(curves.forces[1, 2] / held_back[1], rel=0.25)
     assert curves.stiffness[2] == pytest.approx(curves.forces[1, 2] / held_back[1])
     assert np.isnan(curves.stiffness[0])
@@ -53,7 +53,7 @@ def test_the_free_bend_is_where_the_finger_comes_to_rest(found):
 def test_table_picture_and_page_say_the_same(found, tmp_path):
     curves, _, scene = found
     finer = Characteristics(
-        curves.pressures, 1.1 * curves.bending, curves.way, curves.volumes, curves.blocked, 0.8 * curves.forces
+        curves.pressures, 1.1 * curves.bending, curves.travel, curves.volumes, curves.blocked, 0.8 * curves.forces
     )
     table, picture, page = write_datasheet(tmp_path / "new", scene, curves, finer, "a finer mesh")
     with table.open(encoding="utf-8", newline="") as file:
