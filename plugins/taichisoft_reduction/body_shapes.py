@@ -33,11 +33,11 @@ class BodyShape:
 
 def body_shapes(scene: Scene) -> list[BodyShape]:
     """The shapes of the scene's anchored soft bodies, in the scene's order; others have no frame to be relative to."""
-    found: dict[str, list[str]] = {}
+    by_key: dict[str, list[str]] = {}
     for name, body in scene.soft_bodies.items():
         if body.anchors:
-            found.setdefault(shape_key(body), []).append(name)
-    return [BodyShape(names[0], tuple(names)) for names in found.values()]
+            by_key.setdefault(shape_key(body), []).append(name)
+    return [BodyShape(names[0], tuple(names)) for names in by_key.values()]
 
 
 def shape_key(body: Any) -> str:
@@ -83,5 +83,5 @@ class RelativeMotion:
 
 def relative_motions(model: "Model", names: Iterable[str]) -> dict[str, RelativeMotion]:
     """The motions of some bodies of a model by their names."""
-    wanted = set(names)
-    return {body.name: RelativeMotion.of_body(body) for body in model.soft_bodies if body.name in wanted}
+    chosen = set(names)
+    return {body.name: RelativeMotion.of_body(body) for body in model.soft_bodies if body.name in chosen}

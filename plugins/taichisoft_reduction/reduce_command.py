@@ -47,7 +47,7 @@ def reduce(
     """
     from taichisoft_reduction.validation import PICTURE, TABLE, WITHIN, tolerance_share
 
-    wanted = tolerance_share("--tolerance", tolerance)
+    share = tolerance_share("--tolerance", tolerance)
     if modes is not None and modes < 1:
         raise ReductionError(f"--modes {modes}: must be at least 1")
     if processes is not None and processes < 1:
@@ -64,7 +64,7 @@ def reduce(
 
     console = Console()
     wishes = Wishes(
-        tolerance=wanted,
+        tolerance=share,
         modes=modes,
         recordings=runs or (),
         own_training=own_training,
@@ -75,14 +75,15 @@ def reduce(
     )
     loaded = load_scene(scene, set_ or [])
     with locked_folder(output), ExitStack() as bars:
-        found = reduce_scene(loaded, output, wishes, _progress(console, bars))
-    _show(console, found)
-    error = f"{100.0 * found.error:.2g} %"
+        reduction = reduce_scene(loaded, output, wishes, _progress(console, bars))
+    _show(console, reduction)
+    error = f"{100.0 * reduction.error:.2g} %"
     print_line(
-        console, f"{', '.join(map(str, found.files.values()))}: {found.verdict} of {100.0 * wanted:g} % ({error})"
+        console,
+        f"{', '.join(map(str, reduction.files.values()))}: {reduction.verdict} of {100.0 * share:g} % ({error})",
     )
     print_line(console, f"table in {output / TABLE}, curves in {output / PICTURE}")
-    if found.verdict != WITHIN:
+    if reduction.verdict != WITHIN:
         print_line(console, "more --runs like the worst ones, more --modes or another --tolerance may help")
 
 
@@ -90,12 +91,12 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
     name, equals, values = text.partition("=")
     low, colon, high = values.partition(":")
     try:
-        found = float(low), float(high)
+        range_ = float(low), float(high)
     except ValueError:
-        found = 0.0, 0.0
-    if not (equals and colon and -1e12 < found[0] <= 0.0 < found[1] < 1e12):
+        range_ = 0.0, 0.0
+    if not (equals and colon and -1e12 < range_[0] <= 0.0 < range_[1] < 1e12):
         raise ReductionError(f"--range {text}: must be BODY.ACTUATOR=LOW:HIGH LOW <= 0 < HIGH, as in a.tube=0:40")
-    return name, found
+    return name, range_
 
 
 def _progress(console: "Console", bars: ExitStack) -> Any:
@@ -119,7 +120,7 @@ def _progress(console: "Console", bars: ExitStack) -> Any:
     return Shown()
 
 
-def _show(console: "Console", found: "Reduction") -> None:
+def _show(console: "Console", reduction: "Reduction") -> None:
     from rich.table import Table
 
     from taichisoft.base import plain
@@ -128,10 +129,10 @@ def _show(console: "Console", found: "Reduction") -> None:
     table = Table(title="errors in runs that were not trained on: largest / mean (largest in percent of the change)")
     for name in HEADER:
         table.add_column(plain(name))
-    rows: Sequence[Sequence[str]] = table_rows(found.comparisons)
+    rows: Sequence[Sequence[str]] = table_rows(reduction.comparisons)
     for row in rows:
         table.add_row(*map(plain, row))
     console.print(table)
-    for one in found.comparisons:
-        if one.problem:
-            console.print(plain(f"{one.name}: {one.problem}"))
+    for comparison in reduction.comparisons:
+        if comparison.problem:
+            console.print(plain(f"{comparison.name}: {comparison.problem}"))

@@ -65,7 +65,9 @@ class ReducedCheckOutput(Output):
         modes = [body.modes for body in model.soft_bodies if body.modes is not None]
         if not modes:
             raise ReductionError("--reduced-check: no soft body of the scene is reduced; give --reduced FOLDER as well")
-        self._within = self._tolerance or max((one.tolerance for one in modes if one.tolerance), default=0.01)
+        self._within = self._tolerance or max(
+            (body_modes.tolerance for body_modes in modes if body_modes.tolerance), default=0.01
+        )
         full = {name: body.model_copy(update={"reduced": None}) for name, body in model.scene.soft_bodies.items()}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the reduced model has said the same
@@ -94,8 +96,8 @@ class ReducedCheckOutput(Output):
         except SimulationDiverged as error:
             self._problem = f"the full model: {' '.join(str(error).split())}"
             return
-        for figures, one in zip(self._figures, (full.state, state), strict=True):
-            figures.add(one)
+        for figures, its_state in zip(self._figures, (full.state, state), strict=True):
+            figures.add(its_state)
         if state.step % EVERY == 0:
             self._time.append(state.time)
             there, here = self._figures
@@ -104,11 +106,11 @@ class ReducedCheckOutput(Output):
 
     def _moved(self, state: State) -> dict[str, float]:
         """The largest displacement of each body relative to the frame that it follows."""
-        places, found = self._model.places(state), {}
+        places, displacements = self._model.places(state), {}
         for body, frame in zip(self._model.soft_bodies, self._model.soft_frame.tolist(), strict=True):
-            way = self._motions[body.name].displacement(state.position[body.nodes], places, frame)
-            found[f"{POSITION} of {body.name} [mm]"] = float(np.linalg.norm(way, axis=1).max())
-        return found
+            motion = self._motions[body.name].displacement(state.position[body.nodes], places, frame)
+            displacements[f"{POSITION} of {body.name} [mm]"] = float(np.linalg.norm(motion, axis=1).max())
+        return displacements
 
     def _missed(self, here: State, there: State) -> dict[str, float]:
         """The largest error of a position of each body."""
@@ -119,12 +121,12 @@ class ReducedCheckOutput(Output):
         """A row for each quantity of each body or pair that changes."""
         if not self._time:
             return []
-        found, time = [], np.array(self._time)
+        partings, time = [], np.array(self._time)
         for quantity, unit in UNITS.items():
             names = [name for name in self._there[0] if name.startswith(f"{quantity} of ")]
             if not names:
                 continue
-            there, here = (np.array([[one[n] for one in run] for n in names]) for run in (self._there, self._here))
+            there, here = (np.array([[row[n] for row in run] for n in names]) for run in (self._there, self._here))
             scale = float(changes(quantity, there).max(initial=0.0))
             if not scale > 0.0:
                 continue
@@ -134,15 +136,17 @@ class ReducedCheckOutput(Output):
                 of = name.removeprefix(f"{quantity} of ").rpartition(" [")[0]
                 parted = float(time[beyond[0]]) if len(beyond) else None
                 largest = float(row[worst])
-                found.append(Parting(quantity, of, unit, largest, float(time[worst]), float(row.mean()), scale, parted))
-        return found
+                partings.append(
+                    Parting(quantity, of, unit, largest, float(time[worst]), float(row.mean()), scale, parted)
+                )
+        return partings
 
     def end(self, outcome: str) -> None:
         """Write reduced_check.json."""
-        rows = [asdict(one) for one in self.partings()]
-        found = {"tolerance": self._within, "problem": self._problem, "quantities": rows}
+        rows = [asdict(parting) for parting in self.partings()]
+        tables = {"tolerance": self._within, "problem": self._problem, "quantities": rows}
         with atomic_file(self._path, ReductionError) as partial:
-            partial.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+            partial.write_text(json.dumps(tables, indent=2) + "\n", encoding="utf-8")
 
     def summary(self) -> dict[str, str]:
         """The worst row of each quantity."""
@@ -150,9 +154,9 @@ class ReducedCheckOutput(Output):
             return {}
         rows: dict[str, str] = {}
         for quantity in UNITS:
-            own = [one for one in self.partings() if one.quantity == quantity]
+            own = [parting for parting in self.partings() if parting.quantity == quantity]
             if own:
-                rows[f"{quantity}: reduced from full"] = str(max(own, key=lambda one: one.largest))
+                rows[f"{quantity}: reduced from full"] = str(max(own, key=lambda parting: parting.largest))
         if self._problem:
             rows["reduced from full: compared until"] = self._problem
         return rows

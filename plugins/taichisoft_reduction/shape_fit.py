@@ -48,9 +48,9 @@ class Basis:
         values, vectors = values[::-1], vectors[:, ::-1]
         if not values[0] > 0.0:
             raise ReductionError("nothing moved in the training: no actuator, no motion of the base and no gravity")
-        some = values > SMALLEST**2 * values[0]
-        self.singular_values = np.sqrt(values[some])
-        columns = weighted.T @ (vectors[:, some] / self.singular_values)
+        kept = values > SMALLEST**2 * values[0]
+        self.singular_values = np.sqrt(values[kept])
+        columns = weighted.T @ (vectors[:, kept] / self.singular_values)
         columns, triangle = np.linalg.qr(columns)  # the small ones are not quite orthogonal
         columns *= np.sign(np.diag(triangle))
         self.modes = (columns.reshape(len(node_mass), 3, -1)) / root[:, :, None]
@@ -103,23 +103,23 @@ class DomainForces:
         own_material = body.material - body.material.min()
         domains = ELEMENT_KINDS[body.settings.element].domains(body.mesh.nodes, body.elements, own_material)
         self.count, self.volume, self.modes = len(domains.volume), domains.volume, modes
-        self.gradient = np.stack([domains.deformation(one) for one in np.moveaxis(modes, 2, 0)], axis=3)
+        self.gradient = np.stack([domains.deformation(mode) for mode in np.moveaxis(modes, 2, 0)], axis=3)
         first, second = body.lame[domains.element].T
         self._lame = first, second
         self._young = second * (3.0 * first + 2.0 * second) / (first + second)
         self._ratio = 0.5 * first / (first + second)
         material = own_material[domains.element]
         self._laws = [
-            DomainLaw(np.flatnonzero(material == number), one.law or body.settings.law, one.coefficients)
-            for number, one in enumerate(body.settings.materials)
+            DomainLaw(np.flatnonzero(material == number), settings.law or body.settings.law, settings.coefficients)
+            for number, settings in enumerate(body.settings.materials)
         ]
         turn = _placement(body)
         self.anchor = np.einsum("nir,nij,njs->rs", modes, _turned(body.anchor_stiffness, turn), modes)
 
     def deformation(self, amplitudes: np.ndarray) -> np.ndarray:
         """Deformation gradients, shape (count, 3, 3), at amplitudes, shape (mode_count,)."""
-        found: np.ndarray = np.eye(3) + self.gradient @ amplitudes
-        return found
+        deformation: np.ndarray = np.eye(3) + self.gradient @ amplitudes
+        return deformation
 
     def rotations(self, amplitudes: np.ndarray) -> np.ndarray:
         """Rotation of each domain, shape (count, 3, 3)."""
@@ -128,26 +128,26 @@ class DomainForces:
     def forces(self, amplitudes: np.ndarray) -> np.ndarray:
         """Work of each domain on each mode [mN mm / (mm sqrt(kg))], shape (count, mode_count); its sum is -f_r."""
         stress = self._stress(amplitudes).reshape(self.count, 1, 9)
-        found: np.ndarray = (stress @ self.gradient.reshape(self.count, 9, -1))[:, 0]
-        return found
+        forces: np.ndarray = (stress @ self.gradient.reshape(self.count, 9, -1))[:, 0]
+        return forces
 
     def _stress(self, amplitudes: np.ndarray) -> np.ndarray:
         """First Piola-Kirchhoff stress times the volumes [mN mm], shape (count, 3, 3)."""
         f = self.deformation(amplitudes)
         stress = np.empty_like(f)
-        for some, law, coefficients in self._laws:
-            if not len(some):
+        for domains, law, coefficients in self._laws:
+            if not len(domains):
                 continue
-            own, young, ratio, volume = f[some], self._young[some], self._ratio[some], self.volume[some]
+            own, young, ratio, volume = f[domains], self._young[domains], self._ratio[domains], self.volume[domains]
             if law == "hooke":
-                rotation = self.rotations(amplitudes)[some]
+                rotation = self.rotations(amplitudes)[domains]
                 shape, pressure = hooke_stress_parts(own, rotation, young, ratio)
                 to_rest = rotation
             else:
                 shape, pressure = rubber_stress_parts(own, law, coefficients, young, ratio)
                 to_rest = np.linalg.det(own)[:, None, None] * np.swapaxes(np.linalg.inv(own), 1, 2)
             whole = volume[:, :1, None] * shape + (volume[:, 1] * pressure)[:, None, None] * np.eye(3)
-            stress[some] = whole @ to_rest
+            stress[domains] = whole @ to_rest
         return stress
 
     def stiffness(self, amplitudes: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
@@ -165,8 +165,8 @@ class DomainForces:
         shape = symmetric * np.sqrt(2.0 * second * self.volume[:, 0] * factor)[:, None, None, None]
         flat = shape.reshape(-1, shape.shape[3])
         volume = trace * np.sqrt(first * self.volume[:, 1] * factor)[:, None]
-        found: np.ndarray = flat.T @ flat + volume.T @ volume + self.anchor
-        return found
+        stiffness: np.ndarray = flat.T @ flat + volume.T @ volume + self.anchor
+        return stiffness
 
     def spin_forces(self, amplitudes: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """Work of each domain on each mode by damping, over the factor of Rayleigh, where the body spins with its base.
@@ -184,8 +184,8 @@ class DomainForces:
         first, second = self._lame
         stress = (2.0 * second * self.volume[:, 0])[:, None, None] * (rotation @ symmetric)
         stress += (first * self.volume[:, 1] * np.trace(local, axis1=1, axis2=2))[:, None, None] * rotation
-        found: np.ndarray = (stress.reshape(self.count, 1, 9) @ self.gradient.reshape(self.count, 9, -1))[:, 0]
-        return found
+        forces: np.ndarray = (stress.reshape(self.count, 1, 9) @ self.gradient.reshape(self.count, 9, -1))[:, 0]
+        return forces
 
 
 def _placement(body: "SoftBody") -> np.ndarray:
@@ -195,8 +195,8 @@ def _placement(body: "SoftBody") -> np.ndarray:
 
 def _turned(stiffness: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Springs along the axes of space, (node_count, 3), as matrices in the axes of the mesh, (node_count, 3, 3)."""
-    found: np.ndarray = np.einsum("ki,nk,kj->nij", turn, stiffness, turn)
-    return found
+    turned: np.ndarray = np.einsum("ki,nk,kj->nij", turn, stiffness, turn)
+    return turned
 
 
 # Few integration domains with weights that move a body as all of them do.
@@ -358,8 +358,10 @@ def _solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         independent = bool(pivots.min() > SINGULAR * pivots.max())
     except np.linalg.LinAlgError:
         independent = False
-    found: np.ndarray = scipy.linalg.cho_solve(factor, right) if independent else scipy.linalg.lstsq(matrix, right)[0]
-    return found
+    solution: np.ndarray = (
+        scipy.linalg.cho_solve(factor, right) if independent else scipy.linalg.lstsq(matrix, right)[0]
+    )
+    return solution
 
 
 STATES, PERTURBED, SPUN = 110, 40, 20
@@ -417,10 +419,10 @@ class ShapeFit:
     def _states(self) -> np.ndarray:
         """Amplitudes that are spread over the training, and some beside them, shape (state_count, mode_count)."""
         amplitudes = self.basis.amplitudes[:, : self.mode_count]
-        some = amplitudes[far_apart(amplitudes, STATES)]
-        beside = some[np.linspace(0, len(some) - 1, min(PERTURBED, len(some))).astype(int)]
+        spread = amplitudes[far_apart(amplitudes, STATES)]
+        beside = spread[np.linspace(0, len(spread) - 1, min(PERTURBED, len(spread))).astype(int)]
         noise = np.random.default_rng(SEED).standard_normal(beside.shape)
-        return np.vstack([some, beside + PERTURBATION * amplitudes.std(axis=0) * noise])
+        return np.vstack([spread, beside + PERTURBATION * amplitudes.std(axis=0) * noise])
 
     def use_modes(self, count: int) -> None:
         """Use so many modes, or all that the training shows; before `choose`."""
@@ -454,8 +456,13 @@ class ShapeFit:
 
 def displacements_of(shape: BodyShape, results: Sequence[RunResult]) -> list[np.ndarray]:
     """The displacements of all copies in runs that came to their end [mm], each of shape (count, node_count, 3)."""
-    found = [result.displacement for result in results if not result.problem]
-    return [one[name].astype(np.float64) for one in found for name in shape.bodies if name in one]
+    completed = [result.displacement for result in results if not result.problem]
+    return [
+        displacement[name].astype(np.float64)
+        for displacement in completed
+        for name in shape.bodies
+        if name in displacement
+    ]
 
 
 def far_apart(points: np.ndarray, count: int) -> np.ndarray:

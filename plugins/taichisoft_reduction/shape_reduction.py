@@ -46,7 +46,7 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
     from taichisoft_outputs.recording.reader import read_recording
 
     keys = {shape_key(scene.soft_bodies[shape.name]): shape.name for shape in shapes}
-    found = []
+    results = []
     for path in paths:
         with read_recording(path) as recording:
             frames = np.unique(np.linspace(0, recording.instant_count - 1, MOST_FRAMES).astype(int))
@@ -67,9 +67,9 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
                 raise ReductionError(
                     f"--runs {path}: no soft body has the mesh and material of {names}; record this scene"
                 )
-            arrays = {name: np.array(one) for name, one in displacement.items()}
-            found.append(RunResult(str(path), "", np.zeros(0), arrays, {}))
-    return found
+            arrays = {name: np.array(rows) for name, rows in displacement.items()}
+            results.append(RunResult(str(path), "", np.zeros(0), arrays, {}))
+    return results
 
 
 # A fit in a process of its own, whose linear algebra has one thread: its sums and choices are always the same.
@@ -232,7 +232,7 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
         training, trained, validation, full = _runs(plan, pool, own, ranges, wishes, progress)
         fits, tried = {}, {}
         for shape in shapes:
-            body = next(one for one in model.soft_bodies if one.name == shape.name)
+            body = next(candidate for candidate in model.soft_bodies if candidate.name == shape.name)
             snapshots = displacements_of(shape, [*recordings, *(trained if wishes.own_training else [])])
             lag = scene.time.step + body.settings.rayleigh_stiffness
             fit = FitProcess(body, shape, snapshots, wishes.tolerance, wishes.modes, lag)
@@ -241,7 +241,7 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
             tried[shape.name] = _refine(fits[shape.name], shape, folder, pool, known, wishes, progress)
         files = {name: folder / f"{name}.npz" for name in fits}
         reduced = _reduced_runs(pool, validation, shapes, files, progress, "validation of the reduced model")
-        comparisons = [compare(one, other) for one, other in zip(full, reduced, strict=True)]
+        comparisons = [compare(whole, other) for whole, other in zip(full, reduced, strict=True)]
         far = plan.beyond(ranges)
         beyond = pool.results(far, progress.runs("beyond the training", len(far)))
         erring = _reduced_runs(pool, far, shapes, files, progress, "the reduced model beyond its training")
@@ -254,14 +254,14 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
         pairs = [
             pair
             for pair in zip([*full, *beyond], [*reduced, *erring], strict=True)
-            if not any(one.problem for one in pair)
+            if not any(result.problem for result in pair)
         ]
         for shape in shapes:
             fits[shape.name].write(
                 files[shape.name],
                 report=json.dumps(tables),
                 error=min(worst(comparisons), FAILED),
-                imbalance=max(largest_imbalance(one, shape.bodies) for one in reduced),
+                imbalance=max(largest_imbalance(result, shape.bodies) for result in reduced),
                 error_per_imbalance=error_per_imbalance([*pairs, *tried[shape.name]], shape.bodies),
                 # Recordings do not say where bodies were pressed, nor how they were driven.
                 pressed=None if recordings else _pressed(shape, [*own, *trained]),
@@ -274,22 +274,22 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
 
 def _pressed(shape: BodyShape, results: Sequence[RunResult]) -> np.ndarray | None:
     """Whether something pressed a node in any of some runs, shape (node_count,)."""
-    good = [one.touched for one in results if not one.problem]
-    touched = [one[name] for one in good for name in shape.bodies if name in one]
+    good = [result.touched for result in results if not result.problem]
+    touched = [nodes[name] for nodes in good for name in shape.bodies if name in nodes]
     return np.any(touched, axis=0) if touched else None
 
 
 def _drives(shape: BodyShape, results: Sequence[RunResult]) -> dict[str, tuple[str, float, float]]:
     """By actuator, without the body's name, the key that drove it in some runs, and its smallest and largest value."""
-    found: dict[str, tuple[str, float, float]] = {}
+    drives: dict[str, tuple[str, float, float]] = {}
     for result in results:
         for name, (key, low, high) in {} if result.problem else result.drives.items():
             body, _, actuator = name.partition(".")
             if body in shape.bodies and low < high:
-                before = found.get(actuator, (key, low, high))
+                before = drives.get(actuator, (key, low, high))
                 if before[0] == key:
-                    found[actuator] = key, min(low, before[1]), max(high, before[2])
-    return found
+                    drives[actuator] = key, min(low, before[1]), max(high, before[2])
+    return drives
 
 
 def _shapes(scene: Scene) -> list[BodyShape]:
@@ -361,15 +361,17 @@ def _refine(
         Runs of the training beside those of the model that was chosen last.
     """
     known = {
-        request.name.removeprefix(f"{shape.name}-"): (request, one) for request, one in training if not one.problem
+        request.name.removeprefix(f"{shape.name}-"): (request, result)
+        for request, result in training
+        if not result.problem
     }
     path = folder / f"{shape.name}.npz"
 
     def tried(names: Sequence[str], title: str) -> tuple[list[tuple[RunResult, RunResult]], bool]:
         fit.write(path)
-        some = [known[name] for name in names if name in known]
-        again = _reduced_runs(pool, [one for one, _ in some], [shape], {shape.name: path}, progress, title)
-        pairs = [(full, one) for (_, full), one in zip(some, again, strict=True)]
+        runs = [known[name] for name in names if name in known]
+        again = _reduced_runs(pool, [request for request, _ in runs], [shape], {shape.name: path}, progress, title)
+        pairs = [(full, repeated) for (_, full), repeated in zip(runs, again, strict=True)]
         error = worst([compare(*pair) for pair in pairs]) if pairs else 0.0
         progress.line(f"{title}; error of the training {100.0 * error:.2g} %")
         return pairs, error <= wishes.tolerance

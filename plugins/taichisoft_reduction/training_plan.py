@@ -31,7 +31,7 @@ Ranges = Mapping[str, tuple[str, float, float]]
 
 
 def actuator_ranges(
-    model: "Model", shape: BodyShape, own_run: RunResult | None, asked: Mapping[str, tuple[float, float]], full: bool
+    model: "Model", shape: BodyShape, own_run: RunResult | None, given: Mapping[str, tuple[float, float]], full: bool
 ) -> Ranges:
     """The ranges of the first body's actuators, over all copies.
 
@@ -39,23 +39,23 @@ def actuator_ranges(
         model: model of the scene.
         shape: the body and its copies.
         own_run: what the scene's own controller asks for; None without one.
-        asked: ranges that the user gives, by "body.actuator".
+        given: ranges that the user gives, by "body.actuator".
         full: whether to go to the scene's limits, and not only somewhat beyond the own run.
     """
-    found = {}
+    ranges = {}
     for kind in ACTUATOR_KINDS:
         for name in model.actuators.names_of(kind):
             if name.partition(".")[0] == shape.name:
                 copies = [f"{body}.{name.partition('.')[2]}" for body in shape.bodies]
-                found[name] = _range(model, copies, own_run, asked, full, (kind.effort, kind.coordinate))
-    return found
+                ranges[name] = _range(model, copies, own_run, given, full, (kind.effort, kind.coordinate))
+    return ranges
 
 
 def _range(
     model: "Model",
     copies: Sequence[str],
     own_run: RunResult | None,
-    asked: Mapping[str, tuple[float, float]],
+    given: Mapping[str, tuple[float, float]],
     full: bool,
     drives: tuple[Drive, Drive],
 ) -> tuple[str, float, float]:
@@ -63,9 +63,9 @@ def _range(
     by_coordinate = any(key == drives[1].asked for key, _, _ in used)
     drive = drives[by_coordinate]
     for name in copies:
-        if name in asked:
-            return drive.asked, *asked[name]
-    low, high = min((one for _, one, _ in used), default=0.0), max((one for _, _, one in used), default=0.0)
+        if name in given:
+            return drive.asked, *given[name]
+    low, high = min((value for _, value, _ in used), default=0.0), max((value for _, _, value in used), default=0.0)
     limit_low, limit_high = _limits(model, copies[0], drive, by_coordinate)
     if (full or low == high) and math.isfinite(limit_high):
         return drive.asked, min(0.0, limit_low) if math.isfinite(limit_low) else 0.0, limit_high
@@ -81,7 +81,7 @@ def _limits(model: "Model", name: str, drive: Drive, by_coordinate: bool) -> tup
     """Smallest and largest value that the actuator and the scene's limits allow; infinite where none is set."""
     number = model.actuators.names.index(name)
     ranges = model.actuators.coordinate_range if by_coordinate else model.actuators.effort_range
-    low, high = (float(one) for one in ranges[number])
+    low, high = (float(bound) for bound in ranges[number])
     limits = model.scene.limits
     scene_low, scene_high = (
         getattr(limits, f"lowest_{drive.name}", None),
@@ -117,36 +117,36 @@ def excitations(ranges: Ranges, gravity: Sequence[float], shift: float) -> dict[
         gravity: of the scene [mm/s^2], shape (3,).
         shift: how far the base moves [mm].
     """
-    found = {}
+    tables = {}
     if ranges:
-        found["ramp"] = ramp(ranges)
-        found["step"] = _step(ranges, 0.6)
-        found["wave"] = wave(ranges, FREQUENCY)
+        tables["ramp"] = ramp(ranges)
+        tables["step"] = _step(ranges, 0.6)
+        tables["wave"] = wave(ranges, FREQUENCY)
         if any(low < 0.0 for _, low, _ in ranges.values()):
-            found["suction"] = _lowest(ranges)
+            tables["suction"] = _lowest(ranges)
     if len(ranges) > 1:
-        found |= {f"alone-{_plain(name)}": ramp({name: one}) for name, one in ranges.items()}
-        found["out-of-step"] = wave(ranges, FREQUENCY, apart=True)
-    found |= {f"gravity-{number}": table for number, table in enumerate(_gravities(ranges, gravity))}
+        tables |= {f"alone-{_plain(name)}": ramp({name: limits}) for name, limits in ranges.items()}
+        tables["out-of-step"] = wave(ranges, FREQUENCY, apart=True)
+    tables |= {f"gravity-{number}": table for number, table in enumerate(_gravities(ranges, gravity))}
     for level in (0.0, 0.6) if ranges else (0.0,):
-        found[f"shaken-{level:g}"] = _moved(ranges, level, "base_translation", shift)
-        found[f"turned-{level:g}"] = _moved(ranges, level, "base_rotation", TURN)
-    return found
+        tables[f"shaken-{level:g}"] = _moved(ranges, level, "base_translation", shift)
+        tables[f"turned-{level:g}"] = _moved(ranges, level, "base_rotation", TURN)
+    return tables
 
 
 def unseen(ranges: Ranges, shift: float) -> dict[str, Timetable]:
     """Timetables of the validation by name: other frequencies, levels and directions than any of the training."""
-    found = {}
+    tables = {}
     if ranges:
-        found["unseen-wave"] = wave(ranges, 0.9, level=0.85, apart=len(ranges) > 1)
+        tables["unseen-wave"] = wave(ranges, 0.9, level=0.85, apart=len(ranges) > 1)
     times = np.linspace(0.0, 2.0, 81)
     channels = _constant_after_rise(ranges, 0.4, times)
-    way = np.sin(2.0 * math.pi * 1.1 * times) * np.minimum(1.0, times / 0.5)
+    motion = np.sin(2.0 * math.pi * 1.1 * times) * np.minimum(1.0, times / 0.5)
     for axis, share in zip(AXES, (0.5, -0.35, 0.4), strict=True):
-        channels[f"base_translation/{axis}"] = tuple((shift * share * way).tolist())
-        channels[f"base_rotation/{axis}"] = tuple((TURN * 0.5 * share * way[::-1] * np.minimum(1.0, times)).tolist())
-    found["unseen-sway"] = Timetable(tuple(times.tolist()), channels)
-    return found
+        channels[f"base_translation/{axis}"] = tuple((shift * share * motion).tolist())
+        channels[f"base_rotation/{axis}"] = tuple((TURN * 0.5 * share * motion[::-1] * np.minimum(1.0, times)).tolist())
+    tables["unseen-sway"] = Timetable(tuple(times.tolist()), channels)
+    return tables
 
 
 def ramp(ranges: Ranges, level: float = 1.0) -> Timetable:
@@ -177,9 +177,9 @@ def _lowest(ranges: Ranges) -> Timetable:
 
 def beyond(ranges: Ranges, gravity: Sequence[float]) -> dict[str, Timetable]:
     """Timetables far beyond those of the training, by which its errors there are estimated."""
-    found = {"beyond-ramp": ramp(ranges, FURTHER)} if ranges else {}
-    heavy = _gravities(ranges, [HEAVIER * one for one in gravity])
-    return found | {f"beyond-gravity-{number}": table for number, table in enumerate(heavy) if number in (1, 3)}
+    tables = {"beyond-ramp": ramp(ranges, FURTHER)} if ranges else {}
+    heavy = _gravities(ranges, [HEAVIER * component for component in gravity])
+    return tables | {f"beyond-gravity-{number}": table for number, table in enumerate(heavy) if number in (1, 3)}
 
 
 def _gravities(ranges: Ranges, gravity: Sequence[float]) -> list[Timetable]:
@@ -192,11 +192,13 @@ def _gravities(ranges: Ranges, gravity: Sequence[float]) -> list[Timetable]:
     first *= strength / np.linalg.norm(first)
     second = np.cross(own, first) / strength
     times = (0.0, RISE, RISE + PAUSE)
-    found = []
+    tables = []
     for direction in (-own, first, -first, second, -second):
-        fixed: Channels = {f"gravity/{axis}": (one,) * 3 for axis, one in zip(AXES, direction.tolist(), strict=True)}
-        found.append(Timetable(times, {**_channels(ranges, 0.8, (0.0, 1.0, 1.0)), **fixed}))
-    return found
+        fixed: Channels = {
+            f"gravity/{axis}": (value,) * 3 for axis, value in zip(AXES, direction.tolist(), strict=True)
+        }
+        tables.append(Timetable(times, {**_channels(ranges, 0.8, (0.0, 1.0, 1.0)), **fixed}))
+    return tables
 
 
 def _moved(ranges: Ranges, level: float, key: str, size: float) -> Timetable:
@@ -215,7 +217,7 @@ def _constant_after_rise(ranges: Ranges, level: float, times: np.ndarray) -> Cha
 
 def _channels(ranges: Ranges, level: float, shape: Sequence[float]) -> Channels:
     """The actuators' channels: the shape times their largest values."""
-    return {f"{key}/{name}": tuple(level * high * one for one in shape) for name, (key, _, high) in ranges.items()}
+    return {f"{key}/{name}": tuple(level * high * share for share in shape) for name, (key, _, high) in ranges.items()}
 
 
 def _plain(name: str) -> str:
@@ -278,8 +280,8 @@ def presses(body: SoftBody, ramp: RunResult | None, touched: np.ndarray, gap: fl
     def press(vertex: int, share: float, kind: str) -> Press | None:
         """What meets a vertex then; None where it would overlap the body at rest, or the base."""
         moved = surface.positions(path[int(share * (len(path) - 1))])
-        way = end[vertex] - moved[vertex]
-        normal = way / np.linalg.norm(way) if ramp is not None else _normals(moved, surface.triangles)[vertex]
+        motion = end[vertex] - moved[vertex]
+        normal = motion / np.linalg.norm(motion) if ramp is not None else _normals(moved, surface.triangles)[vertex]
         contact = moved[vertex], normal, radius, gap
         of_base = clearance(kind, start[held], *contact) if held.any() else np.inf
         is_free = clearance(kind, samples, *contact) > 0.0 and of_base > 2.0 * DRAG * size
@@ -288,18 +290,20 @@ def presses(body: SoftBody, ramp: RunResult | None, touched: np.ndarray, gap: fl
     # A groove, which not even a ball fits into, is no pad.
     for vertex in np.flatnonzero(pads).tolist():
         pads[vertex] = press(vertex, max(SHARES), "ball") is not None
-    sets = [one for one in (pads & _any_node(surface, touched), pads) if one.any()]
+    sets = [vertices for vertices in (pads & _any_node(surface, touched), pads) if vertices.any()]
     patches = (PRESSES if not unseen else UNSEEN_PRESSES) // max(1, len(sets))
-    found = []
-    for number, vertex in enumerate(vertex for one in sets for vertex in _spread(start, np.flatnonzero(one), patches)):
+    result = []
+    for number, vertex in enumerate(
+        vertex for vertices in sets for vertex in _spread(start, np.flatnonzero(vertices), patches)
+    ):
         first = SHARES[number % 2] if not unseen else UNSEEN_SHARE
         tries = (
             press(vertex, share, KINDS[(number + unseen + other) % len(KINDS)])
             for other in range(len(KINDS))
             for share in sorted({first, max(SHARES)})
         )
-        found += [one for one in tries if one is not None][:1]
-    return found[:1] if unseen else found
+        result += [obstacle for obstacle in tries if obstacle is not None][:1]
+    return result[:1] if unseen else result
 
 
 def press_timetable(ranges: Ranges, press: Press, size: float, level: float = 1.0) -> Timetable:
@@ -310,11 +314,11 @@ def press_timetable(ranges: Ranges, press: Press, size: float, level: float = 1.
     across = np.cross(normal, along)
     drag = DRAG * size
     deep = np.zeros(3) if ranges else DEPTH * size * normal
-    ways = [np.zeros(3), deep, deep + drag * along, deep - drag * along, deep + drag * across, deep - drag * across]
-    times = (0.0, RISE, *(RISE + 0.5 * PAUSE * (1 + number) for number in range(len(ways) - 2)))
-    channels = {f"{key}/{name}": (0.0, *(level * high,) * (len(ways) - 1)) for name, (key, _, high) in ranges.items()}
+    shifts = [np.zeros(3), deep, deep + drag * along, deep - drag * along, deep + drag * across, deep - drag * across]
+    times = (0.0, RISE, *(RISE + 0.5 * PAUSE * (1 + number) for number in range(len(shifts) - 2)))
+    channels = {f"{key}/{name}": (0.0, *(level * high,) * (len(shifts) - 1)) for name, (key, _, high) in ranges.items()}
     for number, axis in enumerate(AXES):
-        channels[f"base_translation/{axis}"] = tuple(float(way[number]) for way in ways)
+        channels[f"base_translation/{axis}"] = tuple(float(shift[number]) for shift in shifts)
     return Timetable(times, channels)
 
 
@@ -366,9 +370,9 @@ def _path(body: SoftBody, ramp: RunResult | None) -> np.ndarray:
     return np.concatenate([body.rest_position[None], body.rest_position + rising @ turn.T])
 
 
-def _any_node(surface: MappedSurface, some: np.ndarray) -> np.ndarray:
+def _any_node(surface: MappedSurface, nodes: np.ndarray) -> np.ndarray:
     """Whether one of the nodes that carry a vertex is among some, shape (node_count,)."""
-    carried: np.ndarray = (some[surface.nodes] & (surface.weights != 0.0)).any(axis=1)
+    carried: np.ndarray = (nodes[surface.nodes] & (surface.weights != 0.0)).any(axis=1)
     return carried
 
 
@@ -389,12 +393,12 @@ def _samples(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.concatenate([vertices, np.einsum("sk,tkd->std", shares, vertices[triangles]).reshape(-1, 3)])
 
 
-def _spread(points: np.ndarray, some: np.ndarray, count: int) -> list[int]:
+def _spread(points: np.ndarray, chosen: np.ndarray, count: int) -> list[int]:
     """Numbers of points near the middles of equal patches, of `some` of the points, shape (some_count,).
 
     Lloyd's algorithm from points that are far from each other.
     """
-    own = points[some]
+    own = points[chosen]
     middles = own[[int(np.linalg.norm(own - own.mean(axis=0), axis=1).argmax())]]
     while len(middles) < min(count, len(own)):
         farthest = np.linalg.norm(own[:, None] - middles, axis=2).min(axis=1).argmax()
@@ -402,7 +406,7 @@ def _spread(points: np.ndarray, some: np.ndarray, count: int) -> list[int]:
     for _ in range(10):
         patch = np.linalg.norm(own[:, None] - middles, axis=2).argmin(axis=1)
         middles = np.array([own[patch == number].mean(axis=0) for number in np.unique(patch)])
-    return list(dict.fromkeys(int(some[np.linalg.norm(own - one, axis=1).argmin()]) for one in middles))
+    return list(dict.fromkeys(int(chosen[np.linalg.norm(own - middle, axis=1).argmin()]) for middle in middles))
 
 
 OWN_RUN = "own-run"
@@ -445,24 +449,24 @@ class TrainingPlan:
         self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
     ) -> list[TrainingRun]:
         """All runs of the training, those of `first_runs` first."""
-        found = self.first_runs(ranges)
+        runs = self.first_runs(ranges)
         for shape in self.shapes:
             tables = excitations(ranges[shape.name], self._scene.gravity, self._shift(shape))
-            found += [self._alone(shape, name, table) for name, table in tables.items() if name != "ramp"]
-            found += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, False)
-        return found + self._grasps()
+            runs += [self._alone(shape, name, table) for name, table in tables.items() if name != "ramp"]
+            runs += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, False)
+        return runs + self._grasps()
 
     def validation(
         self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
     ) -> list[TrainingRun]:
         """Runs that are not trained on: the scene's own first, if it has a controller."""
         first = self.own_run()
-        found = [] if first is None else [first]
+        runs = [] if first is None else [first]
         for shape in self.shapes:
             tables = unseen(ranges[shape.name], self._shift(shape))
-            found += [self._alone(shape, name, table, OWN_FRAMES) for name, table in tables.items()]
-            found += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, True)
-        return found + [
+            runs += [self._alone(shape, name, table, OWN_FRAMES) for name, table in tables.items()]
+            runs += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, True)
+        return runs + [
             self._own("unseen-grasp", scene, frames=OWN_FRAMES)
             for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
         ]
@@ -470,7 +474,9 @@ class TrainingPlan:
     def beyond(self, ranges: Mapping[str, Ranges]) -> list[TrainingRun]:
         """Runs far beyond the training, in which reduced bodies are expected to err."""
         tables = {shape: beyond(ranges[shape.name], self._scene.gravity) for shape in self.shapes}
-        return [self._alone(shape, *table, OWN_FRAMES) for shape, some in tables.items() for table in some.items()]
+        return [
+            self._alone(shape, *table, OWN_FRAMES) for shape, by_name in tables.items() for table in by_name.items()
+        ]
 
     def _grasps(self) -> list[TrainingRun]:
         """The scene's own run with other efforts, and with other objects in the place of its own."""
@@ -483,13 +489,13 @@ class TrainingPlan:
                 "cylinder": {"radius": 0.5 * float(min(size[:2])), "length": float(size[2])},
             },
         }
-        found = [
+        runs = [
             self._own("own-weaker", self._scene, factor=WEAKER),
             self._own("own-stronger", self._scene, factor=STRONGER),
         ]
         for name, make in objects.items():
-            found += [self._own(f"grasp-{name}", scene) for scene in self._with_object(make)]
-        return found
+            runs += [self._own(f"grasp-{name}", scene) for scene in self._with_object(make)]
+        return runs
 
     def _with_object(self, make: Callable[[np.ndarray], dict[str, Any]]) -> list[Scene]:
         """The scene with another shape, made of the extents [mm], in the place of its main object, if it has one."""
@@ -514,15 +520,15 @@ class TrainingPlan:
                 touched |= result.touched[name]
         size = self._size(shape)
         gap = self._scene.contact.contact_distance
-        found = []
+        runs = []
         for number, press in enumerate(presses(body, ramp, touched, gap, is_unseen)):
             table = press_timetable(ranges, press, size, 1.0 if not is_unseen else 0.8)
             name = f"press-{number}" if not is_unseen else "unseen-press"
             for scene in self._valid({**self._alone_tables(shape), "obstacles": {"press": press.obstacle}}):
-                found.append(
+                runs.append(
                     self._request(f"{shape.name}-{name}", scene, (shape.name,), table, OWN_FRAMES if is_unseen else 24)
                 )
-        return found
+        return runs
 
     def _alone(self, shape: BodyShape, name: str, table: Timetable, frames: int = 24) -> TrainingRun:
         """A run of the first body of a shape alone, or with all soft bodies where it cannot be alone."""

@@ -112,8 +112,8 @@ class RunResult:
             "steps_per_second": self.steps_per_second,
         }
         values = np.column_stack([np.zeros((len(self.time), 0)), *self.figures.values()])
-        arrays: dict[str, Any] = {f"displacement/{name}": one for name, one in self.displacement.items()}
-        arrays |= {f"touched/{name}": one for name, one in self.touched.items()}
+        arrays: dict[str, Any] = {f"displacement/{name}": array for name, array in self.displacement.items()}
+        arrays |= {f"touched/{name}": array for name, array in self.touched.items()}
         with path.open("wb") as file:
             np.savez(file, about=np.array(json.dumps(about)), time=self.time, figures=values, **arrays)
 
@@ -123,14 +123,14 @@ class RunResult:
         try:
             file = read_arrays(path)
             about = json.loads(str(file["about"]))
-            parts = {name.partition("/")[::2]: one for name, one in file.items() if "/" in name}
+            parts = {name.partition("/")[::2]: array for name, array in file.items() if "/" in name}
             return cls(
                 name=about["name"],
                 problem=about["problem"],
                 time=file["time"],
-                displacement={body: one for (kind, body), one in parts.items() if kind == "displacement"},
+                displacement={body: array for (kind, body), array in parts.items() if kind == "displacement"},
                 figures=dict(zip(about["figures"], file["figures"].T, strict=True)),
-                touched={body: one for (kind, body), one in parts.items() if kind == "touched"},
+                touched={body: array for (kind, body), array in parts.items() if kind == "touched"},
                 drives={name: (key, low, high) for name, (key, low, high) in about["drives"].items()},
                 steps_per_second=about["steps_per_second"],
             )
@@ -157,24 +157,24 @@ class RunFigures:
     def at(self, state: State, report: StepReport) -> dict[str, float]:
         """Values by name with unit after a step, such as "lift of cube [mm]"."""
         seen, model = report.observation.truth, self._model
-        found = {f"bending of {name} [deg]": math.degrees(angle) for name, angle in seen.bending_angles.items()}
-        found |= {f"imbalance of {name} [mm]": way for name, way in report.imbalance.items()}
-        found |= {f"volume of {name} [mm^3]": volume for name, volume in seen.volumes.items()}
+        figures = {f"bending of {name} [deg]": math.degrees(angle) for name, angle in seen.bending_angles.items()}
+        figures |= {f"imbalance of {name} [mm]": distance for name, distance in report.imbalance.items()}
+        figures |= {f"volume of {name} [mm^3]": volume for name, volume in seen.volumes.items()}
         forces = dict.fromkeys(self._pairs(), 0.0) | {
             pair: force for pair, force in seen.normal_forces.items() if pair in self._pairs()
         }
-        found |= {f"force of {one} on {other} [mN]": force for (one, other), force in forces.items()}
-        ways = state.rigid_position - self._first.rigid_position
-        for body, way, slid in zip(model.rigid_bodies, ways, self._slid, strict=True):
-            found[f"lift of {body.name} [mm]"] = float(way @ model.scene.up)
-            found[f"slip of {body.name} [mm]"] = float(np.linalg.norm(slid))
-        return found
+        figures |= {f"force of {body} on {other} [mN]": force for (body, other), force in forces.items()}
+        motions = state.rigid_position - self._first.rigid_position
+        for body, motion, slid in zip(model.rigid_bodies, motions, self._slid, strict=True):
+            figures[f"lift of {body.name} [mm]"] = float(motion @ model.scene.up)
+            figures[f"slip of {body.name} [mm]"] = float(np.linalg.norm(slid))
+        return figures
 
     def _pairs(self) -> list[tuple[str, str]]:
         """Each kept body with each other body of the scene, in the scene's order."""
         names = self._model.body_names
         order = {name: number for number, name in enumerate(names)}
-        pairs = {tuple(sorted((one, other), key=order.__getitem__)) for one in self._bodies for other in names}
+        pairs = {tuple(sorted((body, other), key=order.__getitem__)) for body in self._bodies for other in names}
         return sorted(((a, b) for a, b in pairs if a != b), key=lambda pair: (order[pair[0]], order[pair[1]]))
 
 
@@ -233,7 +233,7 @@ class RunFrames(Output):
                 body: np.array(frames, np.float32).reshape(len(frames), len(self._touched[body]), 3)
                 for body, frames in self._displacement.items()
             },
-            figures={key: np.array([one.get(key, 0.0) for one in self._figures]) for key in names},
+            figures={key: np.array([row.get(key, 0.0) for row in self._figures]) for key in names},
             touched=self._touched,
             drives=self._drives(),
             steps_per_second=steps_per_second,
@@ -249,13 +249,13 @@ class RunFrames(Output):
 
     def _drives(self) -> dict[str, Any]:
         """By actuator, the key that drove it at the end, and the smallest and largest value."""
-        found, actuators = {}, self._model.actuators
+        drives, actuators = {}, self._model.actuators
         for kind in ACTUATOR_KINDS:
             place = actuators.place(kind)
             for name, number in zip(actuators.names_of(kind), range(place.start, place.stop), strict=True):
                 drive = kind.coordinate if self._last.actuator_imposed[number] else kind.effort
-                found[name] = (drive.asked, float(self._lowest[number]), float(self._highest[number]))
-        return found
+                drives[name] = (drive.asked, float(self._lowest[number]), float(self._highest[number]))
+        return drives
 
 
 # What drives a run of the training: a timetable, or the scene's own controller with other efforts.
@@ -279,11 +279,11 @@ class TimetableController(Controller):
             channel: float(np.interp(end, self._timetable.times, values))
             for channel, values in self._timetable.channels.items()
         }
-        asked: dict[str, object] = {}
+        request: dict[str, object] = {}
         for key in self._keys:
-            own = {name: value for (one, _, name), value in _split(now) if one == key}
-            asked[key] = own if key in DRIVES else np.array([own.get(axis, 0.0) for axis in AXES])
-        return Control(**asked)  # type: ignore[arg-type]
+            own = {name: value for (its_key, _, name), value in _split(now) if its_key == key}
+            request[key] = own if key in DRIVES else np.array([own.get(axis, 0.0) for axis in AXES])
+        return Control(**request)  # type: ignore[arg-type]
 
 
 def _split(values: dict[str, float]) -> list[tuple[tuple[str, str, str], float]]:
@@ -303,13 +303,13 @@ class ScaledController(Controller):
 
     def control(self, observation: Observation) -> Control:
         """See `Controller`."""
-        asked = self._controller.control(observation)
+        request = self._controller.control(observation)
         scaled: dict[str, Any] = {
-            key: {name: self._factor * value for name, value in getattr(asked, key).items()}
+            key: {name: self._factor * value for name, value in getattr(request, key).items()}
             for key in DRIVES
-            if getattr(asked, key)
+            if getattr(request, key)
         }
-        return replace(asked, **scaled) if scaled else asked
+        return replace(request, **scaled) if scaled else request
 
 
 def make_run(request: TrainingRun, path: Path) -> str:

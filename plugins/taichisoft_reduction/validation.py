@@ -70,20 +70,20 @@ class Comparison:
 
 def compare(full: RunResult, reduced: RunResult) -> Comparison:
     """Compare two runs at the moments that both have."""
-    _, one, other = np.intersect1d(full.time, reduced.time, return_indices=True)
-    found = {}
-    if len(one):
-        found[POSITION] = _positions(full, reduced, one, other)
+    _, of_full, of_reduced = np.intersect1d(full.time, reduced.time, return_indices=True)
+    deviations = {}
+    if len(of_full):
+        deviations[POSITION] = _positions(full, reduced, of_full, of_reduced)
         for quantity in UNITS:
             names = [name for name in full.figures if name.startswith(f"{quantity} of ")]
             if names:
-                values = np.array([full.figures[name][one] for name in names])
-                missed = np.abs(np.array([reduced.figures[name][other] for name in names]) - values)
+                values = np.array([full.figures[name][of_full] for name in names])
+                missed = np.abs(np.array([reduced.figures[name][of_reduced] for name in names]) - values)
                 change = float(changes(quantity, values).max())
                 if change > 0.0:
-                    found[quantity] = Deviation(float(missed.max()), float(missed.mean()), change)
+                    deviations[quantity] = Deviation(float(missed.max()), float(missed.mean()), change)
     problem = full.problem or (f"reduced: {reduced.problem}" if reduced.problem else "")
-    return Comparison(full.name, problem, found, full.steps_per_second, reduced.steps_per_second)
+    return Comparison(full.name, problem, deviations, full.steps_per_second, reduced.steps_per_second)
 
 
 def changes(quantity: str, values: np.ndarray) -> np.ndarray:
@@ -92,11 +92,11 @@ def changes(quantity: str, values: np.ndarray) -> np.ndarray:
     return change
 
 
-def _positions(full: RunResult, reduced: RunResult, one: np.ndarray, other: np.ndarray) -> Deviation:
+def _positions(full: RunResult, reduced: RunResult, of_full: np.ndarray, of_reduced: np.ndarray) -> Deviation:
     missed, moved = [], 0.0
     for name, displacement in full.displacement.items():
-        values = displacement[one].astype(np.float64)
-        missed.append(np.linalg.norm(reduced.displacement[name][other] - values, axis=2).ravel())
+        values = displacement[of_full].astype(np.float64)
+        missed.append(np.linalg.norm(reduced.displacement[name][of_reduced] - values, axis=2).ravel())
         moved = max(moved, float(np.linalg.norm(values, axis=2).max(initial=0.0)))
     errors = np.concatenate(missed)
     return Deviation(float(errors.max()), float(errors.mean()), moved)
@@ -105,7 +105,7 @@ def _positions(full: RunResult, reduced: RunResult, one: np.ndarray, other: np.n
 def largest_imbalance(reduced: RunResult, bodies: Sequence[str]) -> float:
     """Largest imbalance of some bodies in a run with reduced ones [mm]."""
     values = [reduced.figures[key] for name in bodies if (key := f"imbalance of {name} [mm]") in reduced.figures]
-    return max((float(one.max(initial=0.0)) for one in values), default=0.0)
+    return max((float(values_of_body.max(initial=0.0)) for values_of_body in values), default=0.0)
 
 
 def error_per_imbalance(pairs: Sequence[tuple[RunResult, RunResult]], bodies: Sequence[str]) -> float:
@@ -118,22 +118,24 @@ def error_per_imbalance(pairs: Sequence[tuple[RunResult, RunResult]], bodies: Se
         pairs: runs of the full model beside those of the reduced one.
         bodies: copies of a body.
     """
-    found = []
+    ratios = []
     for full, reduced in pairs:
         own = {name: full.displacement[name] for name in bodies if name in full.displacement}
         imbalance = largest_imbalance(reduced, list(own))
         if imbalance > 0.0:
             compared = compare(replace(full, displacement=own, figures={}), reduced).deviations
-            found += [compared[POSITION].largest / imbalance] if compared else []
-    return max(found, default=0.0)
+            ratios += [compared[POSITION].largest / imbalance] if compared else []
+    return max(ratios, default=0.0)
 
 
 def worst(comparisons: Sequence[Comparison]) -> float:
     """Largest error of a position over the largest displacement of all runs [-]; infinite where a run failed."""
-    if not comparisons or any(one.problem or POSITION not in one.deviations for one in comparisons):
+    if not comparisons or any(
+        comparison.problem or POSITION not in comparison.deviations for comparison in comparisons
+    ):
         return float("inf")
-    scale = max(one.deviations[POSITION].scale for one in comparisons)
-    return max(one.deviations[POSITION].largest for one in comparisons) / scale if scale else 0.0
+    scale = max(comparison.deviations[POSITION].scale for comparison in comparisons)
+    return max(comparison.deviations[POSITION].largest for comparison in comparisons) / scale if scale else 0.0
 
 
 WITHIN, ABOVE = "within the tolerance", "above the tolerance"
@@ -149,15 +151,19 @@ def verdict(comparisons: Sequence[Comparison], tolerance: float) -> str:
 def table_rows(comparisons: Sequence[Comparison]) -> list[list[str]]:
     """A row for each run: largest and mean error of each quantity, and the largest in percent of its change."""
     rows = []
-    for one in comparisons:
+    for comparison in comparisons:
         cells = []
         for quantity in UNITS:
-            found = one.deviations.get(quantity)
+            deviation = comparison.deviations.get(quantity)
             cells.append(
-                "-" if found is None else f"{found.largest:.3g} / {found.mean:.2g} ({100.0 * found.share:.2g} %)"
+                "-"
+                if deviation is None
+                else f"{deviation.largest:.3g} / {deviation.mean:.2g} ({100.0 * deviation.share:.2g} %)"
             )
-        ratio = one.reduced_speed / one.full_speed if one.full_speed else math.nan
-        rows.append([one.name, *cells, f"{one.full_speed:.0f}", f"{one.reduced_speed:.0f}", f"{ratio:.1f}"])
+        ratio = comparison.reduced_speed / comparison.full_speed if comparison.full_speed else math.nan
+        rows.append(
+            [comparison.name, *cells, f"{comparison.full_speed:.0f}", f"{comparison.reduced_speed:.0f}", f"{ratio:.1f}"]
+        )
     return rows
 
 
@@ -171,15 +177,15 @@ def as_tables(comparisons: Sequence[Comparison], tolerance: float, about: dict[s
         "error": error if math.isfinite(error) else None,
         "runs": [
             {
-                "name": one.name,
-                "problem": one.problem,
+                "name": comparison.name,
+                "problem": comparison.problem,
                 **{
-                    quantity: {"largest": found.largest, "mean": found.mean, "scale": found.scale}
-                    for quantity, found in one.deviations.items()
+                    quantity: {"largest": deviation.largest, "mean": deviation.mean, "scale": deviation.scale}
+                    for quantity, deviation in comparison.deviations.items()
                 },
-                "steps_per_second": {"full": one.full_speed, "reduced": one.reduced_speed},
+                "steps_per_second": {"full": comparison.full_speed, "reduced": comparison.reduced_speed},
             }
-            for one in comparisons
+            for comparison in comparisons
         ],
     }
 
@@ -190,8 +196,8 @@ def write_report(folder: Path, comparisons: Sequence[Comparison], tables: dict[s
         f"The reduced model is **{tables['verdict']}** of {100.0 * tables['tolerance']:g} %.",
         "",
         *(
-            f"- {name}: {found['modes']} modes, {found['domains']} of {found['all_domains']} integration domains"
-            for name, found in tables["bodies"].items()
+            f"- {name}: {about['modes']} modes, {about['domains']} of {about['all_domains']} integration domains"
+            for name, about in tables["bodies"].items()
         ),
         "",
         "Largest and mean error in runs that the model was not trained on, and in brackets the largest in percent",
@@ -200,7 +206,7 @@ def write_report(folder: Path, comparisons: Sequence[Comparison], tables: dict[s
         "| " + " | ".join(HEADER) + " |",
         "|---" * len(HEADER) + "|",
         *("| " + " | ".join(row) + " |" for row in table_rows(comparisons)),
-        *("" if not one.problem else f"\n{one.name}: {one.problem}" for one in comparisons),
+        *("" if not comparison.problem else f"\n{comparison.name}: {comparison.problem}" for comparison in comparisons),
     ]
     for name, text in ((JSON, json.dumps(tables, indent=2)), (TABLE, "\n".join(lines).rstrip())):
         with atomic_file(folder / name, ReductionError) as partial:
@@ -217,15 +223,17 @@ def draw_report(folder: Path, full: Sequence[RunResult], reduced: Sequence[RunRe
     if not pairs:
         return
     figure = Figure(figsize=(11.0, 2.4 * len(pairs)), layout="constrained")
-    for row, (one, other) in zip(figure.subplots(len(pairs), 2, squeeze=False), pairs, strict=True):
-        body = max(one.displacement, key=lambda name: np.abs(one.displacement[name]).max())
-        node = int(np.linalg.norm(one.displacement[body], axis=2).max(axis=0).argmax())
-        ways = [np.linalg.norm(run.displacement[body][:, node], axis=1) for run in (one, other)]
-        _panel(row[0], one.time, other.time, ways, f"{one.name}: {body} [mm]")
-        changing = [name for name in one.figures if np.ptp(one.figures[name]) > 0.0]
+    for row, (full_run, reduced_run) in zip(figure.subplots(len(pairs), 2, squeeze=False), pairs, strict=True):
+        body = max(full_run.displacement, key=lambda name: np.abs(full_run.displacement[name]).max())
+        node = int(np.linalg.norm(full_run.displacement[body], axis=2).max(axis=0).argmax())
+        distances = [np.linalg.norm(run.displacement[body][:, node], axis=1) for run in (full_run, reduced_run)]
+        _panel(row[0], full_run.time, reduced_run.time, distances, f"{full_run.name}: {body} [mm]")
+        changing = [name for name in full_run.figures if np.ptp(full_run.figures[name]) > 0.0]
         if changing:
-            name = max(changing, key=lambda name: (name.startswith("force"), np.ptp(one.figures[name])))
-            _panel(row[1], one.time, other.time, [run.figures[name] for run in (one, other)], name)
+            name = max(changing, key=lambda name: (name.startswith("force"), np.ptp(full_run.figures[name])))
+            _panel(
+                row[1], full_run.time, reduced_run.time, [run.figures[name] for run in (full_run, reduced_run)], name
+            )
         else:
             row[1].set_axis_off()
     with atomic_file(folder / PICTURE, ReductionError) as partial:

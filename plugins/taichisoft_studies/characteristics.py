@@ -32,7 +32,7 @@ class Characteristics:
     Attributes:
         pressures: of all its cavities [kPa], shape (pressure_count,).
         bending: angle by which the tip has turned [degrees], shape (pressure_count,).
-        way: way of the tip along its path [mm], shape (pressure_count,).
+        travel: distance of the tip along its path [mm], shape (pressure_count,).
         volumes: of all its cavities together [mm^3], shape (pressure_count,).
         blocked: numbers of the pressures whose bends a block holds, shape (bend_count,).
         forces: normal force on the block [mN], shape (bend_count, pressure_count); NaN below the pressure of the bend.
@@ -40,7 +40,7 @@ class Characteristics:
 
     pressures: np.ndarray
     bending: np.ndarray
-    way: np.ndarray
+    travel: np.ndarray
     volumes: np.ndarray
     blocked: np.ndarray
     forces: np.ndarray
@@ -56,7 +56,7 @@ class Characteristics:
             before = [row for row, held in enumerate(self.blocked) if held < number]
             if before:
                 row = before[-1]
-                result[number] = self.forces[row, number] / (self.way[number] - self.way[self.blocked[row]])
+                result[number] = self.forces[row, number] / (self.travel[number] - self.travel[self.blocked[row]])
         return result
 
 
@@ -81,7 +81,7 @@ def find_characteristics(
     """
     name = body or next(iter(scene.soft_bodies), "")
     if name not in scene.soft_bodies or not scene.soft_bodies[name].cavities:
-        known = [one for one, settings in scene.soft_bodies.items() if settings.cavities]
+        known = [body for body, settings in scene.soft_bodies.items() if settings.cavities]
         raise StudyError(f"--body {name}: no soft body with a cavity is called so; there are: {', '.join(known)}")
     alone = scene.model_copy(
         update={
@@ -100,16 +100,16 @@ def find_characteristics(
         raise StudyError(f"soft_bodies.{name}: has no tip, since it has neither anchors nor `tip`")
     (nodes,), states, seen = found_tips, [], []
     for pressure in pressures:
-        found = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
-        actual = found.observation.truth.pressures
-        wrong = next((one for one in cavities if abs(actual[one] - pressure) > 1e-6 * abs(pressure)), None)
+        rest = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
+        actual = rest.observation.truth.pressures
+        wrong = next((cavity for cavity in cavities if abs(actual[cavity] - pressure) > 1e-6 * abs(pressure)), None)
         if wrong is not None:
             raise StudyError(f"{pressure:g} kPa: the scene's limits hold '{wrong}' at {actual[wrong]:g} kPa")
-        free.restore(found.state)
-        states.append(found.state)
-        seen.append(found.observation.truth)
+        free.restore(rest.state)
+        states.append(rest.state)
+        seen.append(rest.observation.truth)
         done("")
-    tips = np.array([one.tip_positions[name] for one in seen])
+    tips = np.array([observation.tip_positions[name] for observation in seen])
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     if not (steps > 0.0).all():
         raise StudyError(f"soft_bodies.{name}: its tip does not move under pressure, so nothing can hold it up")
@@ -122,14 +122,14 @@ def find_characteristics(
         blocked = taichisoft.Simulation(taichisoft.scene_from_dict(against))
         blocked.restore(states[first])
         for number in range(first + 1, len(pressures)):
-            found = taichisoft.equilibrium(blocked, Control(pressure=dict.fromkeys(cavities, pressures[number])))
-            blocked.restore(found.state)
-            forces[row, number] = found.observation.truth.normal_forces.get((name, BLOCK), 0.0)
+            rest = taichisoft.equilibrium(blocked, Control(pressure=dict.fromkeys(cavities, pressures[number])))
+            blocked.restore(rest.state)
+            forces[row, number] = rest.observation.truth.normal_forces.get((name, BLOCK), 0.0)
             done("")
-    bending = np.degrees([one.bending_angles[name] for one in seen])
-    volumes = np.array([sum(one.volumes[cavity] for cavity in cavities) for one in seen])
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    return Characteristics(np.array(pressures), bending, way, volumes, held, forces)
+    bending = np.degrees([observation.bending_angles[name] for observation in seen])
+    volumes = np.array([sum(observation.volumes[cavity] for cavity in cavities) for observation in seen])
+    travel = np.concatenate([[0.0], np.cumsum(steps)])
+    return Characteristics(np.array(pressures), bending, travel, volumes, held, forces)
 
 
 def equilibrium_count(pressures: int, bends: int) -> int:
@@ -226,13 +226,17 @@ def _largest_difference(first: np.ndarray, second: np.ndarray) -> float:
     return float(np.nanmax(np.abs(second - first)) / np.nanmax(np.abs(second)))
 
 
-def _columns(found: Characteristics) -> dict[str, np.ndarray]:
+def _columns(curves: Characteristics) -> dict[str, np.ndarray]:
     held = {
-        f"force held at {found.pressures[number]:g} kPa [mN]": forces
-        for number, forces in zip(found.blocked, found.forces, strict=True)
+        f"force held at {curves.pressures[number]:g} kPa [mN]": forces
+        for number, forces in zip(curves.blocked, curves.forces, strict=True)
     }
-    free = {"bending [degrees]": found.bending, "way of the tip [mm]": found.way, "volume [cm³]": found.volumes / 1e3}
-    return {PRESSURE: found.pressures, **free, **held, "stiffness [mN/mm]": found.stiffness}
+    free = {
+        "bending [degrees]": curves.bending,
+        "way of the tip [mm]": curves.travel,
+        "volume [cm³]": curves.volumes / 1e3,
+    }
+    return {PRESSURE: curves.pressures, **free, **held, "stiffness [mN/mm]": curves.stiffness}
 
 
 def _text(value: float) -> str:
@@ -250,25 +254,29 @@ def _panels(first: Characteristics, second: Characteristics | None) -> list[Pane
         return Panel(x_axis, y_axis, made)
 
     return [
-        panel("bending angle [degrees]", [(f"free{of}", one.pressures, one.bending) for of, one in meshes]),
+        panel("bending angle [degrees]", [(f"free{of}", mesh.pressures, mesh.bending) for of, mesh in meshes]),
         panel(
             "force on the block [mN]",
             [
-                (f"held at {one.bending[number]:.3g} degrees, {one.pressures[number]:g} kPa{of}", one.pressures, forces)
-                for of, one in meshes
-                for number, forces in zip(one.blocked, one.forces, strict=True)
+                (
+                    f"held at {mesh.bending[number]:.3g} degrees, {mesh.pressures[number]:g} kPa{of}",
+                    mesh.pressures,
+                    forces,
+                )
+                for of, mesh in meshes
+                for number, forces in zip(mesh.blocked, mesh.forces, strict=True)
             ],
         ),
-        panel("stiffness of the tip [mN/mm]", [(f"secant{of}", one.pressures, one.stiffness) for of, one in meshes]),
+        panel("stiffness of the tip [mN/mm]", [(f"secant{of}", mesh.pressures, mesh.stiffness) for of, mesh in meshes]),
         panel(
             f"force at {first.pressures[-1]:g} kPa [mN]",
             [
                 (
                     f"over its bend{of}",
-                    np.append(one.bending[one.blocked], one.bending[-1]),
-                    np.append(one.forces[:, -1], 0.0),
+                    np.append(mesh.bending[mesh.blocked], mesh.bending[-1]),
+                    np.append(mesh.forces[:, -1], 0.0),
                 )
-                for of, one in meshes
+                for of, mesh in meshes
             ],
             "bend at which the tip is held [degrees]",
         ),

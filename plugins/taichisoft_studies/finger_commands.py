@@ -63,33 +63,33 @@ def converge(
     folder = output or Path("out") / f"{Path(scene).stem}-convergence"
     console = Console()
     with warnings_printed_to(console), progress_bar(console, "runs", 3) as made:
-        found = refine(loaded, folder, finer, duration, requested_plugins(), made)
-    if found.remark:
-        print_warning(console, f"no error by the mesh is known of all: {found.remark}; --finer says what is finer")
-    console.print(_table(found))
+        refinement = refine(loaded, folder, finer, duration, requested_plugins(), made)
+    if refinement.remark:
+        print_warning(console, f"no error by the mesh is known of all: {refinement.remark}; --finer says what is finer")
+    console.print(_table(refinement))
     with atomic_file(folder / TABLE, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["figure", "value", "half_step", "step_error", "finer_mesh", "mesh_error"])
-        for one in found.figures:
-            writer.writerow([one.name, one.value, one.half_step, one.step_error, one.finer_mesh, one.mesh_error])
+        for row in refinement.figures:
+            writer.writerow([row.name, row.value, row.half_step, row.step_error, row.finer_mesh, row.mesh_error])
     print_line(console, str(folder / TABLE))
 
 
-def _table(found: "Refinement") -> "Table":
+def _table(refinement: "Refinement") -> "Table":
     """A row for each figure; the values of the finer runs are in the file."""
     from rich.table import Table
 
     from taichisoft.base import plain
 
-    mesh = "" if found.nodes is None else f"; {found.nodes[0]} nodes, {found.nodes[1]} on the finer mesh"
-    table = Table(title=plain(f"steps of {1e3 * found.step:g} ms, order {found.order}{mesh}"))
-    for title in ("figure", "value", "error by step", *(() if found.nodes is None else ("error by mesh",))):
+    mesh = "" if refinement.nodes is None else f"; {refinement.nodes[0]} nodes, {refinement.nodes[1]} on the finer mesh"
+    table = Table(title=plain(f"steps of {1e3 * refinement.step:g} ms, order {refinement.order}{mesh}"))
+    for title in ("figure", "value", "error by step", *(() if refinement.nodes is None else ("error by mesh",))):
         table.add_column(plain(title), justify="left" if title == "figure" else "right", overflow="fold")
-    for one in found.figures:
-        if max(abs(one.value), one.error) < SMALLEST:
+    for figure in refinement.figures:
+        if max(abs(figure.value), figure.error) < SMALLEST:
             continue
-        errors = [f"{error:+.2g}" for error in (one.step_error, one.mesh_error) if error is not None]
-        table.add_row(plain(one.name.removeprefix("final_")), f"{one.value:.5g}", *errors)
+        errors = [f"{error:+.2g}" for error in (figure.step_error, figure.mesh_error) if error is not None]
+        table.add_row(plain(figure.name.removeprefix("final_")), f"{figure.value:.5g}", *errors)
     return table
 
 
@@ -250,15 +250,15 @@ def characterise(
     loaded = load_scene(scene, set or ())
     if pressure < -loaded.atmosphere:
         raise StudyError(f"--pressure {pressure:g}: must be at least the vacuum's {-loaded.atmosphere:g} kPa")
-    console, found = Console(), []
+    console, meshes = Console(), []
     with warnings_printed_to(console):
         changes = second or finer_meshes(loaded, body or next(iter(loaded.soft_bodies), None))[0]
         for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
             of_mesh = load_scene(scene, (*(set or ()), *overrides))
             with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
-                found.append(find_characteristics(of_mesh, body, pressures, bends, advance))
-    other, change = (found[1], ", ".join(changes)) if changes else (None, "")
+                meshes.append(find_characteristics(of_mesh, body, pressures, bends, advance))
+    other, change = (meshes[1], ", ".join(changes)) if changes else (None, "")
     folder = output or Path("out") / f"{Path(scene).stem}-characteristics"
-    say(trust_line(found[0], other, change))
-    for path in write_datasheet(folder, loaded, found[0], other, change):
+    say(trust_line(meshes[0], other, change))
+    for path in write_datasheet(folder, loaded, meshes[0], other, change):
         say(path)

@@ -119,7 +119,9 @@ def read_measurement(experiment: Experiment, file: Path, key: str) -> Measuremen
     """Read the rows of an experiment; `key` is its place in the study, which begins errors."""
     rows = _rows(file)
     over_of = Expression(experiment.over_column, f"{key}.over_column")
-    columns = [Expression(one.column, f"{key}.curves.{index}.column") for index, one in enumerate(experiment.curves)]
+    columns = [
+        Expression(curve.column, f"{key}.curves.{index}.column") for index, curve in enumerate(experiment.curves)
+    ]
     over = np.array([over_of(row) + experiment.shift for row in rows])
     low, high = (-math.inf if experiment.first is None else experiment.first), experiment.last
     kept = (over >= low) & (over <= (math.inf if high is None else high))
@@ -132,8 +134,8 @@ def read_measurement(experiment: Experiment, file: Path, key: str) -> Measuremen
     spread = values.std(axis=1)
     slopes = experiment.over_error * spread / over[kept].std()
     scales = [
-        math.hypot(curve.scale or float(one), float(slope))
-        for curve, one, slope in zip(experiment.curves, spread, slopes, strict=True)
+        math.hypot(curve.scale or float(deviation), float(slope))
+        for curve, deviation, slope in zip(experiment.curves, spread, slopes, strict=True)
     ]
     if not all(scales):
         raise StudyError(f"{file}: {key}.curves.{scales.index(0.0)} is constant; give it a scale")
@@ -163,7 +165,7 @@ def _rows(file: Path) -> list[dict[str, object]]:
     except (OSError, ValueError) as error:
         raise StudyError(f"{file}: not readable as CSV with a header and numbers: {error}") from error
     header = text.lstrip().partition("\n")[0]
-    separator = next((one for one in ";\t" if one in header), ",")
+    separator = next((mark for mark in ";\t" if mark in header), ",")
     reader = csv.reader(text.splitlines(), delimiter=separator)
     try:
         lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
@@ -198,7 +200,7 @@ def _rows(file: Path) -> list[dict[str, object]]:
 CONFIDENCE = 0.95
 OVER = "over"
 AT_BOUND = 1e-4
-"""Distance from a bound, as a share of the way between both, below which a value has come to it [-]."""
+"""Distance from a bound, as a share of the range, below which a value counts as at it [-]."""
 FAR, SMALL = 3.0, 0.01
 """A residual above so many times the noise, and this part of the range of the data, has another cause than noise."""
 STATIC = {"time.dynamics": "static", "time.theta": 1.0}
@@ -256,38 +258,38 @@ def fit_parameters(
 
     def cost(point: np.ndarray) -> np.ndarray:
         nonlocal evaluations
-        (found,) = residuals([point])
-        if isinstance(found, StudyError):
+        (misses,) = residuals([point])
+        if isinstance(misses, StudyError):
             if not evaluations:
-                raise found
-            return np.full(sum(one.curves.size for one in measurements), np.inf)  # scipy then takes a shorter step
+                raise misses
+            return np.full(sum(data.curves.size for data in measurements), np.inf)  # scipy then takes a shorter step
         evaluations += 1
-        tried(_values(study, point), float(0.5 * found @ found))
-        return found
+        tried(_values(study, point), float(0.5 * misses @ misses))
+        return misses
 
     def slopes(point: np.ndarray) -> np.ndarray:
         steps = study.difference * np.eye(len(point))
         forward, backward = np.minimum(point + steps, 1.0), np.maximum(point - steps, 0.0)
-        found = residuals([*forward, *backward])
-        for one in found:
-            if isinstance(one, StudyError):
-                raise one
-        after, before = np.split(np.array(found), 2)
+        both = residuals([*forward, *backward])
+        for misses in both:
+            if isinstance(misses, StudyError):
+                raise misses
+        after, before = np.split(np.array(both), 2)
         change: np.ndarray = (after - before) / np.diag(forward - backward)[:, None]
         return change.T
 
-    start = np.array([_share(one, one.start) for one in study.parameters.values()])
-    found = least_squares(
+    start = np.array([_share(parameter, parameter.start) for parameter in study.parameters.values()])
+    solution = least_squares(
         cost, start, slopes, bounds=(0.0, 1.0), xtol=STEP, ftol=1e-8, gtol=1e-10, max_nfev=study.most_steps
     )
-    correlation = _correlation(found.fun, measurements)
-    intervals = _intervals(study, found.x, found.jac, found.fun, correlation)
+    correlation = _correlation(solution.fun, measurements)
+    intervals = _intervals(study, solution.x, solution.jac, solution.fun, correlation)
     differences = [
-        parts * one.scales[:, None] for one, parts in zip(measurements, _split(found.fun, measurements), strict=True)
+        parts * own.scales[:, None] for own, parts in zip(measurements, _split(solution.fun, measurements), strict=True)
     ]
     residual = [np.sqrt((difference**2).mean(axis=1)).tolist() for difference in differences]
-    modelled = [one.curves + difference for one, difference in zip(measurements, differences, strict=True)]
-    return CalibrationFit(_values(study, found.x), intervals, residual, modelled, evaluations, correlation)
+    modelled = [data.curves + difference for data, difference in zip(measurements, differences, strict=True)]
+    return CalibrationFit(_values(study, solution.x), intervals, residual, modelled, evaluations, correlation)
 
 
 def misfits(study: Calibration, measurements: Sequence[Measurement], fit: CalibrationFit) -> Iterator[str]:
@@ -312,10 +314,10 @@ def complaints(study: Calibration, fit: CalibrationFit, folder: Path) -> Iterato
     """A sentence for each experiment whose run with the fitted values has warned: of an unstable equilibrium first."""
     for index in range(len(study.experiments)):
         job = experiment_job(study, index, fit.values, folder)
-        said = (read_record(job.place) or {}).get("warnings", [])
-        if said:
-            first = next((one for one in said if "equilibrium" in one), said[0])
-            more = f" ({len(said) - 1} more in its {LOG})" if len(said) > 1 else ""
+        lines = (read_record(job.place) or {}).get("warnings", [])
+        if lines:
+            first = next((line for line in lines if "equilibrium" in line), lines[0])
+            more = f" ({len(lines) - 1} more in its {LOG})" if len(lines) > 1 else ""
             yield f"experiments.{index}: run {job.name}: {first}{more}"
 
 
@@ -329,31 +331,31 @@ def _residuals(
     """(run - data) / scale of all curves, or what went wrong, for several sets of values at once."""
     jobs = [[experiment_job(study, index, values, folder) for index in range(len(measurements))] for values in points]
     unique = {job.name: job for row in jobs for job in row}
-    records = {one["run"]: one for one in make_missing(list(unique.values()), workers)}
-    found: list[np.ndarray | StudyError] = []
+    records = {record["run"]: record for record in make_missing(list(unique.values()), workers)}
+    misses: list[np.ndarray | StudyError] = []
     for row in jobs:
         try:
             parts = [
-                scaled_differences(job, records[job.name], one, study, index)
-                for index, (job, one) in enumerate(zip(row, measurements, strict=True))
+                scaled_differences(job, records[job.name], data, study, index)
+                for index, (job, data) in enumerate(zip(row, measurements, strict=True))
             ]
-            found.append(np.concatenate(parts))
+            misses.append(np.concatenate(parts))
         except StudyError as error:
-            found.append(error)
-    return found
+            misses.append(error)
+    return misses
 
 
 def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
     """What makes every step of an experiment an equilibrium, for `set`, and a sentence that says so, or why not."""
     experiment, where = study.experiments[index], f"experiments.{index}"
-    texts = [experiment.over, *(one.quantity for one in experiment.curves)]
+    texts = [experiment.over, *(curve.quantity for curve in experiment.curves)]
     names = {name for text in texts for name in Expression(text, where).names}
     of_rates = any(part in name for name in names for part in ("time", "velocit", "flow"))
     of_rates |= any(key.rpartition(".")[2].startswith("rayleigh_") for key in study.parameters)
     if experiment.quasi_static is False or (experiment.quasi_static is None and of_rates):
         return (), ""
     own = fixed_overrides(study.model_copy(update={"set": (*study.set, *experiment.set)}))
-    own |= {key: one.start for key, one in study.parameters.items()}
+    own |= {key: parameter.start for key, parameter in study.parameters.items()}
     scene_with(study.scene, own, study.controller)
     try:
         scene = scene_with(study.scene, {**STATIC, **own}, study.controller)
@@ -376,7 +378,7 @@ def experiment_job(study: Calibration, index: int, values: Mapping[str, float], 
             "duration": experiment.duration or study.duration,
         }
     )
-    watch = {OVER: experiment.over, **{str(n): one.quantity for n, one in enumerate(experiment.curves)}}
+    watch = {OVER: experiment.over, **{str(n): curve.quantity for n, curve in enumerate(experiment.curves)}}
     return job_for(changed, values, folder, study.seed, watch=watch)
 
 
@@ -393,8 +395,8 @@ def scaled_differences(
         index: of the experiment.
     """
     if record["status"] != COMPLETED:
-        said = ", ".join(f"{key} = {value:g}" for key, value in job.parameters.items())
-        raise StudyError(f"experiments.{index}: the run with {said}: {record['status']}: {record['message']}")
+        values = ", ".join(f"{key} = {value:g}" for key, value in job.parameters.items())
+        raise StudyError(f"experiments.{index}: the run with {values}: {record['status']}: {record['message']}")
     columns = read_curves(job.place)
     over = columns[OVER]
     if len(over) < 2 or not (np.diff(over) > 0.0).all():
@@ -416,9 +418,9 @@ def scaled_differences(
 
 def _split(residuals: np.ndarray, measurements: Sequence[Measurement]) -> list[np.ndarray]:
     """The residuals of each experiment, shape (curve_count, row_count)."""
-    ends = np.cumsum([one.curves.size for one in measurements])
+    ends = np.cumsum([data.curves.size for data in measurements])
     parts = np.split(residuals, ends[:-1])
-    return [part.reshape(one.curves.shape) for part, one in zip(parts, measurements, strict=True)]
+    return [part.reshape(data.curves.shape) for part, data in zip(parts, measurements, strict=True)]
 
 
 def _share(parameter: Parameter, value: float) -> float:

@@ -38,7 +38,7 @@ class Variant:
     def name(self) -> str:
         """The name of its folder, for example "wall-1.5_body.width-20": without what a path or a shell would read."""
         return "_".join(
-            f"{key}-{''.join(one if one.isalnum() or one in '.+-' else '_' for one in value).strip('_')}"
+            f"{key}-{''.join(letter if letter.isalnum() or letter in '.+-' else '_' for letter in value).strip('_')}"
             for key, value in self.values.items()
         )
 
@@ -149,8 +149,8 @@ def summary_rows(variants: Sequence[Variant], outcomes: Sequence[Mapping[str, An
     columns = dict.fromkeys(column for outcome in outcomes for column in outcome["figures"])
     rows = []
     for variant, outcome in zip(variants, outcomes, strict=True):
-        found = [(column, outcome["figures"].get(column)) for column in columns]
-        figures = {column: "" if value is None else f"{value:.10g}" for column, value in found}
+        values = [(column, outcome["figures"].get(column)) for column in columns]
+        figures = {column: "" if value is None else f"{value:.10g}" for column, value in values}
         folder = "" if outcome["problem"] else variant.name
         rows.append({**variant.values, **figures, "folder": folder, "problem": outcome["problem"]})
     return rows

@@ -44,7 +44,12 @@ class Objective(Table):
     @property
     def direction(self) -> str:
         """Optuna's name of the direction."""
-        return "maximize" if self.maximise is not None else "minimize"
+        return self.key.replace("ise", "ize")
+
+    @property
+    def key(self) -> str:
+        """The key that is given."""
+        return "maximise" if self.maximise is not None else "minimise"
 
 
 class Pruning(Table):
@@ -129,7 +134,7 @@ class Optimisation(Study):
 
     def by_scene(self) -> dict[str, Self]:
         """The study of each run of a trial by the name of its scene, which is empty where there is a single one."""
-        own = {name: one.model_dump(exclude_unset=True) for name, one in self.scenes.items()}
+        own = {name: table.model_dump(exclude_unset=True) for name, table in self.scenes.items()}
         return {
             name: self.model_copy(update={**keys, "set": (*self.set, *keys.get("set", ()))})
             for name, keys in own.items()
@@ -183,7 +188,7 @@ def open_study(study: Optimisation, folder: Path) -> Any:
     made = optuna.create_study(
         study_name=NAME, storage=_storage(folder / JOURNAL), directions=directions, load_if_exists=True
     )
-    if [one.name.lower() for one in made.directions] != directions:
+    if [direction.name.lower() for direction in made.directions] != directions:
         raise StudyError(f"{folder}: holds a study with other objectives; take another folder")
     if study.start and not made.get_trials(deepcopy=False):
         made.enqueue_trial({key: _stored(study.variables[key], value) for key, value in study.start.items()})
@@ -227,9 +232,9 @@ def best_trials(study: Any, count: int) -> list[Any]:
     """The best trials that satisfy all constraints: of one objective in order, of several the Pareto front."""
     from optuna.study import StudyDirection
 
-    signs = [-1.0 if one == StudyDirection.MAXIMIZE else 1.0 for one in study.directions]
-    found = filter(is_feasible, study.trials if len(signs) == 1 else study.best_trials)
-    by_cost = sorted(found, key=lambda trial: ([*np.multiply(signs, trial.values)], trial.number))
+    signs = [-1.0 if direction == StudyDirection.MAXIMIZE else 1.0 for direction in study.directions]
+    feasible = filter(is_feasible, study.trials if len(signs) == 1 else study.best_trials)
+    by_cost = sorted(feasible, key=lambda trial: ([*np.multiply(signs, trial.values)], trial.number))
     return by_cost[:count]
 
 
@@ -238,7 +243,8 @@ def nearest_trial(study: Any) -> Any:
 
     Constraints have units of their own: a violation counts in parts of its median among the trials that violate it.
     """
-    ended = [one for one in study.get_trials(deepcopy=False) if one.values is not None and VIOLATIONS in one.user_attrs]
+    trials = study.get_trials(deepcopy=False)
+    ended = [trial for trial in trials if trial.values is not None and VIOLATIONS in trial.user_attrs]
     if not ended:
         return None
     missed = np.maximum([trial.user_attrs[VIOLATIONS] for trial in ended], 0.0).reshape(len(ended), -1)

@@ -133,12 +133,12 @@ def refine(
         scenes["finer mesh"] = changed(scene, changes)
     nodes = node_counts(scene, scenes["finer mesh"]) if changes else None
     common: dict[str, Any] = {"parameters": {}, "duration": duration, "plugins": tuple(plugins)}
-    jobs = {name: make_job(one, folder, source=name, **common) for name, one in scenes.items()}
+    jobs = {name: make_job(version, folder, source=name, **common) for name, version in scenes.items()}
     records = {name: _ended(name, job, made) for name, job in jobs.items()}
     values = {name: physical_figures(record["metrics"]) for name, record in records.items()}
     order, base = time_order(scene), values["run"]
     figures = []
-    for name in [key for key in base if all(key in one for one in values.values())]:
+    for name in [key for key in base if all(key in other for other in values.values())]:
         value, half = base[name], values["half the step"][name]
         of_step = (value, half, refinement_error(value, half, 2.0, order))
         if nodes is None:
@@ -208,7 +208,7 @@ def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     if PRESETS.get(preset) in presets:
         return f".preset={toml_value(PRESETS[preset])}"
     known = (request.get("size"), presets.get(preset), tables.get("mesh", {}).get("largest"))
-    sizes = [float(one) for one in known if one is not None]
+    sizes = [float(size) for size in known if size is not None]
     if not sizes:
         return ""
     if "size" in request and not preset:

@@ -18,11 +18,11 @@ LONGEST_PROBLEM = 300
 
 def flat(values: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:
     """Tables and lists within a table as one table with dotted keys."""
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for key, value in values.items():
         inner = dict(enumerate(value)) if isinstance(value, list) else value
-        found |= flat(inner, f"{prefix}{key}.") if isinstance(inner, Mapping) else {f"{prefix}{key}": value}
-    return found
+        columns |= flat(inner, f"{prefix}{key}.") if isinstance(inner, Mapping) else {f"{prefix}{key}": value}
+    return columns
 
 
 def result_row(record: Mapping[str, Any], folder: str) -> dict[str, Any]:

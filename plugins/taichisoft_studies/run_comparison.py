@@ -33,7 +33,7 @@ def labels(folders: Sequence[Path]) -> list[str]:
     """A short name for each run: the end of its path, as long as needed to be unique."""
     parts = [folder.resolve().parts for folder in folders]
     for length in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(one[-length:]) for one in parts]
+        names = ["/".join(path[-length:]) for path in parts]
         if len(set(names)) == len(names):
             return names
     raise StudyError(f"{folders[0]}: is given twice")

@@ -102,7 +102,7 @@ def announced_workers(console: "Console", cluster: "Cluster", tasks: int) -> "It
 
 
 def print_statuses(console: "Console", statuses: Counter[str], table: Path) -> None:
-    """Print how many runs ended in which way, and where their table is."""
+    """Print the number of runs by status, and where their table is."""
     from taichisoft.running import print_line
 
     print_line(console, ", ".join(f"{count} {status}" for status, count in sorted(statuses.items())))
@@ -273,7 +273,8 @@ def _files(study: Any, path: Path, data: Sequence[Path]) -> list[Path]:
     if len(data) != missing:
         raise StudyError(f"--data: {len(data)} given; {path} has {missing} experiments without data of their own")
     waiting = iter(data)
-    return [next(waiting) if one.data is None else path.parent / one.data for one in study.experiments]
+    own = [experiment.data for experiment in study.experiments]
+    return [next(waiting) if name is None else path.parent / name for name in own]
 
 
 def _draw_fit(study: Any, measured: Any, fit: Any, files: Sequence[Path], path: Path) -> None:
@@ -286,11 +287,11 @@ def _draw_fit(study: Any, measured: Any, fit: Any, files: Sequence[Path], path: 
     count = sum(len(experiment.curves) for experiment in study.experiments)
     figure = Figure(figsize=(6.0, 2.6 * count), layout="constrained")
     waiting = iter(figure.subplots(count, 1, squeeze=False)[:, 0])
-    for experiment, one, modelled, file in zip(study.experiments, measured, fit.modelled, files, strict=True):
-        for curve, values, line in zip(experiment.curves, one.curves, modelled, strict=True):
+    for experiment, data, modelled, file in zip(study.experiments, measured, fit.modelled, files, strict=True):
+        for curve, values, line in zip(experiment.curves, data.curves, modelled, strict=True):
             axes = next(waiting)
-            axes.plot(one.over, values, ".", markersize=3, color="#999999", label=file.name)
-            axes.plot(one.over, line, color="#d55e00", linewidth=1.2, label="fit")
+            axes.plot(data.over, values, ".", markersize=3, color="#999999", label=file.name)
+            axes.plot(data.over, line, color="#d55e00", linewidth=1.2, label="fit")
             axes.set_xlabel(experiment.over_column, parse_math=False)
             axes.set_ylabel(curve.column[:40], parse_math=False)
             axes.grid(alpha=0.3)
@@ -341,8 +342,8 @@ def compare(
     if unrecorded:
         print_line(console, f"no plots: {unrecorded[0]} has no recording (--record)")
         return
-    wanted = [name.strip() for name in only.split(",")] if only is not None else None
-    picture = draw_comparison(folders, names, wanted, "png")
+    panels = [name.strip() for name in only.split(",")] if only is not None else None
+    picture = draw_comparison(folders, names, panels, "png")
     path = output / PICTURE
     with atomic_file(path, StudyError) as partial:
         partial.write_bytes(picture)
@@ -492,8 +493,8 @@ def sweep(
 
             records = make_missing(planned, workers, done)
     else:
-        records = [one for job in planned if (one := finished(job)) is not None]
-    written = write_table([result_row(one, f"{RUNS}/{one['run']}") for one in records], output)
+        records = [ended_run for job in planned if (ended_run := finished(job)) is not None]
+    written = write_table([result_row(ended_run, f"{RUNS}/{ended_run['run']}") for ended_run in records], output)
     statuses = Counter(record["status"] for record in records)
     print_statuses(console, statuses, written)
     failed = len(records) - statuses[COMPLETED]
@@ -530,5 +531,5 @@ def _write_study(tables: Mapping[str, Any], output: Path) -> None:
 
 def _without_none(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _without_none(one) for key, one in value.items() if one is not None}
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
     return value

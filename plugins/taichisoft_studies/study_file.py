@@ -99,7 +99,7 @@ def is_of_scene(key: str) -> bool:
 def toml_value(value: Any) -> str:
     """A value as TOML in one line, tables included."""
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{json.dumps(key)} = {toml_value(one)}" for key, one in value.items())
+        inner = ", ".join(f"{json.dumps(key)} = {toml_value(item)}" for key, item in value.items())
         return f"{{ {inner} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml_value, value))}]"
@@ -137,7 +137,7 @@ def _geometry_overrides(name: str, scene: Scene, values: Mapping[str, Any]) -> l
             for table in tables_above:
                 place = place.setdefault(table, {})
             place[last] = value
-    given = {body: {key: one for key, one in mesh.items() if one is not None} for body, mesh in meshes.items()}
+    given = {body: {key: item for key, item in mesh.items() if item is not None} for body, mesh in meshes.items()}
     return [f"soft_bodies.{body}.mesh={toml_value(mesh)}" for body, mesh in given.items()]
 
 
@@ -309,19 +309,19 @@ def _beside(name: Any, path: Path) -> Any:
 
 def varied(texts: Sequence[str]) -> dict[str, Any]:
     """Tables of values, as in a study's file, from "key=a,b,c" (a list) and "key=low:high:count" (evenly spaced)."""
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for text in texts:
         key, separator, values = text.partition("=")
         key, parts = key.strip(), _split_values(values)
         if not separator or not key or not all(parts):
             raise StudyError(f"--vary {text}: must look like body.width=20,22,25 or contact.friction=0.2:1.0:5")
-        if key in found:
+        if key in tables:
             raise StudyError(f"--vary {key}: is given twice; put its values into one list")
         if len(parts) > MOST:
             raise StudyError(f"--vary {key}: {len(parts)} values are more than the {MOST} runs that a sweep may have")
         is_range = len(parts) == 1 and ":" in values and not values.startswith('"')
-        found[key] = _range(text, values) if is_range else [value_from(part) for part in parts]
-    return found
+        tables[key] = _range(text, values) if is_range else [value_from(part) for part in parts]
+    return tables
 
 
 def value_from(text: str) -> Any:

@@ -47,16 +47,16 @@ def parameter_columns(table: Any) -> list[str]:
     return [name for name in names if table[name].nunique(dropna=False) > 1]
 
 
-def figure_columns(table: Any, wanted: list[str] | None) -> list[str]:
+def figure_columns(table: Any, chosen: list[str] | None) -> list[str]:
     """The columns of the named figures, or the first columns of numbers that vary."""
     metrics = [column for column in table.columns if column.startswith("metrics.")]
-    if wanted is not None:
-        for name in wanted:
+    if chosen is not None:
+        for name in chosen:
             if f"metrics.{name}" not in metrics:
                 raise StudyError(
                     f"--metric {name}: there are: {', '.join(m.removeprefix('metrics.') for m in metrics)}"
                 )
-        return [f"metrics.{name}" for name in wanted]
+        return [f"metrics.{name}" for name in chosen]
     completed = table[table["status"] == COMPLETED]
     varying = [name for name in metrics if _varies(completed[name])]
     first = [name for name in varying if name.removeprefix("metrics.").startswith(HEADLINES)]
@@ -67,7 +67,7 @@ def effects(table: Any, parameters: list[str], figures: list[str]) -> list[Effec
     """The effect of each parameter on each figure, in the runs that have both."""
     from scipy.stats import spearmanr
 
-    found = []
+    result = []
     for figure in figures:
         for parameter in parameters:
             both = table[[parameter, figure]].dropna()
@@ -75,8 +75,8 @@ def effects(table: Any, parameters: list[str], figures: list[str]) -> list[Effec
             correlation = p_value = float("nan")
             if len(both) > 2 and x.dtype.kind in "ifb" and x.nunique() > 1 and len(np.unique(y)) > 1:
                 correlation, p_value = map(float, spearmanr(x.to_numpy(dtype=float), y))
-            found.append(Effect(parameter, figure, correlation, correlation_ratio(x, y), p_value))
-    return found
+            result.append(Effect(parameter, figure, correlation, correlation_ratio(x, y), p_value))
+    return result
 
 
 def correlation_ratio(x: Any, y: np.ndarray) -> float:
@@ -113,16 +113,16 @@ PICTURES = ("lifted.png", "grasped.png", "after.png")
 """Files of the picture of a run; the first of them that exists is shown."""
 
 
-def study_page(table: Any, folder: Path, wanted: list[str] | None = None, smallest: bool = False) -> str:
+def study_page(table: Any, folder: Path, chosen: list[str] | None = None, smallest: bool = False) -> str:
     """The page of a study as HTML.
 
     Args:
         table: results of the study, a pandas DataFrame.
         folder: folder of the study.
-        wanted: names of the metrics that are shown; by default those that vary. The best runs are chosen by the first.
+        chosen: names of the metrics that are shown; by default those that vary. The best runs are chosen by the first.
         smallest: whether the best runs are those with the smallest value.
     """
-    parameters, figures = parameter_columns(table), figure_columns(table, wanted)
+    parameters, figures = parameter_columns(table), figure_columns(table, chosen)
     counts = ", ".join(f"{count} {status}" for status, count in sorted(table["status"].value_counts().items()))
     failed = table[table["status"] != COMPLETED]
     values: dict[str, Any] = {
@@ -147,10 +147,10 @@ def _rows(table: Any, columns: list[str]) -> list[Any]:
     return list(table[columns].itertuples(index=False))
 
 
-def _effects(found: Sequence[Effect], parameters: Sequence[str], figures: Sequence[str]) -> list[list[str]]:
+def _effects(pairs: Sequence[Effect], parameters: Sequence[str], figures: Sequence[str]) -> list[list[str]]:
     """A row for each figure: the rank correlation with each parameter, and the share of the variance."""
-    by_pair = {(effect.figure, effect.parameter): effect for effect in found}
-    return [[_name(figure), *(_effect_text(by_pair[figure, one]) for one in parameters)] for figure in figures]
+    by_pair = {(effect.figure, effect.parameter): effect for effect in pairs}
+    return [[_name(figure), *(_effect_text(by_pair[figure, name]) for name in parameters)] for figure in figures]
 
 
 def _effect_text(effect: Effect) -> str:

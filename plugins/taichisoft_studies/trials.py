@@ -70,7 +70,7 @@ class TrialRuns:
 def trial_runs(study: Optimisation, parameters: Mapping[str, Any], folder: Path, **others: Any) -> TrialRuns:
     """The runs of a trial with these values; the arguments as for `sweep_runs.job_for`."""
     by_scene = study.by_scene().items()
-    return TrialRuns({scene: job_for(one, parameters, folder, study.seed, **others) for scene, one in by_scene})
+    return TrialRuns({scene: job_for(own, parameters, folder, study.seed, **others) for scene, own in by_scene})
 
 
 def joined(records: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -97,10 +97,8 @@ Figure = Callable[[Mapping[str, Any], Any], float]
 
 def figures(study: Optimisation) -> dict[str, Figure]:
     """The objectives by name."""
-    return {
-        name: _figure(one.text, f"objectives.{name}.{'maximise' if one.maximise is not None else 'minimise'}")
-        for name, one in study.objectives.items()
-    }
+    named = study.objectives.items()
+    return {name: _figure(objective.text, f"objectives.{name}.{objective.key}") for name, objective in named}
 
 
 def violations(study: Optimisation) -> dict[str, Figure]:
@@ -176,7 +174,7 @@ def take_over_errors(study: Any) -> int:
 
     before = study.user_attrs.get(AGAIN, [])
     ended = study.get_trials(deepcopy=False, states=(TrialState.FAIL,))
-    failed = [one for one in ended if one.user_attrs.get(STATUS) == ERROR and one.number not in before]
+    failed = [trial for trial in ended if trial.user_attrs.get(STATUS) == ERROR and trial.number not in before]
     study.set_user_attr(AGAIN, [*before, *(trial.number for trial in failed)])
     for trial in failed:
         study.enqueue_trial(trial.params)
@@ -206,7 +204,7 @@ def run_trials(
         workers: make the runs, `count` at a time.
         done: called with each trial and the record of its run.
     """
-    wanted, limits = figures(study), violations(study)
+    objectives, limits = figures(study), violations(study)
     running: dict[str, tuple[Any, str, TrialRuns]] = {}
     while True:
         while len(running) < workers.count and len(counted(trials)) < study.trials:
@@ -224,7 +222,7 @@ def run_trials(
         trial, scene, runs = running.pop(key)
         runs.records[scene] = record
         if len(runs.records) == len(runs.jobs):
-            _tell(study, trials, trial, runs.record, runs.place, wanted, limits)
+            _tell(study, trials, trial, runs.record, runs.place, objectives, limits)
             done(trial, runs.record)
 
 
@@ -233,8 +231,8 @@ def trial_rows(study: Optimisation, trials: Any) -> list[dict[str, Any]]:
     rows = []
     for trial in counted(trials):
         folder, runs = Path(trials.user_attrs["folder"]) / RUNS, trial.user_attrs.get(RUNS_OF_TRIAL, {})
-        found = {scene: read_record(folder / name) for scene, name in runs.items()}
-        records = {scene: one for scene, one in found.items() if one is not None}
+        known = {scene: read_record(folder / name) for scene, name in runs.items()}
+        records = {scene: record for scene, record in known.items() if record is not None}
         if not trial.state.is_finished() or not runs or len(records) < len(runs):
             continue
         record = joined(records)
@@ -275,7 +273,7 @@ def _tell(
     trial: Any,
     record: Mapping[str, Any],
     place: Any,
-    wanted: Mapping[str, Figure],
+    objectives: Mapping[str, Figure],
     limits: Mapping[str, Figure],
 ) -> None:
     from optuna.trial import TrialState
@@ -284,7 +282,7 @@ def _tell(
     trial.set_user_attr(MESSAGE, record["message"])
     if accepted(study, record):
         try:
-            values = [figure(record, place) for figure in wanted.values()]
+            values = [figure(record, place) for figure in objectives.values()]
             missed = {name: figure(record, place) for name, figure in limits.items()}
         except StudyError as error:
             trial.set_user_attr(MESSAGE, str(error))
@@ -307,13 +305,13 @@ WINNERS = "winners.csv"
 
 def _nearest(study: Optimisation, trials: Any) -> str:
     """The trial that misses the constraints by the least, and by how much, in words."""
-    found = nearest_trial(trials)
-    if found is None:
+    trial = nearest_trial(trials)
+    if trial is None:
         return "results.csv says why"
-    missed = zip(study.constraints.items(), found.user_attrs[VIOLATIONS], strict=True)
+    missed = zip(study.constraints.items(), trial.user_attrs[VIOLATIONS], strict=True)
     by = ", ".join(f"{name} ({text}) by {value:.4g}" for (name, text), value in missed if value > 0.0)
-    values = value_line(study.objectives, found.values)
-    return f"trial {found.number} is the nearest: {values}, and it misses {by}"
+    values = value_line(study.objectives, trial.values)
+    return f"trial {trial.number} is the nearest: {values}, and it misses {by}"
 
 
 def make_winners(
@@ -342,20 +340,22 @@ def make_winners(
         assert record is not None
         winners.append(trial_runs(finer, record["parameters"], output))
     unique = {job.name: job for runs in winners for job in runs.jobs.values()}
-    records = {one["run"]: one for one in make_missing(list(unique.values()), workers)}
-    wanted = figures(study)
-    rows = [["trial", *study.variables, *wanted, *(f"{name} finer" for name in wanted), "status", "folder"]]
+    records = {record["run"]: record for record in make_missing(list(unique.values()), workers)}
+    objectives = figures(study)
+    rows = [["trial", *study.variables, *objectives, *(f"{name} finer" for name in objectives), "status", "folder"]]
     for trial, runs in zip(best, winners, strict=True):
         runs.records.update({scene: records[job.name] for scene, job in runs.jobs.items()})
         record, first = runs.record, next(iter(runs.jobs.values()))
-        again: list[Any] = [figure(record, runs.place) for figure in wanted.values()] if accepted(study, record) else []
-        made = value_line(wanted, again) if again else f"{record['status']}: {record['message']}"
-        say(f"best: trial {trial.number}: {value_line(wanted, trial.values)}; made again: {made}")
+        again: list[Any] = (
+            [figure(record, runs.place) for figure in objectives.values()] if accepted(study, record) else []
+        )
+        made = value_line(objectives, again) if again else f"{record['status']}: {record['message']}"
+        say(f"best: trial {trial.number}: {value_line(objectives, trial.values)}; made again: {made}")
         for key, value in first.parameters.items():
             say(f"  {key} = {value}")
-        cells = [*first.parameters.values(), *trial.values, *(again or [""] * len(wanted))]
+        cells = [*first.parameters.values(), *trial.values, *(again or [""] * len(objectives))]
         rows.append(
-            [trial.number, *cells, record["status"], " ".join(f"{RUNS}/{one.name}" for one in runs.jobs.values())]
+            [trial.number, *cells, record["status"], " ".join(f"{RUNS}/{job.name}" for job in runs.jobs.values())]
         )
     with atomic_file(output / WINNERS, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(rows)

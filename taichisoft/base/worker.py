@@ -524,8 +524,8 @@ def _do_jobs(link: Link) -> None:
 
 def _named(function: str) -> Callable[..., Any]:
     module, _, name = function.partition(":")
-    found: Callable[..., Any] = getattr(import_module(module), name)
-    return found
+    value: Callable[..., Any] = getattr(import_module(module), name)
+    return value
 
 
 def _plain(error: TaichisoftError) -> TaichisoftError:

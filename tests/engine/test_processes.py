@@ -55,9 +55,7 @@ if "forkserver" in multiprocessing.get_all_start_methods():
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_processes_of_a_started_simulator_compute_the_same_bits_on_a_thread_each(
-    way: str, falling_cube: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_started_processes_compute_the_same_bits(way: str, falling_cube: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tasks = [(str(falling_cube), 10.0), (str(falling_cube), 20.0)]
     expected = [fall(*task)[0] for task in tasks]
     monkeypatch.delenv("TAICHISOFT_THREADS", raising=False)
@@ -66,7 +64,7 @@ def test_processes_of_a_started_simulator_compute_the_same_bits_on_a_thread_each
 
 @needs_fork
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # Python 3.12 warns of any fork beside threads
-def test_a_process_forked_after_a_step_computes_the_same_bits(falling_cube: Path) -> None:
+def test_forked_process_computes_the_same_bits(falling_cube: Path) -> None:
     expected = fall(str(falling_cube), 10.0)
     with multiprocessing.get_context("fork").Pool(1) as pool:
         assert pool.apply_async(fall, (str(falling_cube), 10.0)).get(timeout=PATIENCE) == expected
@@ -74,7 +72,7 @@ def test_a_process_forked_after_a_step_computes_the_same_bits(falling_cube: Path
 
 
 @needs_fork
-def test_a_process_that_forks_before_the_first_simulation_may(falling_cube: Path, tmp_path: Path) -> None:
+def test_fork_before_the_first_simulation_works(falling_cube: Path, tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(
         "import multiprocessing, taichisoft\n"
@@ -92,7 +90,7 @@ def test_a_process_that_forks_before_the_first_simulation_may(falling_cube: Path
 
 
 @needs_fork
-def test_a_forked_process_that_computes_nothing_ends(falling_cube: Path, tmp_path: Path) -> None:
+def test_idle_forked_process_ends(falling_cube: Path, tmp_path: Path) -> None:
     """Python 3.12 warns of any fork beside threads."""
     program = tmp_path / "program.py"
     program.write_text(
@@ -109,7 +107,7 @@ def test_a_forked_process_that_computes_nothing_ends(falling_cube: Path, tmp_pat
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_a_file_in_the_current_folder_is_no_module_of_a_child(tmp_path: Path) -> None:
+def test_child_imports_nothing_from_its_folder(tmp_path: Path) -> None:
     """Users name their scripts "gmsh.py", and folders come from others."""
     (tmp_path / "gmsh.py").write_text("raise SystemExit('taken from the current folder')")
     (tmp_path / "h5py.py").write_text("raise SystemExit('taken from the current folder')")

@@ -41,7 +41,7 @@ def lifts(count, length):
 
 
 @pytest.mark.parametrize("steps_per_control", [1, 3])
-def test_futures_are_the_runs_that_follow_and_processes_change_no_bit(grasp, steps_per_control):
+def test_futures_equal_runs_in_any_process(grasp, steps_per_control):
     """By hand, in this process, in two processes of one thread each; and the simulation stays where it is."""
     start, controls = grasp.state, lifts(4, 5)
     here = rollouts(grasp, controls, 0, FIGURES, steps_per_control)
@@ -63,7 +63,7 @@ def test_futures_are_the_runs_that_follow_and_processes_change_no_bit(grasp, ste
     assert here["pressures"].shape == (4, 5 * steps_per_control, 2)
 
 
-def test_a_state_that_comes_from_a_process_is_as_good_as_any(grasp):
+def test_state_from_a_process_can_be_restored(grasp):
     (state,) = rollouts(grasp, lifts(1, 3), 2).states
     simulation = Simulation(grasp.model)
     simulation.restore(state)
@@ -72,7 +72,7 @@ def test_a_state_that_comes_from_a_process_is_as_good_as_any(grasp):
         state.position[0] = 0.0
 
 
-def test_a_future_that_diverges_says_so_and_the_others_go_on(grasp):
+def test_diverged_future_stops_no_others(grasp):
     controls = [[squeeze(9.0)] * 6, [squeeze(9.0)] * 2 + [squeeze(1e7)] * 4]
     made = rollouts(grasp, controls, 2, ["pressures"])
     good, bad = made.errors
@@ -85,7 +85,7 @@ def test_a_future_that_diverges_says_so_and_the_others_go_on(grasp):
 
 
 @pytest.mark.parametrize("workers", [0, 2])
-def test_samples_beyond_a_law_are_told_once(grasp, workers):
+def test_samples_beyond_a_law_warn_once(grasp, workers):
     """The field has every sample's largest stretch; a run that goes there itself is told of apart."""
     simulation = Simulation(grasp.model)
     simulation.restore(grasp.state)
@@ -103,14 +103,14 @@ def test_samples_beyond_a_law_are_told_once(grasp, workers):
 
 
 @pytest.mark.parametrize("workers", [0, 2])
-def test_a_control_that_the_model_does_not_have_is_an_error_of_the_results(grasp, workers):
+def test_wrong_control_is_an_error_of_the_results(grasp, workers):
     made = rollouts(grasp, [[Control(pressure={"middle": 1.0})], *lifts(3, 1)], workers)
     with pytest.raises(ControlError, match="middle"):
         made.wait()
     assert rollouts(grasp, lifts(2, 1), workers).complete.all(), "and the next call works"
 
 
-def test_cancelled_futures_end_in_the_middle_and_leave_what_is_done(grasp):
+def test_cancelled_futures_keep_what_is_done(grasp):
     expected = rollouts(grasp, lifts(2, 3), 0, ["pressures"])
     made = rollouts(grasp, [*lifts(2, 3), *lifts(6, 3)], 2, ["pressures"])
     made.wait()
@@ -126,7 +126,7 @@ def test_cancelled_futures_end_in_the_middle_and_leave_what_is_done(grasp):
     assert made.complete.all(), "what was done stays"
 
 
-def test_processes_take_over_another_model(grasp):
+def test_processes_take_another_model(grasp):
     """Friction 0: the cube slides out of the pads that rise."""
     model, figures = grasp.model, ["object_positions.cube"]
     (before,) = rollouts(grasp, lifts(2, 8)[1:], 2, figures)["object_positions.cube"]
@@ -139,7 +139,7 @@ def test_processes_take_over_another_model(grasp):
     assert after[0]["object_positions.cube"][1, -1, 2] < before[-1, 2] - 0.01
 
 
-def test_a_process_that_is_lost_is_said_and_replaced(grasp):
+def test_lost_process_is_reported_and_replaced(grasp):
     rollouts(grasp, lifts(2, 1), 2).wait()
     made = rollouts(grasp, [[squeeze(9.0)]] * 2, 2, steps_per_control=1_000_000)
     assert not made.wait(0.2)
@@ -160,7 +160,7 @@ def test_processes_end_with_their_simulation():
     assert process.wait(PATIENCE) is not None
 
 
-def test_a_simulation_that_is_closed_ends_them():
+def test_closed_simulation_ends_processes():
     simulation = Simulation(load_scene(TINY_GRIPPER))
     made = rollouts(simulation, [[squeeze(1.0)]] * 2, 1, steps_per_control=1_000_000)
     assert not made.wait(0.2)
@@ -170,7 +170,7 @@ def test_a_simulation_that_is_closed_ends_them():
     assert rollouts(simulation, [[squeeze(1.0)]], 0).complete.all()
 
 
-def test_every_field_of_an_observation_with_a_fixed_shape_is_a_figure(grasp):
+def test_fields_of_fixed_shape_are_figures(grasp):
     seen = grasp.observe()
     pairs = ("contact_counts", "normal_forces", "friction_forces", "slip_speeds", "contact_areas", "peak_pressures")
     pairs += ("contact_area_errors", "peak_pressure_errors")
@@ -217,12 +217,12 @@ def test_every_field_of_an_observation_with_a_fixed_shape_is_a_figure(grasp):
         ({"figures": ["normal_forces.left|cub"]}, "no body is called 'cub'; did you mean 'cube'?"),
     ],
 )
-def test_what_cannot_be_made_is_refused_at_once_in_one_line(grasp, arguments, message):
+def test_wrong_arguments_are_one_line(grasp, arguments, message):
     with pytest.raises(TaichisoftError, match=re.escape(message)) as refused:
         rollouts(**{"simulation": grasp, "controls": [[Control()]], "workers": 0, **arguments})
     assert "\n" not in str(refused.value)
 
 
-def test_a_figure_that_was_not_asked_for_is_named(grasp):
+def test_missing_figure_is_named(grasp):
     with pytest.raises(TaichisoftError, match="'pressure' was not asked for; did you mean 'pressures'"):
         rollouts(grasp, [[Control()]], 0, ["pressures"])["pressure"]

@@ -49,7 +49,7 @@ def random_modes(body, count):
     ],
     ids=lambda law: f"{law['element']}-{law.get('law', 'hooke')}",
 )
-def test_the_domains_together_have_the_forces_of_the_engine(block, law):
+def test_domains_have_the_forces_of_the_engine(block, law):
     """f_r = Phi^T f, to rounding: the same law, computed by kernels in space and by numpy in the mesh's frame."""
     model = make_model(beam(block, **law))
     (body,) = model.soft_bodies
@@ -98,7 +98,7 @@ def test_modes_are_orthonormal_in_the_mass_and_hold_the_training():
 
 
 @pytest.mark.parametrize(("needed", "found"), [(20, 20), (25, 25), (30, 31), (40, 47), (60, 47)])
-def test_modes_are_added_until_motions_are_followed_and_half_of_the_last_left_out(needed, found):
+def test_mode_count_is_bisected(needed, found):
     class Fit:
         mode_count = 20
 
@@ -116,7 +116,7 @@ def test_modes_are_added_until_motions_are_followed_and_half_of_the_last_left_ou
     assert len(tried) == len(set(tried)) <= 4
 
 
-def test_a_training_without_motion_is_refused():
+def test_training_without_motion_is_refused():
     with pytest.raises(ReductionError, match="nothing moved"):
         Basis(np.zeros((5, 8, 3)), np.ones(8))
 
@@ -163,7 +163,7 @@ def test_chosen_domains_move_a_beam_as_all_do(block):
 
 @examples(40)
 @given(st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6))
-def test_a_body_that_moves_with_its_frame_has_no_displacement(values):
+def test_motion_of_the_frame_is_no_displacement(values):
     """Turn and shift of the frame are taken out, and the placement of the body, whatever they are."""
     nodes = np.random.default_rng(2).standard_normal((6, 3))
     placed = RelativeMotion(nodes, [10.0, 50.0, -70.0], [1.0, 2.0, 3.0])
@@ -193,7 +193,7 @@ def run_result(**changes):
     return RunResult(**{**values, "displacement": {"a": np.zeros((2, 4, 3))}, **changes})
 
 
-def test_a_comparison_has_the_largest_error_and_a_failed_run_is_never_good(tmp_path):
+def test_comparison_has_the_largest_error(tmp_path):
     other = np.zeros((2, 4, 3))
     other[1, 2] = [0.0, 3.0, 4.0]
     found = compare(run_result(displacement={"a": 10.0 * other}), run_result(displacement={"a": 9.0 * other}))
@@ -206,7 +206,7 @@ def test_a_comparison_has_the_largest_error_and_a_failed_run_is_never_good(tmp_p
     assert RunResult.load(tmp_path / "half.npz") is None
 
 
-def test_the_error_of_an_imbalance_is_the_largest_of_runs():
+def test_error_per_imbalance_is_the_largest():
     """Errors of 0.5 and 0.2 mm beside imbalances of 0.1 and 0.02 mm: ratios of 5 and 10; another body counts not."""
     pairs = []
     for error, imbalance in ((0.5, 0.1), (0.2, 0.02)):
@@ -221,7 +221,7 @@ def test_the_error_of_an_imbalance_is_the_largest_of_runs():
     assert largest_imbalance(pairs[0][1], ["a", "b", "c"]) == 0.1
 
 
-def test_the_full_model_beside_the_reduced_one_says_where_they_part(block, tmp_path):
+def test_reduced_check_finds_where_models_part(block, tmp_path):
     """Two modes of a beam under its weight: the check has the errors of two runs of their own, and from when on."""
     scene = beam(block, element="linear", young_modulus=100.0, density=1e-5)
     full = Simulation(scene)
@@ -260,7 +260,7 @@ def test_the_full_model_beside_the_reduced_one_says_where_they_part(block, tmp_p
         ReducedCheckOutput(tmp_path).begin(full.model, full.state)
 
 
-def test_every_place_of_the_pad_is_pressed_by_something_that_is_free_at_rest(block):
+def test_every_place_of_the_pad_is_pressed(block):
     """A beam that bends down: where a plane or a box would touch it at rest, something else meets the same place."""
     ends = {
         "rotation": [0.0, 0.0, 0.0],
@@ -282,7 +282,7 @@ def test_every_place_of_the_pad_is_pressed_by_something_that_is_free_at_rest(blo
     assert all(one.normal[2] < -0.5 for one in found)
 
 
-def test_the_drives_of_a_training_are_those_of_all_copies():
+def test_drives_cover_all_copies():
     """From the lowest to the highest over runs that came to their end; what stood still is not known."""
     (shape,) = body_shapes(load_scene("gripper"))
 
@@ -295,7 +295,7 @@ def test_the_drives_of_a_training_are_those_of_all_copies():
     assert _drives(shape, [result(finger1=(2.0, 2.0))]) == {}
 
 
-def test_a_request_of_other_content_has_another_file():
+def test_other_request_has_another_file():
     one = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
     other = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 2.0)}))
     assert one.file_name != other.file_name
@@ -312,7 +312,7 @@ def test_a_request_of_other_content_has_another_file():
         ({"range_": ["a.tube=5:1"]}, "--range a.tube=5:1: must be BODY.ACTUATOR=LOW:HIGH"),
     ],
 )
-def test_options_that_make_no_sense_are_refused(tmp_path, options, said):
+def test_wrong_options_are_refused(tmp_path, options, said):
     with pytest.raises(ReductionError, match=said):
         reduce(**{"scene": "gripper", "output": tmp_path, "modes": None, "tolerance": "1%", **OTHERS, **options})
 
@@ -320,13 +320,13 @@ def test_options_that_make_no_sense_are_refused(tmp_path, options, said):
 OTHERS = {"runs": None, "own_training": True, "range_": None, "full_range": False, "processes": None, "set_": None}
 
 
-def test_a_scene_without_anchors_is_refused(block, tmp_path):
+def test_scene_without_anchors_is_refused(block, tmp_path):
     scene = beam(block, element="linear", young_modulus=100.0, anchors=[])
     with pytest.raises(ReductionError, match=r"no soft body of the scene has anchors \(soft bodies: beam\)"):
         reduce_scene(scene, tmp_path, Wishes(), Progress())
 
 
-def test_an_actuator_that_the_scene_does_not_have_is_refused(block, tmp_path):
+def test_unknown_actuator_is_refused(block, tmp_path):
     scene = beam(block, element="linear", young_modulus=100.0)
     with pytest.raises(ReductionError, match=r"--range beam\.air: the scene has no such actuator; it has: none"):
         reduce_scene(scene, tmp_path, Wishes(ranges={"beam.air": (0.0, 1.0)}), Progress())

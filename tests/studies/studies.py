@@ -8,6 +8,7 @@ from typing import Any
 from conftest import PATIENCE
 from interrupted_sweep import PLUGIN
 
+from taichisoft import load_plugin
 from taichisoft.base import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_studies.run_job import RunJob, make_run
@@ -51,7 +52,7 @@ def plugin(folder: Path) -> Path:
 
 
 def sweep_of(folder: Path, **tables: Any) -> Sweep:
-    """A sweep of the tiny gripper, one step long."""
+    """A sweep of the tiny gripper, one step long; its plug-ins are loaded."""
     base = {
         "scene": str(TINY_GRIPPER),
         "controller": "squeeze",
@@ -59,7 +60,10 @@ def sweep_of(folder: Path, **tables: Any) -> Sweep:
         "plugins": [str(plugin(folder))],
         "vary": {"controller.settings.pressure": [1.0, 2.0]},
     }
-    return check_study(Sweep, {**base, **tables}, "study")
+    study = check_study(Sweep, {**base, **tables}, "study")
+    for path in study.plugins:
+        load_plugin(path)
+    return study
 
 
 def command(*arguments: Any) -> subprocess.CompletedProcess[str]:

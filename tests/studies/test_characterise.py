@@ -27,7 +27,7 @@ def found():
     return find_characteristics(scene, None, PRESSURES, 2, counted.append), len(counted), scene
 
 
-def test_a_finger_bends_by_its_pressure_and_presses_with_what_is_left(found):
+def test_finger_bends_and_presses(found):
     """A block where the finger rests freely bears nothing; held further back, the tip presses harder."""
     curves, count, _ = found
     assert count == equilibrium_count(3, 2) == 3 + 2 + 1
@@ -38,22 +38,22 @@ def test_a_finger_bends_by_its_pressure_and_presses_with_what_is_left(found):
     assert np.isnan(curves.forces[1, 0])
     assert 0.0 < curves.forces[1, 2] < curves.forces[0, 2]
     # At small angles a finger is a spring that pressure moves: the force goes with the way that the block takes.
-    held_back = curves.way[2] - curves.way[curves.blocked]
+    held_back = curves.travel[2] - curves.travel[curves.blocked]
     assert curves.forces[0, 2] / held_back[0] == pytest.approx(curves.forces[1, 2] / held_back[1], rel=0.25)
     assert curves.stiffness[2] == pytest.approx(curves.forces[1, 2] / held_back[1])
     assert np.isnan(curves.stiffness[0])
 
 
-def test_the_free_bend_is_where_the_finger_comes_to_rest(found):
+def test_free_bend_is_the_equilibrium(found):
     curves, _, scene = found
     rest = taichisoft.equilibrium(taichisoft.Simulation(scene), taichisoft.Control(pressure={"finger.cavity": 24.0}))
     assert curves.bending[2] == pytest.approx(np.degrees(rest.observation.bending_angles["finger"]), abs=1e-3)
 
 
-def test_table_picture_and_page_say_the_same(found, tmp_path):
+def test_datasheet_has_table_picture_and_page(found, tmp_path):
     curves, _, scene = found
     finer = Characteristics(
-        curves.pressures, 1.1 * curves.bending, curves.way, curves.volumes, curves.blocked, 0.8 * curves.forces
+        curves.pressures, 1.1 * curves.bending, curves.travel, curves.volumes, curves.blocked, 0.8 * curves.forces
     )
     table, picture, page = write_datasheet(tmp_path / "new", scene, curves, finer, "a finer mesh")
     with table.open(encoding="utf-8", newline="") as file:
@@ -68,7 +68,7 @@ def test_table_picture_and_page_say_the_same(found, tmp_path):
     assert "nothing is known of the error" in trust_line(curves, None, "")
 
 
-def test_what_cannot_be_characterised_is_refused(tmp_path):
+def test_impossible_characteristics_are_refused(tmp_path):
     with pytest.raises(StudyError, match=r"--body cube: no soft body .* there are: finger"):
         find_characteristics(taichisoft.load_scene("finger-inflated"), "cube", PRESSURES, 1)
     with pytest.raises(StudyError, match=r"no soft body with a cavity is called so; there are: $"):

@@ -35,14 +35,14 @@ def block(folder: Path, cells: tuple[int, int, int], time: dict[str, Any], **key
 
 
 @pytest.mark.parametrize("order", [1.0, 1.089, 2.0])
-def test_the_error_of_a_power_of_the_step_is_found(order: float) -> None:
+def test_error_of_a_power_is_exact(order: float) -> None:
     """v(h) = 3 + 0.7 h^p has the error 0.7 h^p, exactly, whatever the ratio."""
     for ratio in (1.4, 2.0):
         value, refined = 3.0 + 0.7 * 0.1**order, 3.0 + 0.7 * (0.1 / ratio) ** order
         assert refinement_error(value, refined, ratio, order) == pytest.approx(0.7 * 0.1**order, rel=1e-12)
 
 
-def test_a_falling_block_is_too_low_by_half_a_step(tmp_path: Path, figures: Figures) -> None:
+def test_falling_block_is_half_a_step_too_low(tmp_path: Path, figures: Figures) -> None:
     """Implicit Euler falls by g T (T + h) / 2 where g T^2 / 2 is right: the error is -g T h / 2, to round-off.
 
     The mesh of a body that only falls has no error.
@@ -63,7 +63,7 @@ def test_a_falling_block_is_too_low_by_half_a_step(tmp_path: Path, figures: Figu
     assert again.nodes is None and again.figures[0].mesh_error is None
 
 
-def test_the_error_of_a_coarse_beam_has_its_sign_and_size(tmp_path: Path, figures: Figures) -> None:
+def test_error_of_a_coarse_beam_is_estimated(tmp_path: Path, figures: Figures) -> None:
     """A cantilever of one cell over its height is too stiff: its tip is too high, by what two cells tell of four.
 
     The estimate from one and two cells lies within a factor of two of what four cells, which lack little, differ by.
@@ -84,7 +84,7 @@ def test_the_error_of_a_coarse_beam_has_its_sign_and_size(tmp_path: Path, figure
     figures.close("estimated error over what four cells differ by", tip.mesh_error / lacking, 1.4, 0.6)
 
 
-def test_what_makes_meshes_finer() -> None:
+def test_finer_meshes_are_known() -> None:
     """A file by its name, a geometry by preset, size or nodes; what cannot be finer is told."""
 
     def finer(mesh: str, *others: str) -> tuple[list[str], str]:
@@ -105,7 +105,7 @@ def test_what_makes_meshes_finer() -> None:
         assert reason[0] == [] and reason[1].startswith("finger ")
 
 
-def test_a_mesh_that_is_not_finer_and_a_run_that_fails_are_told(tmp_path: Path) -> None:
+def test_coarser_mesh_and_failed_run_are_refused(tmp_path: Path) -> None:
     scene = block(tmp_path, (2, 1, 1), time={"step": 0.01, "duration": 0.02}, tip=EVERYWHERE)
     coarser = block(tmp_path, (1, 1, 1), time={"step": 0.01, "duration": 0.02}, tip=EVERYWHERE)
     with pytest.raises(StudyError, match="the finer mesh has 8 nodes, not more than the 12"):
@@ -116,7 +116,7 @@ def test_a_mesh_that_is_not_finer_and_a_run_that_fails_are_told(tmp_path: Path) 
         refine(flowing, tmp_path / "runs", [])
 
 
-def test_the_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_converge_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from taichisoft.pytest_fixtures import TINY_GRIPPER
 
     command(str(TINY_GRIPPER), tmp_path, duration=0.02)

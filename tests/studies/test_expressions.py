@@ -23,12 +23,12 @@ NAMES = {"force": 12.0, "tips": {"finger": [1.0, 2.0, 3.0]}, "held": True, "noth
         ("degrees(pi)", 180.0),
     ],
 )
-def test_values(text: str, value: float) -> None:
+def test_expression_has_its_value(text: str, value: float) -> None:
     assert Expression(text, "key")(NAMES) == pytest.approx(value)
 
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
-def test_arithmetic_is_that_of_python(a: float, b: float) -> None:
+def test_arithmetic_equals_python(a: float, b: float) -> None:
     assert Expression("a * b - a + 2 * b", "key")({"a": a, "b": b}) == a * b - a + 2 * b
 
 
@@ -55,7 +55,7 @@ def test_arithmetic_is_that_of_python(a: float, b: float) -> None:
         "a" + ".b[0]" * 190 + "(1)",
     ],
 )
-def test_nothing_but_arithmetic_is_read(text: str) -> None:
+def test_code_is_refused(text: str) -> None:
     with pytest.raises(StudyError, match=r"^key"):
         Expression(text, "key")
 
@@ -74,14 +74,14 @@ def test_nothing_but_arithmetic_is_read(text: str) -> None:
         ("-" * 900 + "1", "is nested too deeply; 100 levels are the most"),
     ],
 )
-def test_what_cannot_be_computed_is_one_line(text: str, problem: str) -> None:
+def test_uncomputable_expression_is_one_line(text: str, problem: str) -> None:
     with pytest.raises(StudyError) as refused:
         Expression(text, "objectives.force")(NAMES)
     assert problem in str(refused.value)
     assert str(refused.value).startswith(f"objectives.force = {text!r}: ")
 
 
-def test_a_constraint_is_missed_by_a_difference() -> None:
+def test_constraint_is_violated_by_a_difference() -> None:
     assert Expression("force <= 10", "c").violation(NAMES) == 2.0
     assert Expression("force >= 10", "c").violation(NAMES) == -2.0
     with pytest.raises(StudyError, match="both must be finite numbers"):

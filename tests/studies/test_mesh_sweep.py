@@ -23,6 +23,8 @@ from taichisoft_studies.errors import StudyError
 from taichisoft_studies.mesh_variants import MeshRun, Variant, plan
 from taichisoft_studies.study_file import MOST, Sweep, check_study, varied
 
+pytestmark = pytest.mark.usefixtures("taichisoft_plugins")
+
 PLUGIN = Path(__file__).parents[1] / "meshing" / "block_kind.py"
 JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})
 
@@ -50,7 +52,7 @@ def block(tmp_path: Path) -> Path:
     return path
 
 
-def test_variants_are_all_combinations_with_their_tables() -> None:
+def test_variants_are_all_combinations() -> None:
     variants = variants_of(JOB, ["stretch=1,2.5", "quality.radius_ratio=0.1,0.2"])
     assert [variant.name for variant in variants] == [
         "stretch-1_quality.radius_ratio-0.1",
@@ -62,7 +64,7 @@ def test_variants_are_all_combinations_with_their_tables() -> None:
     assert JOB.tables == {"stretch": 1.0}
 
 
-def test_values_may_be_any_toml() -> None:
+def test_variants_take_any_toml() -> None:
     tables = [variant.job.tables["stretch"] for variant in variants_of(JOB, ['stretch=[1, 2], [3, 4] ,"a,b"'])]
     assert tables == [[1, 2], [3, 4], "a,b"]
     assert [variant.job.tables["stretch"] for variant in variants_of(JOB, ["stretch=true,round"])] == [True, "round"]
@@ -81,19 +83,20 @@ def test_values_may_be_any_toml() -> None:
         (["stretch=" + ",".join(map(str, range(MOST + 1)))], "values are more than the 10000"),
         (["stretch=1:2:1000000000"], "vary: 1000000000 combinations are more than the 10000"),
         (["stretch=1:2"], "vary.stretch: a range needs count"),
+        (["stretch=1:x:3"], "--vary stretch=1:x:3: a range must look like 0.2:1.0:5"),
         (["stretch=5:1:3"], "vary.stretch: low (5) must be below high (1)"),
         (["stretch=1:nan:3"], "vary.stretch.high = nan: "),
         (["stretch=1:2:0"], "vary.stretch.count = 0: "),
         (["stretch=a/b,a:b"], "--vary: two variants would both be called 'stretch-a_b'"),
     ],
 )
-def test_what_cannot_be_varied_is_refused(texts: list[str], problem: str) -> None:
+def test_wrong_variants_are_refused(texts: list[str], problem: str) -> None:
     with pytest.raises((MeshError, StudyError)) as refused:
         variants_of(JOB, texts)
     assert problem in str(refused.value)
 
 
-def test_what_fails_is_reported_and_the_rest_go_on(block: Path, tmp_path: Path) -> None:
+def test_failed_variants_stop_no_others(block: Path, tmp_path: Path) -> None:
     """Two are not valid, one misses a limit; the kind is a plug-in's."""
     output = tmp_path / "out"
     process = sweep_process(
@@ -115,7 +118,7 @@ def test_what_fails_is_reported_and_the_rest_go_on(block: Path, tmp_path: Path) 
     assert (output / name / f"{name}.msh").is_file()
 
 
-def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_path: Path) -> None:
+def test_processes_give_equal_meshes(tmp_path: Path) -> None:
     """gmsh in two processes at a time, and twice in this one, one after the other."""
     process = sweep_process("tutorial", tmp_path, "--vary", "body.width=20,22", "--size", "14", "--jobs", "2")
     shown, error = process.communicate(timeout=PATIENCE)
@@ -133,7 +136,7 @@ def mesh_run(folder: Path, block: Path, time_limit: float = PATIENCE, **tables: 
     return MeshRun("block", str(folder), job, False, (str(PLUGIN),), time_limit)
 
 
-def test_a_process_that_dies_or_hangs_is_a_variant_that_failed(block: Path, tmp_path: Path) -> None:
+def test_lost_process_is_a_failed_variant(block: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     (died,) = made_apart([mesh_run(out, block, end=7)])
     assert died["problem"] == f"{block}: process lost: exit code 7"
@@ -142,7 +145,7 @@ def test_a_process_that_dies_or_hangs_is_a_variant_that_failed(block: Path, tmp_
     assert not out.exists() or not list(out.iterdir())
 
 
-def test_a_mesh_that_lies_there_is_not_made_again(block: Path, tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_existing_mesh_is_kept(block: Path, tmp_path: Path) -> None:
     load_plugin(PLUGIN)
     first, second, other = (mesh_run(tmp_path, block, stretch=s).make() for s in (1.5, 1.5, 2.0))
     assert first["figures"].pop("seconds") >= 0.0
@@ -152,7 +155,7 @@ def test_a_mesh_that_lies_there_is_not_made_again(block: Path, tmp_path: Path, t
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_ends_everything_and_leaves_what_was_complete(block: Path, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_complete_meshes(block: Path, tmp_path: Path) -> None:
     """A terminal sends the signal to the whole group of processes."""
     output = tmp_path / "out"
     process = sweep_process(block, output, "--vary", "after=0,300", "--jobs", "2")
@@ -176,7 +179,7 @@ def wait_for_the_end_of_group(leader: int) -> None:
             time.sleep(0.05)
 
 
-def test_a_folder_takes_one_command_at_a_time(block: Path, tmp_path: Path) -> None:
+def test_locked_folder_is_refused(block: Path, tmp_path: Path) -> None:
     """Two, perhaps on two machines, would mix the files of different meshes of the same name."""
     output = tmp_path / "out"
     with locked_folder(output):
@@ -185,7 +188,7 @@ def test_a_folder_takes_one_command_at_a_time(block: Path, tmp_path: Path) -> No
     assert not output.exists()
 
 
-def test_options_that_are_wrong_are_named(block: Path, tmp_path: Path) -> None:
+def test_wrong_jobs_are_refused(block: Path, tmp_path: Path) -> None:
     process = sweep_process(block, tmp_path / "out", "--vary", "stretch=1", "--jobs", "0")
     _, error = process.communicate(timeout=PATIENCE)
     assert (process.returncode, error) == (2, "taichisoft: --jobs 0: must be at least 1\n")

@@ -28,6 +28,8 @@ from taichisoft_studies.trials import (
     trial_rows,
 )
 
+pytestmark = pytest.mark.usefixtures("taichisoft_plugins")
+
 PRESSURE = "controller.settings.pressure"
 
 
@@ -64,9 +66,7 @@ def searched(study: Optimisation, folder: Path, workers: Here | None = None) -> 
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes", "nsga2"])
-def test_the_optimum_is_found_and_a_seed_repeats_the_search(
-    tmp_path: Path, taichisoft_plugins: Any, sampler: str
-) -> None:
+def test_search_finds_optimum_and_repeats(tmp_path: Path, sampler: str) -> None:
     study = search_of(tmp_path, sampler=sampler, trials=60 if sampler == "nsga2" else 25)
     trials = searched(study, tmp_path / "first")
     (best,) = best_trials(trials, 1)
@@ -78,18 +78,18 @@ def test_the_optimum_is_found_and_a_seed_repeats_the_search(
     assert [trial.params for trial in again.trials] == [trial.params for trial in trials.trials[:12]]
 
 
-def test_the_best_trial_satisfies_the_constraints(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_best_trial_satisfies_constraints(tmp_path: Path) -> None:
     study = search_of(tmp_path, constraints={"low": "final_pressures_kPa['left.cavity'] <= 4"})
     (best,) = best_trials(searched(study, tmp_path), 1)
     assert 3.0 <= best.params[PRESSURE] <= 4.0
 
 
-def test_a_known_design_is_tried_first(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_known_design_is_tried_first(tmp_path: Path) -> None:
     trials = searched(search_of(tmp_path, start={PRESSURE: 2.5}, trials=2), tmp_path)
     assert trials.trials[0].params[PRESSURE] == 2.5 != trials.trials[1].params[PRESSURE]
 
 
-def test_two_objectives_give_their_compromises(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_two_objectives_give_compromises(tmp_path: Path) -> None:
     both = {
         "high": {"maximise": "final_pressures_kPa['left.cavity']"},
         "near": {"minimise": "abs(final_pressures_kPa['left.cavity'] - 6)"},
@@ -99,7 +99,7 @@ def test_two_objectives_give_their_compromises(tmp_path: Path, taichisoft_plugin
     assert min(trial.params[PRESSURE] for trial in front) > 5.0
 
 
-def test_constraints_hold_across_the_runs_of_a_trial(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_constraints_hold_across_runs(tmp_path: Path) -> None:
     """One run goes to the trial's pressure p, the other stops rising at 3 kPa, with a limit of its own.
 
     |p - 6| is least within "p is at most 1.5 kPa above the other run's" at 4.5 kPa, which no run alone knows.
@@ -129,7 +129,7 @@ def test_constraints_hold_across_the_runs_of_a_trial(tmp_path: Path, taichisoft_
     assert len(values.split(",")[-1].split()) == 2
 
 
-def test_a_run_that_fails_is_told_with_the_name_of_its_scene(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_failed_run_names_its_scene(tmp_path: Path) -> None:
     study = search_of(
         tmp_path,
         scenes={"good": {}, "bad": {"set": [f"{PRESSURE}='much'"]}},
@@ -142,7 +142,7 @@ def test_a_run_that_fails_is_told_with_the_name_of_its_scene(tmp_path: Path, tai
     assert row["message"].startswith("bad: ")
 
 
-def test_failed_runs_are_failed_trials_and_the_rest_go_on(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_failed_runs_are_failed_trials(tmp_path: Path) -> None:
     """A pressure that is text makes the controller fail; the search goes on with the others."""
     study = search_of(tmp_path, variables={PRESSURE: ["much", 5.0, 6.0]}, trials=12)
     trials = searched(study, tmp_path)
@@ -152,7 +152,7 @@ def test_failed_runs_are_failed_trials_and_the_rest_go_on(tmp_path: Path, taichi
     assert best_trials(trials, 1)[0].params[PRESSURE] == "6.0"
 
 
-def test_a_figure_that_one_run_does_not_give_is_a_failed_trial(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_missing_figure_is_a_failed_trial(tmp_path: Path) -> None:
     """Of the first run it is an error: an expression that is wrong is wrong for all."""
     values = {PRESSURE: [5.0, 6.0]}
     never = {"x": {"minimise": "1 / (final_pressures_kPa['left.cavity'] - 6)"}}
@@ -164,7 +164,7 @@ def test_a_figure_that_one_run_does_not_give_is_a_failed_trial(tmp_path: Path, t
         searched(study.model_copy(update={"start": {PRESSURE: 6.0}}), tmp_path / "first")
 
 
-def test_an_interrupted_search_goes_on(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_interrupted_search_continues(tmp_path: Path) -> None:
     study = search_of(tmp_path, trials=6)
     trials = searched(study.model_copy(update={"trials": 3}), tmp_path)
     lost = trials.ask()
@@ -181,7 +181,7 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, taichisoft_plugins: Any) 
     assert pressure in made
 
 
-def test_trials_that_ended_with_an_error_are_made_again_once(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_trials_with_errors_are_repeated_once(tmp_path: Path) -> None:
     """As when a disk was full: with the same values, and without counting twice."""
     from optuna.trial import TrialState
 
@@ -198,7 +198,7 @@ def test_trials_that_ended_with_an_error_are_made_again_once(tmp_path: Path, tai
     assert trials.trials[-1].state == TrialState.COMPLETE
 
 
-def test_sessions_that_begin_at_the_same_moment_draw_different_values(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_sessions_draw_different_values(tmp_path: Path) -> None:
     """Both are open before either asks for a trial, as on two machines."""
     study = search_of(tmp_path)
     sessions = [open_study(study, tmp_path), open_study(study, tmp_path)]
@@ -206,7 +206,7 @@ def test_sessions_that_begin_at_the_same_moment_draw_different_values(tmp_path: 
     assert first != second
 
 
-def test_hopeless_runs_are_pruned(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_hopeless_runs_are_pruned(tmp_path: Path) -> None:
     study = search_of(tmp_path, pruning={"every": 0.01, "trials": 3}, duration=0.05, trials=15)
     trials = searched(study, tmp_path)
     states = [trial.state.name for trial in trials.trials]
@@ -216,7 +216,7 @@ def test_hopeless_runs_are_pruned(tmp_path: Path, taichisoft_plugins: Any) -> No
     assert max(row["metrics.steps"] for row in rows if row["status"] == "pruned") < 5
 
 
-def test_functions_of_a_file_are_objectives(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_objectives_may_be_functions(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "def sum_of(parameters, metrics, folder):\n    return parameters['a'] + metrics['b']\n"
     )
@@ -226,37 +226,13 @@ def test_functions_of_a_file_are_objectives(tmp_path: Path, taichisoft_plugins: 
         figures(study)["x"]({"parameters": {"a": 1}, "metrics": {}}, tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("tables", "problem"),
-    [
-        ({"objectives": {}}, "objectives has no key"),
-        ({"objectives": {"a": {}}}, "exactly one of maximise, minimise is needed"),
-        ({"sampler": "cmaes", "constraints": {"a": "b <= 1"}}, "knows one objective and no constraints"),
-        ({"start": {"controller.settings.presure": 1}}, f"is not a variable; did you mean '{PRESSURE}'?"),
-        ({"scenes": {"a b": {}}}, "scenes.a b: expressions need a name of letters and digits"),
-        ({"scenes": {"a": {}}, "pruning": {"every": 1.0}}, "pruning watches a single run"),
-        ({"scenes": {"a": {"scen": "b"}}}, "scenes.a.scen"),
-        ({"sampler": "annealing"}, "sampler = 'annealing'"),
-        ({"variables": {PRESSURE: {"low": 0, "high": 1, "count": 3}}}, f"variables.{PRESSURE}.count has no effect"),
-    ],
-)
-def test_a_search_that_is_wrong_is_told_by_its_key(
-    tmp_path: Path, taichisoft_plugins: Any, tables: dict[str, Any], problem: str
-) -> None:
-    with pytest.raises(StudyError) as refused:
-        search_of(tmp_path, **tables)
-    assert problem in str(refused.value)
-
-
-def test_a_package_too_large_to_come_along_is_named_with_its_own_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taichisoft_plugins: Any
-) -> None:
+def test_missing_torch_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(text, "find_spec", lambda name: None if name == "torch" else "there")
     with pytest.raises(PackageMissing, match=r"^sampler = 'gp': needs torch, .* not installed: pip install torch$"):
         open_study(search_of(tmp_path, sampler="gp"), tmp_path)
 
 
-def test_where_all_trials_violate_constraints_the_nearest_one_is_named_and_by_how_much() -> None:
+def test_nearest_trial_is_named() -> None:
     """Trial 1 misses one constraint by little; in units of their own, the volume's 90 mm^3 are less than 2 of force."""
     from types import SimpleNamespace
 

@@ -42,9 +42,9 @@ def tables(tmp_path: Path, block: Callable[..., str], taichisoft_plugins: Any) -
     return {"scene": str(scene), "controller": "squeeze", "duration": 0.3, "plugins": [str(plugin)]}
 
 
-def test_a_sweep_lists_such_a_run_with_its_metrics_and_status(tables: dict[str, Any], tmp_path: Path) -> None:
+def test_sweep_lists_runs_beyond_the_law(tables: dict[str, Any], tmp_path: Path) -> None:
     study = check_study(Sweep, {**tables, "vary": {PRESSURE: PRESSURES}}, "study")
-    records = make_missing(sweep_jobs(study, tmp_path), Here(), lambda job, record: None)
+    records = make_missing(sweep_jobs(study, tmp_path), Here())
     rows = [result_row(record, "runs") for record in records]
     assert [row["status"] for row in rows] == ["completed", "beyond the law"]
     assert "elements are inverted at the end" in rows[1]["message"]
@@ -52,7 +52,7 @@ def test_a_sweep_lists_such_a_run_with_its_metrics_and_status(tables: dict[str, 
 
 
 @pytest.mark.parametrize(("accepted", "best"), [(False, "20.0"), (True, "60.0")])
-def test_a_search_leaves_it_out_unless_asked(tables: dict[str, Any], tmp_path: Path, accepted: bool, best: str) -> None:
+def test_search_skips_runs_beyond_the_law(tables: dict[str, Any], tmp_path: Path, accepted: bool, best: str) -> None:
     """The largest stretch is wanted, which the exploded run has."""
     wanted = {"size": {"maximise": "largest_stretch['block']"}}
     search = {"variables": {PRESSURE: PRESSURES}, "objectives": wanted, "trials": 6, "start": {PRESSURE: 60.0}}

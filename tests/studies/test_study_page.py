@@ -9,13 +9,14 @@ import typer
 from studies import Here, sweep_of
 from typer.testing import CliRunner
 
-from taichisoft import load_plugin
 from taichisoft_studies import taichisoft_commands
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.results_table import read_table, write_table
 from taichisoft_studies.run_comparison import differences, draw_comparison, labels
 from taichisoft_studies.study_page import best_runs, effects, figure_columns, parameter_columns, study_page
 from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
+
+pytestmark = pytest.mark.usefixtures("taichisoft_plugins")
 
 
 def table(count: int = 60) -> Any:
@@ -36,7 +37,7 @@ def table(count: int = 60) -> Any:
     return pytest.importorskip("pandas").DataFrame(rows)
 
 
-def test_effects_are_those_of_the_data() -> None:
+def test_effects_follow_the_data() -> None:
     runs = table()
     assert parameter_columns(runs) == ["pressure", "width"]
     assert figure_columns(runs, None) == ["metrics.force"]
@@ -51,7 +52,7 @@ def test_effects_are_those_of_the_data() -> None:
     assert best["pressure"].iloc[0] == runs["pressure"][:-1].max()
 
 
-def test_the_page_shows_failures_as_text(tmp_path: Path) -> None:
+def test_page_shows_failures_as_text(tmp_path: Path) -> None:
     runs = table().rename(columns={"width": "a<b>&$x$"})
     page = study_page(runs, tmp_path / "<i>name")
     assert "<script>alert" not in page
@@ -62,7 +63,7 @@ def test_the_page_shows_failures_as_text(tmp_path: Path) -> None:
     assert page.count("<svg") == 1
 
 
-def test_the_command_writes_the_page(tmp_path: Path) -> None:
+def test_report_writes_the_page(tmp_path: Path) -> None:
     write_table(table().to_dict("records"), tmp_path)
     application = typer.Typer()
     taichisoft_commands(application)
@@ -73,7 +74,7 @@ def test_the_command_writes_the_page(tmp_path: Path) -> None:
         study_page(table(), tmp_path, ["wieght"])
 
 
-def test_a_damaged_table_is_one_line_that_says_how_it_is_written_again(tmp_path: Path) -> None:
+def test_damaged_table_is_one_line(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     write_table(table().to_dict("records"), tmp_path)
     path = tmp_path / "results.parquet"
@@ -94,11 +95,10 @@ def test_a_damaged_table_is_one_line_that_says_how_it_is_written_again(tmp_path:
         read_table(tmp_path)
 
 
-def test_a_comparison_lists_what_differs_and_overlays_the_rest(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_comparison_lists_differences(tmp_path: Path) -> None:
     study = sweep_of(tmp_path, outputs=["recording"], duration=0.05)
-    load_plugin(study.plugins[0])
     jobs = sweep_jobs(study, tmp_path)
-    make_missing(jobs, Here(), lambda *_: None)
+    make_missing(jobs, Here())
     folders = [job.place for job in jobs]
     found = differences(folders)
     assert found["scene.controller.settings.pressure"] == [1.0, 2.0]

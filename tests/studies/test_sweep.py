@@ -21,11 +21,14 @@ from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_studies import study_file
 from taichisoft_studies.errors import StudyError
+from taichisoft_studies.least_squares import Calibration
+from taichisoft_studies.optimiser import Optimisation
 from taichisoft_studies.results_table import WALL_CLOCK, read_table, result_row, write_table
 from taichisoft_studies.run_job import COMPLETED, ERROR, PRUNED, REASONS, read_record, reason, run_hash
 from taichisoft_studies.study_file import (
     Range,
     Sample,
+    Study,
     Sweep,
     check_study,
     combinations,
@@ -36,13 +39,11 @@ from taichisoft_studies.study_file import (
 from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
 from taichisoft_studies.workers import UNSURE
 
-
-def ignore(*_: Any) -> None:
-    """Nothing is shown."""
+pytestmark = pytest.mark.usefixtures("taichisoft_plugins")
 
 
 @pytest.mark.parametrize("method", ["lhs", "sobol", "random"])
-def test_samples_lie_in_their_ranges_and_are_repeatable(method: Any) -> None:
+def test_samples_lie_in_ranges_and_repeat(method: Any) -> None:
     values = {"a": Range(low=1.0, high=100.0, log=True), "b": Range(low=1, high=3, integer=True), "c": ("x", "y")}
     sample = Sample(method=method, count=64)
     rows = combinations(values, sample, seed=3)
@@ -53,12 +54,12 @@ def test_samples_lie_in_their_ranges_and_are_repeatable(method: Any) -> None:
 
 
 @given(st.integers(1, 50), st.integers(0, 1000))
-def test_a_latin_hypercube_has_one_value_in_each_stratum(count: int, seed: int) -> None:
+def test_hypercube_has_a_value_in_each_stratum(count: int, seed: int) -> None:
     rows = combinations({"a": Range(low=0.0, high=1.0)}, Sample(count=count), seed)
     assert sorted(min(int(row["a"] * count + 1e-9), count - 1) for row in rows) == list(range(count))
 
 
-def test_a_grid_has_all_combinations_the_last_key_fastest() -> None:
+def test_grid_varies_the_last_key_fastest() -> None:
     rows = combinations({"a": (1, 2), "b": Range(low=0.2, high=1.0, count=3)}, None, 1)
     assert [(row["a"], row["b"]) for row in rows] == [(1, 0.2), (1, 0.6), (1, 1.0), (2, 0.2), (2, 0.6), (2, 1.0)]
 
@@ -71,22 +72,20 @@ def test_a_grid_has_all_combinations_the_last_key_fastest() -> None:
         ({"a": Range(low=0, high=10**9 - 1, count=10**12, integer=True)}, 10**9),
     ],
 )
-def test_a_study_of_too_many_runs_is_refused_before_its_values_are_made(
-    vary: dict[str, Any], count: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_runs_are_refused_early(vary: dict[str, Any], count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The list of them would take 8 GB."""
     monkeypatch.setattr(study_file, "grid", None)
     with pytest.raises(StudyError, match=f"^vary: {count} combinations are more than the 10000 that a sweep may have$"):
         combinations(vary, None, 1)
 
 
-def test_a_range_of_whole_numbers_has_each_once_however_high_its_count() -> None:
+def test_whole_range_has_each_number_once() -> None:
     expected = [{"a": value} for value in range(-2, 4)]
     assert combinations({"a": Range(low=-2, high=3, count=10**15, integer=True)}, None, 1) == expected
     assert combinations({"a": Range(low=-2, high=3, count=6, integer=True)}, None, 1) == expected
 
 
-def test_values_of_the_command_line() -> None:
+def test_options_give_values() -> None:
     assert varied(["a=[1, 2],3", "b=0.2:1.0:5", 'c="x:y",z']) == {
         "a": [[1, 2], 3],
         "b": {"low": 0.2, "high": 1.0, "count": 5},
@@ -94,41 +93,68 @@ def test_values_of_the_command_line() -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("texts", "problem"),
-    [
-        (["a"], "--vary a: must look like"),
-        (["a=1,,2"], "--vary a=1,,2: must look like"),
-        (["a=1", "a=2"], "--vary a: is given twice"),
-        (["a=1:x:3"], "--vary a=1:x:3: a range must look like 0.2:1.0:5"),
-    ],
-)
-def test_values_that_are_wrong_are_named(texts: list[str], problem: str) -> None:
-    with pytest.raises(StudyError, match="^" + problem):
-        varied(texts)
+PRESSURE = "controller.settings.pressure"
+BASES: dict[type[Study], dict[str, Any]] = {
+    Study: {},
+    Sweep: {"vary": {"a": [1]}},
+    Optimisation: {
+        "variables": {PRESSURE: {"low": 0.0, "high": 10.0}},
+        "objectives": {"steps": {"minimise": "steps"}},
+    },
+    Calibration: {
+        "parameters": {"a": {"start": 2.0, "low": 1.0, "high": 3.0}},
+        "experiments": [{"curves": [{"column": "a", "quantity": "time"}]}],
+    },
+}
 
 
 @pytest.mark.parametrize(
-    ("tables", "problem"),
+    ("kind", "tables", "problem"),
     [
-        ({"vary": {"a": [1]}, "seeed": 2}, "study: seeed: unknown key; did you mean 'seed'?"),
-        ({"vary": {}}, "study: vary has no key; name what varies"),
-        ({"vary": {"a": {"low": 2, "high": 1}}}, "study: vary.a: low (2) must be below high (1)"),
+        (Study, {"cluster": {"slurm": {}}}, "cluster.slurm: unknown key"),
+        (Study, {"cluster": {"dashboard": "127.0.0.1:0"}}, "cluster.dashboard: unknown key"),
+        (Sweep, {"seeed": 2}, "seeed: unknown key; did you mean 'seed'?"),
+        (Sweep, {"vary": {}}, "vary has no key; name what varies"),
+        (Sweep, {"vary": {"a": {"low": 2, "high": 1}}}, "vary.a: low (2) must be below high (1)"),
+        (Sweep, {"vary": {"a": {"low": 1, "high": 2}}}, "vary.a: a range needs count, unless there is a table [sample"),
+        (Sweep, {"vary": {"a": {"low": 1, "high": 2, "cuont": 3}}}, "vary.a.cuont: unknown key; did you mean 'count'?"),
+        (Sweep, {"vary": {"a": [1, 1]}}, "vary.a: the value 1 is given twice"),
+        (Optimisation, {"objectives": {}}, "objectives has no key"),
+        (Optimisation, {"objectives": {"a": {}}}, "objectives.a: exactly one of maximise, minimise is needed"),
         (
-            {"vary": {"a": {"low": 1, "high": 2}}},
-            "study: vary.a: a range needs count, unless there is a table [sample]",
+            Optimisation,
+            {"sampler": "cmaes", "constraints": {"a": "b <= 1"}},
+            "sampler = 'cmaes' knows one objective and no constraints",
         ),
-        ({"vary": {"a": {"low": 1, "high": 2, "cuont": 3}}}, "study: vary.a.cuont: unknown key; did you mean 'count'?"),
-        ({"vary": {"a": [1, 1]}}, "study: vary.a: the value 1 is given twice"),
+        (
+            Optimisation,
+            {"start": {"controller.settings.presure": 1}},
+            f"start.controller.settings.presure is not a variable; did you mean '{PRESSURE}'?",
+        ),
+        (Optimisation, {"scenes": {"a b": {}}}, "scenes.a b: expressions need a name of letters and digits"),
+        (Optimisation, {"scenes": {"a": {}}, "pruning": {"every": 1.0}}, "pruning watches a single run"),
+        (Optimisation, {"scenes": {"a": {"scen": "b"}}}, "scenes.a.scen"),
+        (Optimisation, {"sampler": "annealing"}, "sampler = 'annealing'"),
+        (
+            Optimisation,
+            {"variables": {PRESSURE: {"low": 0, "high": 1, "count": 3}}},
+            f"variables.{PRESSURE}.count has no effect",
+        ),
+        (
+            Calibration,
+            {"parameters": {"a": {"start": 5.0, "low": 10.0, "high": 20.0}}},
+            "parameters.a: start (5) must lie between low (10)",
+        ),
+        (Calibration, {"experiments": []}, "experiments = []: at least 1 is needed"),
     ],
 )
-def test_a_study_that_is_wrong_is_told_by_its_key(tables: dict[str, Any], problem: str) -> None:
+def test_wrong_study_names_its_key(kind: type[Study], tables: dict[str, Any], problem: str) -> None:
     with pytest.raises(StudyError) as refused:
-        check_study(Sweep, {"scene": "gripper", **tables}, "study")
-    assert str(refused.value) == problem
+        check_study(kind, {"scene": "gripper", **BASES[kind], **tables}, "study")
+    assert str(refused.value).startswith(f"study: {problem}")
 
 
-def test_keys_of_a_file_may_be_tables_or_have_dots(tmp_path: Path) -> None:
+def test_keys_may_be_tables_or_dotted(tmp_path: Path) -> None:
     path = tmp_path / "study.toml"
     path.write_text(
         'scene = "gripper"\n[vary]\nbody.width = [1]\n"contact.friction" = {low = 0.1, high = 1, count = 2}'
@@ -136,7 +162,7 @@ def test_keys_of_a_file_may_be_tables_or_have_dots(tmp_path: Path) -> None:
     assert set(read_tables(path)["vary"]) == {"body.width", "contact.friction"}
 
 
-def test_geometry_keys_reach_every_body_with_a_geometry() -> None:
+def test_geometry_keys_reach_every_body() -> None:
     scene = scene_with(
         "gripper",
         {
@@ -156,7 +182,7 @@ def test_geometry_keys_reach_every_body_with_a_geometry() -> None:
         scene_with("gripper", {"contact.frction": 0.3}, None)
 
 
-def test_sizes_of_a_step_file_are_keys_as_those_of_a_geometry(tmp_path: Path) -> None:
+def test_sizes_of_step_files_vary(tmp_path: Path) -> None:
     """The size that a scene asks for gives way to a varied one; nothing else of its table does."""
     (tmp_path / "finger.step").write_text("")
     mesh = '{ file = "finger.step", size = 9.0, set = { close_inlets = true, mesh = { wall_ratio = 1.5 } } }'
@@ -170,16 +196,14 @@ def test_sizes_of_a_step_file_are_keys_as_those_of_a_geometry(tmp_path: Path) ->
         assert request == {**asked, "set": {"close_inlets": True, "mesh": sizes}}
 
 
-def test_a_dimension_that_no_geometry_has_is_refused_before_anything_runs(
-    tmp_path: Path, taichisoft_plugins: Any
-) -> None:
+def test_unknown_dimension_is_refused_first(tmp_path: Path) -> None:
     mesh = "soft_bodies.finger.mesh={file='tutorial.toml', size=14}"
     study = sweep_of(tmp_path, scene="finger-inflated", controller=None, set=[mesh], vary={"body.widht": [20, 22]})
     with pytest.raises(MeshError, match=r"body.widht: unknown key; did you mean 'width'"):
         sweep_jobs(study, tmp_path)
 
 
-def test_the_hash_counts_what_is_in_files_not_where_they_lie(tmp_path: Path) -> None:
+def test_hash_counts_contents_of_files(tmp_path: Path) -> None:
     first, second = tmp_path / "a" / "pad.msh", tmp_path / "b" / "other.msh"
     for path in (first, second):
         path.parent.mkdir()
@@ -195,20 +219,19 @@ def test_the_hash_counts_what_is_in_files_not_where_they_lie(tmp_path: Path) -> 
     assert len({run_hash(changed, duration, seed, ()) for duration in (None, 1.0) for seed in (1, 2)}) == 4
 
 
-def test_each_run_is_made_once_and_failures_keep_their_reason(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_runs_are_made_once(tmp_path: Path) -> None:
     """One value is fine, one is no number for the controller; both have ended."""
     study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0, "high"]})
-    load_plugin(study.plugins[0])
     jobs, workers = sweep_jobs(study, tmp_path), Here()
-    records = make_missing(jobs, workers, ignore)
+    records = make_missing(jobs, workers)
     assert [record["status"] for record in records] == ["completed", "scene refused"]
     assert read_record(jobs[1].place) == records[1]
     assert "high" in records[1]["message"]
     assert len(workers.made) == 2
-    assert make_missing(jobs, workers, ignore) == records
+    assert make_missing(jobs, workers) == records
     assert len(workers.made) == 2
     more = sweep_jobs(sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0, 2.0]}), tmp_path)
-    make_missing(more, workers, ignore)
+    make_missing(more, workers)
     assert workers.made[2:] == [more[1].name]
 
 
@@ -230,29 +253,27 @@ def taichisoft_controllers():
 """
 
 
-def test_a_run_that_failed_for_want_of_space_is_made_again(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_run_on_a_full_disk_is_repeated(tmp_path: Path) -> None:
     """And only such a one: a run that has completed, or whose controller failed, has ended."""
     path, disk = tmp_path / "plugin_of_full.py", tmp_path / "full"
     path.write_text(FULL)
     values = {"controller.settings.disk": [str(tmp_path), "nowhere"]}
     study = sweep_of(tmp_path, controller="full", plugins=[str(path)], vary=values)
-    load_plugin(path)
     jobs, workers = sweep_jobs(study, tmp_path), Here()
     disk.touch()
-    records = make_missing(jobs, workers, ignore)
+    records = make_missing(jobs, workers)
     assert [record["status"] for record in records] == ["error", "completed"]
     assert "No space left on device" in records[0]["message"]
     disk.unlink()
-    records = make_missing(jobs, workers, ignore)
+    records = make_missing(jobs, workers)
     assert [record["status"] for record in records] == ["completed"] * 2
-    make_missing(jobs, workers, ignore)
+    make_missing(jobs, workers)
     assert workers.made[2:] == [jobs[0].name]
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, taichisoft_plugins: Any, capfd: Any) -> None:
+def test_unwritable_folder_is_one_line(tmp_path: Path, capfd: Any) -> None:
     """A disk may be so full that not even the record of a run can be written: the study ends, to be started again."""
     study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0]})
-    load_plugin(study.plugins[0])
     (job,) = sweep_jobs(study, tmp_path)
     Path(job.folder).write_text("a file where the folder should be")
     with pytest.raises(StudyError, match=rf"^run {job.name}: .*: cannot be written: "):
@@ -280,36 +301,32 @@ def caused(error: Exception, cause: Exception) -> Exception:
         (MeshError("a.msh: an element is inverted"), "mesh refused"),
     ],
 )
-def test_what_the_machine_lacked_is_an_error_and_no_result(error: Exception, status: str) -> None:
+def test_shortage_of_the_machine_is_an_error(error: Exception, status: str) -> None:
     assert reason(error) == status
 
 
-def test_every_status_of_a_run_is_in_the_document() -> None:
+def test_every_status_is_documented() -> None:
     document = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
     table = document[document.index("| status |") : document.index("Runs with the status")]
     listed = set(re.findall(r"`([a-z -]+)`", table))
     assert {name for _, name in REASONS} | {COMPLETED, PRUNED, ERROR, *UNSURE} <= listed
 
 
-def test_a_run_that_lacks_an_output_is_made_anew(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_run_without_an_output_is_repeated(tmp_path: Path) -> None:
     study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0]})
-    load_plugin(study.plugins[0])
     (job,) = sweep_jobs(study, tmp_path)
     (recorded,) = sweep_jobs(study.model_copy(update={"outputs": ("recording",)}), tmp_path)
     assert job.name == recorded.name
     workers = Here()
     for one in (job, recorded, job):
-        make_missing([one], workers, ignore)
+        make_missing([one], workers)
     assert len(workers.made) == 2
     assert (job.place / "recording.h5").is_file()
 
 
-def test_what_others_are_making_is_left_alone_and_what_was_abandoned_is_removed(
-    tmp_path: Path, taichisoft_plugins: Any
-) -> None:
+def test_abandoned_runs_are_removed(tmp_path: Path) -> None:
     """Two machines may make the same run at the same time; the folder of each is its own."""
     study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0]})
-    load_plugin(study.plugins[0])
     (job,) = sweep_jobs(study, tmp_path)
     here = socket.gethostname()
     others = {f"{here}-{os.getppid()}": True, "elsewhere-1": True, f"{here}-{2**22 + 1}": False, "elsewhere-2": False}
@@ -317,15 +334,14 @@ def test_what_others_are_making_is_left_alone_and_what_was_abandoned_is_removed(
         (Path(job.folder) / f".{job.name}.{owner}.partial").mkdir(parents=True)
     long_ago = time.time() - job.time_limit - 3600.0
     os.utime(Path(job.folder) / f".{job.name}.elsewhere-2.partial", (long_ago, long_ago))
-    make_missing([job], Here(), ignore)
+    make_missing([job], Here())
     left = {path.name for path in Path(job.folder).iterdir()}
     assert left == {job.name, *(f".{job.name}.{owner}.partial" for owner, stays in others.items() if stays)}
 
 
-def test_the_table_has_parameters_metrics_and_no_time_of_the_machine(tmp_path: Path, taichisoft_plugins: Any) -> None:
+def test_table_has_no_time_of_the_machine(tmp_path: Path) -> None:
     study = sweep_of(tmp_path, repeats=2)
-    load_plugin(study.plugins[0])
-    records = make_missing(sweep_jobs(study, tmp_path), Here(), ignore)
+    records = make_missing(sweep_jobs(study, tmp_path), Here())
     write_table([result_row(record, f"runs/{record['run']}") for record in records], tmp_path)
     table = read_table(tmp_path)
     assert table["controller.settings.pressure"].tolist() == [1.0, 1.0, 2.0, 2.0]
@@ -352,9 +368,7 @@ def taichisoft_controllers():
 """
 
 
-def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(
-    tmp_path: Path, taichisoft_plugins: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hanging_and_crashing_runs_are_failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The process that makes runs is killed when one takes too long; a new one tries again where somebody killed it.
 
     What a run printed is in its log however it ended. (One that hangs may not have begun to print within its limit.)
@@ -364,7 +378,6 @@ def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(
     path.write_text(ENDS)
     values = {"controller.settings.how": ["sleep", "crash", "kill"]}
     study = sweep_of(tmp_path, controller="ends", plugins=[str(path)], vary=values, time_limit=2.0)
-    load_plugin(path)
     records = made_apart(sweep_jobs(study, tmp_path))
     assert [(record["status"], record["message"]) for record in records] == [
         ("timeout", "not done within 2 s"),
@@ -378,9 +391,7 @@ def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for the workers among processes")
-def test_killed_workers_and_a_killed_command_change_nothing(
-    tmp_path: Path, falling_cube: Path, taichisoft_plugins: Any
-) -> None:
+def test_kills_change_no_result(tmp_path: Path, falling_cube: Path) -> None:
     """The table is that of the same runs made in this process, one after the other, the last first; each has another
     number of steps."""
     values = "time.step=0.001:0.008"
@@ -391,7 +402,7 @@ def test_killed_workers_and_a_killed_command_change_nothing(
     tables = read_tables(tmp_path / "disturbed" / "study.toml")
     study = check_study(Sweep, tables, "study")
     load_plugin(study.plugins[0])
-    records = make_missing(sweep_jobs(study, tmp_path / "quiet"), Here(), ignore)
+    records = make_missing(sweep_jobs(study, tmp_path / "quiet"), Here())
     write_table([result_row(record, f"runs/{record['run']}") for record in records], tmp_path / "quiet")
     assert len(set(read_table(tmp_path / "quiet")["metrics.steps"])) > 12
     for file in ("results.csv", "results.parquet"):

@@ -8,7 +8,7 @@ from studies import command, plugin
 
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.study_file import Cluster, Study, check_study
+from taichisoft_studies.study_file import Cluster
 from taichisoft_studies.workers import caution, study_workers
 
 SWEEP = ["--controller", "squeeze", "--duration", "0.02", "--vary", "controller.settings.pressure=1,2,3,high"]
@@ -55,9 +55,3 @@ def test_unreachable_scheduler_is_one_line(address: str, problem: str, monkeypat
     with pytest.raises(StudyError, match=problem) as refused, study_workers(Cluster(scheduler=address), 1):
         pass
     assert "\n" not in str(refused.value)
-
-
-def test_cluster_keys_of_earlier_versions_are_refused() -> None:
-    for key in ("slurm", "dashboard"):
-        with pytest.raises(StudyError, match=rf"^study: cluster\.{key}: unknown key"):
-            check_study(Study, {"scene": "gripper", "cluster": {key: {}}}, "study")
