@@ -10,7 +10,7 @@ import pytest
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "cables.md").read_text(encoding="utf-8")
 
 
-def test_the_example_prints_what_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_example_prints_what_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (scene,), (program,), (shown,) = (
         re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("toml", "python", "text")
     )

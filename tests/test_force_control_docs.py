@@ -14,7 +14,7 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE
 GUARDED = 'observation.normal_forces.get(("finger", "block"), 0.0)'
 
 
-def test_the_force_is_what_the_page_says(
+def test_force_is_what_page_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """In the order of the page, which first has the mistake that everybody makes; forces to 1 mN."""

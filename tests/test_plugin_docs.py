@@ -22,7 +22,7 @@ DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "plugins.md").read_te
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
 
 
-def test_the_first_controller_has_ten_lines() -> None:
+def test_first_controller_has_ten_lines() -> None:
     language, code = BLOCKS[0]
     lines = [line for line in code.splitlines() if line.strip() and not line.startswith("#")]
     assert (language, len(lines)) == ("python", 10)
@@ -35,9 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         yield tmp_path
 
 
-def test_all_that_is_shown_works(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_shown_plugins_work(folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     """In the order of the document: files are written, programs and commands run, from one folder."""
     shown: dict[str, str] = {}
     for language, code in BLOCKS:
@@ -104,7 +102,7 @@ def run(line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
     return out
 
 
-def test_only_what_needs_a_network_or_an_installation_is_not_run() -> None:
+def test_only_what_needs_network_or_installation_is_not_run() -> None:
     """`console` blocks are covered by tests/test_installation.py, but for the upload."""
     languages = {language for language, _ in BLOCKS}
     assert languages == {"python", "sh", "toml", "console"}

@@ -250,7 +250,7 @@ class Session:
         recent_keys: last key events handled.
         replay: keys of an earlier session, which replace the events in `keys`, or None.
         first_state: state at the start and after a restart.
-        saved: what the controller remembers then, as `Controller.save` gave it; None: it begins with `reset` alone.
+        saved: the controller's memory then, as `Controller.save` gave it; None: `reset` alone.
         make_controller: makes the controller anew with changed settings; None: it cannot be made anew.
         tuned: settings of the controller that were changed since, by name.
         notice: text for displays about the session itself, such as why a setting was not tuned.
@@ -279,7 +279,7 @@ class Session:
             folder: folder for the key log.
             speed: simulated over wall-clock time [-]; None: as fast as possible.
             replay: keys of an earlier session.
-            saved: what the controller goes on from, as its `save` gave it; None: it begins with `reset` alone.
+            saved: memory that the controller resumes with, as its `save` gave it; None: `reset` alone.
             make_controller: makes the controller anew with changed settings, for sliders of its tunable settings;
                 None: it cannot be made anew.
 

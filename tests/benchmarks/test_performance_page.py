@@ -62,14 +62,14 @@ def test_peer_stands_beside_ours_with_its_omissions():
     assert "| `finger_coarse_drake` | - | - | - | drake is not installed |" in tables
 
 
-def test_throughput_is_given_in_runs_a_minute():
+def test_throughput_is_given_in_runs_minute():
     figures = {"ours_per_s": [340.0], "mujoco_per_s": [85.0], "over_mujoco": [4.0]}
     case = case_of(figures, kind="throughput", facts={"processes": 2, "steps": 170})
     table = page.fill_page("<!-- bench:throughput -->\n<!-- end -->", results_of({"throughput": case}))
     assert "| 2 | 170 | 340 | 120 | 85 | 4 |" in table
 
 
-def test_tuning_is_compared_with_the_finest_setting():
+def test_tuning_is_compared_with_finest_setting():
     cases = {
         f"tuning_tolerance_{name}": case_of(
             {"grasp_ms": [time]}, group="tuning_tolerance", facts={"object_mm": [0.0, place, 0.0], "grasp_sweeps": 7}
@@ -129,7 +129,7 @@ def test_single_case_has_no_plot(tmp_path):
     assert page.draw_plots(results_of(growth("growth_nodes", [400])), tmp_path) == []
 
 
-def test_program_fills_a_file(tmp_path):
+def test_program_fills_file(tmp_path):
     write_results(results_of(growth("growth_nodes", [400, 1000])), tmp_path)
     written = tmp_path / "page.md"
     written.write_text("<!-- bench:nodes -->\n<!-- end -->\n")

@@ -20,20 +20,20 @@ from taichisoft.scene import scene_from_dict
         ("pushed", [], {"kind": "pushed", "hold": 2.0}),
     ],
 )
-def test_another_goal_is_of_the_same_object(goal: str | None, overrides: list[str], expected: dict[str, Any]) -> None:
+def test_another_goal_is_of_same_object(goal: str | None, overrides: list[str], expected: dict[str, Any]) -> None:
     scene = load_scene("gripper", overrides, goal=goal)
     assert scene.goal is not None and scene.goal.object == "cube"
     assert {key: getattr(scene.goal, key) for key in expected} == expected
 
 
-def test_a_goal_can_be_switched_off_and_given_to_a_scene_without_one() -> None:
+def test_goal_can_be_switched_off_and_given_to_scene_without_one() -> None:
     assert load_scene("gripper", goal="none").goal is None
     assert load_scene(TINY_GRIPPER).goal is None
     given = load_scene(TINY_GRIPPER, goal="held").goal
     assert given is not None and (given.object, given.kind) == ("cube", "held")
 
 
-def test_a_goal_that_is_none_is_refused_with_those_that_are() -> None:
+def test_goal_that_is_none_is_refused_with_those_that_are() -> None:
     with pytest.raises(SceneError, match=r"goal.kind = 'thrown': input should be 'held', 'placed', 'push"):
         load_scene("gripper", goal="thrown")
 
