@@ -33,10 +33,10 @@ from taichisoft_meshing.gmsh_session import gmsh_session
 
 RUN_ELSEWHERE = {
     "README.md": "tests/test_docs.py",
-    "docs/cables.md": "tests/test_cable_docs.py",
+    "docs/cables.md": "tests/test_plugin_docs.py",
     "docs/environments.md": "tests/controllers/test_environment_docs.py",
     "docs/plugins.md": "tests/test_plugin_docs.py",
-    "docs/force-control.md": "tests/test_force_control_docs.py",
+    "docs/force-control.md": "tests/test_plugin_docs.py",
 }
 """Pages whose programs a test of their own runs; those of docs/plugins.md and docs/force-control.md also run commands,
 with the plug-ins of these pages. The commands of docs/gallery.md are run by the program that writes the page."""
