@@ -206,8 +206,8 @@ def run_command(
         from taichisoft.running.run_command import RunRequest, run_scene
     from taichisoft.running.session import KeyReplay
 
-    asked = requested(context, outputs)
+    options = requested(context, outputs)
     folder = output or Path("out") / Path(scene).stem
     replay = KeyReplay(keys) if keys is not None else None
-    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile, asked.controller, reduced, steps)
-    run_scene(scene, set_ or [], controller, request, asked.reader, goal)
+    request = RunRequest(folder, options.outputs, duration, speed, replay, profile, options.controller, reduced, steps)
+    run_scene(scene, set_ or [], controller, request, options.reader, goal)

@@ -191,7 +191,7 @@ def test_small_modules_live_in_their_only_importer():
     assert sorted(set(small) - set(SMALL_TOPICS)) == []
 
 
-def test_packages_beside_the_engine_import_its_public_modules():
+def test_packages_beside_engine_import_its_public_modules():
     inner = {}
     for path in files(*BESIDE):
         modules = [node.module or "" for node in nodes(path) if isinstance(node, ast.ImportFrom) and node.level == 0]

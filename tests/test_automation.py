@@ -24,7 +24,7 @@ def parsed(path: str) -> Any:
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
 
 
-def test_mypy_ignores_types_of_the_peers(tmp_path: Path) -> None:
+def test_mypy_ignores_types_of_peers(tmp_path: Path) -> None:
     """`make scoreboard` installs them beside the rest: `make test` must not find other errors then."""
     stubs = tmp_path / "pydrake"
     stubs.mkdir()
@@ -48,7 +48,7 @@ RUN = [step["run"] for job in JOBS.values() for step in job["steps"] if "run" in
 
 
 @pytest.mark.parametrize("command", sorted(set(RUN)))
-def test_command_of_the_workflow_exists(command: str) -> None:
+def test_command_of_workflow_exists(command: str) -> None:
     program, *arguments = command.split()
     if program != "make":
         assert (ROOT / program).stat().st_mode & 0o111
@@ -60,7 +60,7 @@ def test_command_of_the_workflow_exists(command: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_workflow_runs_what_a_change_must_pass() -> None:
+def test_workflow_runs_what_change_must_pass() -> None:
     must = re.findall(r"^(make \w+)$", (ROOT / ".ci/run").read_text(encoding="utf-8"), re.MULTILINE)
     suite = [step["run"].removesuffix(" PYTHON=python") for step in JOBS["suite"]["steps"] if "run" in step]
     assert suite == must
@@ -101,7 +101,7 @@ def test_oldest_packages_are_tried_with_all_extras() -> None:
     assert set(re.findall(r"--extra (\w+)", script)) == extras
 
 
-def test_version_is_the_same_everywhere() -> None:
+def test_version_is_same_everywhere() -> None:
     assert parsed("CITATION.cff")["version"] == taichisoft.__version__
 
 
@@ -181,7 +181,7 @@ USUAL, BY_UV = "python3 -m venv --clear .venv", "uv venv --seed --python 3.12 .v
         ((3, 13), False, False, "python3-venv"),
     ],
 )
-def test_make_finds_a_python_or_says_how_to_get_one(
+def test_make_finds_python_or_says_how_to_get_one(
     folder: Path, version: tuple[int, int], venv: bool, uv: bool, outcome: str
 ) -> None:
     add_python(folder, "python3", version, venv)
@@ -196,7 +196,7 @@ def test_make_finds_a_python_or_says_how_to_get_one(
 
 
 @needs_make
-def test_make_keeps_to_a_named_python(folder: Path) -> None:
+def test_make_keeps_to_named_python(folder: Path) -> None:
     add_python(folder, "python3", (3, 12))
     add_python(folder, "mine", (3, 9))
     add_uv(folder)

@@ -22,7 +22,7 @@ def grasp(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Sim
     return metrics.metrics, simulation
 
 
-def test_the_cube_is_lifted_with_the_gripper_and_held(grasp: tuple[dict[str, Any], Simulation]) -> None:
+def test_cube_is_lifted_with_gripper_and_held(grasp: tuple[dict[str, Any], Simulation]) -> None:
     """Lifted by 40 mm to within 1 mm, then creep below 0.1 mm in 2 s: those of the scene's goal; every step solved."""
     metrics, _ = grasp
     assert metrics["held"] is True
@@ -54,7 +54,7 @@ def test_open_fingers_lift_nothing() -> None:
     assert not simulation.state.actuator_effort.any()
 
 
-def test_a_grasp_by_tension_is_the_same(grasp: tuple[dict[str, Any], Simulation]) -> None:
+def test_grasp_by_tension_is_same(grasp: tuple[dict[str, Any], Simulation]) -> None:
     """The tensions that the pull took, imposed from that state on, keep the cube where it is: 0.01 mm in 0.2 s."""
     held = grasp[1]
     simulation = Simulation(held.model)
@@ -64,7 +64,7 @@ def test_a_grasp_by_tension_is_the_same(grasp: tuple[dict[str, Any], Simulation]
     assert np.linalg.norm(simulation.state.rigid_position[0] - held.state.rigid_position[0]) < 0.01
 
 
-def test_its_materials_and_sizes_are_those_that_it_says() -> None:
+def test_gripper_has_its_materials_and_sizes() -> None:
     """Some 20 cm^3 of silicone a finger, and a mesh that a laptop simulates."""
     model = Simulation(load_scene("cable-gripper")).model
     assert 400 * 3 <= model.node_count <= 700 * 3

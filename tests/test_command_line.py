@@ -123,7 +123,7 @@ def test_shipped_scene_runs_and_leaves_what_it_resolved_to(command: Command, nam
     assert load_scene(folder / "scene.toml") == scene
 
 
-def test_overrides_are_in_the_resolved_scene(command: Command, tmp_path: Path) -> None:
+def test_overrides_are_in_resolved_scene(command: Command, tmp_path: Path) -> None:
     assert command("run", "scene.toml", "--set", "contact.friction=0.25", "--output", "a/new/folder")[0] == 0
     assert load_scene(tmp_path / "a/new/folder/scene.toml").contact.friction == 0.25
 
@@ -212,7 +212,7 @@ def test_diverged_run_keeps_its_results(command: Command, tmp_path: Path) -> Non
     assert "results in" in output
 
 
-def test_inside_out_cavity_is_turned_with_a_warning(command: Command, tmp_path: Path) -> None:
+def test_inside_out_cavity_is_turned_with_warning(command: Command, tmp_path: Path) -> None:
     ball = trimesh.creation.box([20.0, 5.0, 3.0])
     ball.apply_translation([-60.0, 26.0, 0.0])  # in the back of the finger
     ball.invert()
@@ -236,7 +236,7 @@ def test_brackets_in_titles_and_folders_are_text(command: Command) -> None:
     ("number", "scene"),
     [(signal.SIGINT, SCENE), (signal.SIGTERM, CUBE), (getattr(signal, "SIGHUP", signal.SIGTERM), CUBE)],
 )
-def test_stopped_run_leaves_a_whole_recording(tmp_path: Path, number: signal.Signals, scene: str) -> None:
+def test_stopped_run_leaves_whole_recording(tmp_path: Path, number: signal.Signals, scene: str) -> None:
     """A process of its own: the signal comes while it computes."""
     (tmp_path / "scene.toml").write_text(scene)
     process = subprocess.Popen(
@@ -295,7 +295,7 @@ def test_any_command_ends_as_by_ctrl_c(command: Command, monkeypatch: pytest.Mon
         (["--help"], {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "COLUMNS": "20"}),
     ],
 )
-def test_narrow_encoding_shows_the_tables(arguments: list[str], environment: dict[str, str]) -> None:
+def test_narrow_encoding_shows_tables(arguments: list[str], environment: dict[str, str]) -> None:
     program = [sys.executable, "-m", "taichisoft", *arguments]
     shown = subprocess.run(program, env={**os.environ, **environment}, capture_output=True, timeout=PATIENCE)
     assert (shown.returncode, shown.stderr) == (0, b"")
@@ -314,7 +314,7 @@ def test_full_disk_is_one_line(arguments: str, unbuffered: str) -> None:
     assert line.startswith("taichisoft: ") and line.endswith("No space left on device")
 
 
-def test_warning_made_an_error_is_one_line(command: Command) -> None:
+def test_warning_made_error_is_one_line(command: Command) -> None:
     """As PYTHONWARNINGS=error makes it."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
@@ -366,7 +366,7 @@ def test_command_alone_shows_its_help(command: Command) -> None:
     assert "--version" in output
 
 
-def test_help_fits_a_screen_with_daily_commands_first(command: Command) -> None:
+def test_help_fits_screen_with_daily_commands_first(command: Command) -> None:
     shown = command("--help")[1].splitlines()
     lines = shown[next(number for number, line in enumerate(shown) if "Commands" in line) :]
     names = [name for line in lines if (name := line.strip("│ ").split(" ")[0]).isalpha() and line[2] != " "]

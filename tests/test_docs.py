@@ -16,7 +16,7 @@ from taichisoft.running.plugin_commands import command_names, with_plugin_comman
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_python_of_the_readme_inflates_the_finger():
+def test_python_of_readme_inflates_finger():
     (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     names: dict = {}
     exec(block, names)
@@ -27,7 +27,7 @@ def test_the_python_of_the_readme_inflates_the_finger():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_command_and_option_that_is_shown_exists(page: Path) -> None:
+def test_shown_commands_and_options_exist(page: Path) -> None:
     for line in (*commands(page), *mentioned(page)):
         program, *words = line.words
         if program != "taichisoft":
@@ -55,7 +55,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_what_is_typed_beside_our_own_command_is_there(page: Path) -> None:
+def test_other_shown_commands_exist(page: Path) -> None:
     """Targets of make, extras of the package, files, and the options of modules that are run."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
@@ -91,7 +91,7 @@ def is_option(option: str, module: str) -> bool:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_picture_is_made_by_a_program_that_contributing_names(page: Path) -> None:
+def test_pictures_are_made_by_named_programs(page: Path) -> None:
     """The last column of its table is a command that runs a file or a module, which is there."""
     table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     made = dict(re.findall(r"^\| `(docs/[^`]+\.(?:svg|png|gif|jpg))` \| `([^`]+)` \|$", table, re.MULTILINE))
@@ -113,12 +113,12 @@ def test_every_picture_is_made_by_a_program_that_contributing_names(page: Path) 
                 pytest.fail(made[picture])
 
 
-def test_the_readme_shows_how_to_run_mesh_and_render() -> None:
+def test_readme_shows_how_to_run_mesh_and_render() -> None:
     assert {"run", "mesh", "render"} <= set(re.findall(r"^taichisoft ([a-z-]+)", README, re.MULTILINE))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_link_within_the_project_leads_to_a_page_and_a_heading(page: Path) -> None:
+def test_links_lead_to_pages_and_headings(page: Path) -> None:
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     for name, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", text):
         if "://" in name:
@@ -135,13 +135,13 @@ def anchors(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", ["docs/architecture.md", "CONTRIBUTING.md"])
-def test_every_file_that_a_page_about_the_code_names_is_there(page: str) -> None:
+def test_named_files_of_the_code_exist(page: str) -> None:
     named = re.findall(r"`([\w/.]+/[\w/.]*)`", (ROOT / page).read_text(encoding="utf-8"))
     assert len(named) > 5
     assert [name for name in named if not (ROOT / name).exists() and not (ROOT / "taichisoft" / name).exists()] == []
 
 
-def test_the_stack_that_is_drawn_is_the_one_that_is_asserted() -> None:
+def test_stack_that_is_drawn_is_one_that_is_asserted() -> None:
     (drawing,) = re.findall(
         r"```\n(.*?)```", (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8"), re.DOTALL
     )
@@ -150,5 +150,5 @@ def test_the_stack_that_is_drawn_is_the_one_that_is_asserted() -> None:
     assert [name for name in drawn if name in asserted] == asserted
 
 
-def test_the_readme_leads_somewhere() -> None:
+def test_readme_leads_somewhere() -> None:
     assert len(re.findall(r"\]\(docs/", README)) > 5

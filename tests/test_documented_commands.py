@@ -33,10 +33,10 @@ from taichisoft_meshing.gmsh_session import gmsh_session
 
 RUN_ELSEWHERE = {
     "README.md": "tests/test_docs.py",
-    "docs/cables.md": "tests/test_cable_docs.py",
+    "docs/cables.md": "tests/test_plugin_docs.py",
     "docs/environments.md": "tests/controllers/test_environment_docs.py",
     "docs/plugins.md": "tests/test_plugin_docs.py",
-    "docs/force-control.md": "tests/test_force_control_docs.py",
+    "docs/force-control.md": "tests/test_plugin_docs.py",
 }
 """Pages whose programs a test of their own runs; those of docs/plugins.md and docs/force-control.md also run commands,
 with the plug-ins of these pages. The commands of docs/gallery.md are run by the program that writes the page."""
@@ -105,7 +105,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=documents.name_of)
-def test_every_command_of_a_page_does_what_it_says(
+def test_commands_of_a_page_do_what_it_says(
     page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     wanted = [one for one in documents.commands(page) if is_run(one) and not left_out(one)]
@@ -123,7 +123,7 @@ def test_every_command_of_a_page_does_what_it_says(
         assert names["bending"](5.0) != names["bending"](10.0)
 
 
-def test_every_program_of_a_page_is_run_here_or_by_a_test_that_names_the_page() -> None:
+def test_programs_of_pages_are_run() -> None:
     with_programs = {
         documents.name_of(page): page
         for page in documents.PAGES
@@ -172,7 +172,7 @@ def left_out(command: Command) -> bool:
     return any(command.line.startswith(beginning) for beginning in LEFT_OUT)
 
 
-def test_what_is_left_out_is_shown_somewhere() -> None:
+def test_omitted_commands_are_shown_somewhere() -> None:
     shown = [command.line for page in documents.PAGES for command in documents.commands(page)]
     assert [one for one in LEFT_OUT if not any(line.startswith(one) for line in shown)] == []
 

@@ -39,7 +39,7 @@ def within_range(simulation: Simulation) -> bool:
     return bool(largest.max() < body.material.highest_stretch)
 
 
-def test_the_finger_bends_towards_its_stiff_back() -> None:
+def test_finger_bends_towards_its_stiff_back() -> None:
     """Smoothed elements follow the fitted law of the named material up to the scene's 40 kPa; the tip goes along +y."""
     simulation = Simulation(load_scene("finger-dragon-skin"))
     inflate(simulation, 40.0, 0.5, 1.0)
@@ -50,7 +50,7 @@ def test_the_finger_bends_towards_its_stiff_back() -> None:
     assert within_range(simulation)
 
 
-def test_the_gripper_presses_enough_to_lift_its_cube() -> None:
+def test_gripper_presses_enough_to_lift_its_cube() -> None:
     """At 45 kPa, before the lift: all three fingers touch, and friction carries more than 20 g."""
     simulation = Simulation(load_scene("gripper-dragon-skin"))
     inflate(simulation, 45.0, 1.0, 1.5)

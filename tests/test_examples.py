@@ -34,7 +34,7 @@ MEASURED = re.compile(r"-?\d+\.\d+")
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
-def test_it_prints_what_its_docstring_says(program: Path) -> None:
+def test_example_prints_what_its_docstring_says(program: Path) -> None:
     docstring = ast.get_docstring(ast.parse(program.read_text(encoding="utf-8"))) or ""
     expected = dedent(docstring.partition("\nPrints:\n\n")[2])
     assert expected, f"{program.name}: its docstring must end with 'Prints:' and what it prints"
@@ -47,19 +47,19 @@ def test_it_prints_what_its_docstring_says(program: Path) -> None:
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
-def test_the_readme_lists_it_with_its_command(program: Path) -> None:
+def test_readme_lists_it_with_its_command(program: Path) -> None:
     rows = (EXAMPLES / "README.md").read_text(encoding="utf-8").splitlines()
     (row,) = [row for row in rows if f"]({program.name})" in row]
     assert f"`python examples/{program.name}" in row
 
 
-def test_the_readme_lists_nothing_else() -> None:
+def test_readme_lists_nothing_else() -> None:
     listed = re.findall(r"\]\((\w+\.py)\)", (EXAMPLES / "README.md").read_text(encoding="utf-8"))
     assert sorted(listed) == [program.name for program in PROGRAMS]
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
-def test_it_is_short_and_uses_public_names_alone(program: Path) -> None:
+def test_example_is_short_and_uses_public_names(program: Path) -> None:
     text = program.read_text(encoding="utf-8")
     code = text.split('"""', 2)[2]  # without the docstring, half of which is the output
     assert len([line for line in code.splitlines() if line.strip()]) <= 60
@@ -96,13 +96,13 @@ def test_bridge_follows_its_peer_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     assert names["seen"].pressures["finger.cavity"] <= 3.0 + 1e-9
 
 
-def test_the_forces_of_all_contacts_carry_the_cube() -> None:
+def test_forces_of_all_contacts_carry_cube() -> None:
     """It is at rest: contact forces and weight add up to zero, to what the tolerance of the solver leaves."""
     _, names = execute("contact_forces")
     np.testing.assert_allclose(names["total"] + names["weight"], 0.0, atol=0.01)
 
 
-def test_the_can_weighs_what_its_prism_weighs() -> None:
+def test_can_weighs_what_its_prism_weighs() -> None:
     """A cylinder of n sections has the base area n/2 r^2 sin(2 pi/n)."""
     _, names = execute("own_object")
     area = 6.0 * names["RADIUS"] ** 2 * np.sin(np.pi / 6.0)
@@ -110,7 +110,7 @@ def test_the_can_weighs_what_its_prism_weighs() -> None:
     assert mass == pytest.approx(area * names["HEIGHT"] * names["DENSITY"], rel=1e-6)  # the file has single precision
 
 
-def test_the_geometry_is_a_plugin() -> None:
+def test_geometry_is_plugin() -> None:
     with plugins.separate_registry():
         plugins.load_plugin(EXAMPLES / "own_geometry.py")
         geometry = hooks.find("geometry kind", "hollow-bar")({"cells": [4, 3, 3], "size": 2.0}, Path("bar.toml"))

@@ -52,7 +52,7 @@ def heavy(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("case", ["light", "heavy"])
-def test_the_cube_is_lifted_with_the_gripper_and_held(case: str, request: pytest.FixtureRequest) -> None:
+def test_cube_is_lifted_with_gripper_and_held(case: str, request: pytest.FixtureRequest) -> None:
     """Lifted by 30 mm to within 1 mm; then, for 2 s, creep below 0.1 mm. Tolerances are those of the scene's goal."""
     metrics = request.getfixturevalue(case)
     assert metrics["held"] is True
@@ -77,7 +77,7 @@ def test_more_pressure_presses_harder(light: dict[str, Any], heavy: dict[str, An
 
 
 @pytest.mark.parametrize(("friction", "held"), [(0.009, True), (0.007, False)])
-def test_friction_holds_the_weight_if_it_can(tmp_path: Path, friction: float, held: bool) -> None:
+def test_friction_holds_weight_if_it_can(tmp_path: Path, friction: float, held: bool) -> None:
     """Coulomb: sum(F_n) mu >= m g. 1 g weighs 9.81 mN and the fingers press with 1237 mN, so the threshold is 0.0079.
 
     The cases lie 12 % on either side of it; lifting by 10 mm in 0.5 s adds at most 2.4 % of g to the weight.
@@ -97,7 +97,7 @@ def test_friction_holds_the_weight_if_it_can(tmp_path: Path, friction: float, he
     assert (friction * force >= 0.001 * GRAVITY) is held
 
 
-def test_a_cube_that_slips_out_fails_the_command_in_one_line(
+def test_cube_that_slips_out_fails_command_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """10 g at friction 0.01: 98 mN of weight, some 11 mN of friction."""

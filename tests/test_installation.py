@@ -75,7 +75,7 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_wheel_holds_every_file_of_the_packages_and_of_the_data(wheel: Path) -> None:
+def test_wheel_holds_every_file_of_packages_and_of_data(wheel: Path) -> None:
     packed = set(zipfile.ZipFile(wheel).namelist())
     for installed, folder in FOLDERS.items():
         files = [path for path in (CHECKOUT / folder).rglob("*") if path.is_file()]
@@ -85,7 +85,7 @@ def test_the_wheel_holds_every_file_of_the_packages_and_of_the_data(wheel: Path)
         assert expected <= packed
 
 
-def test_the_wheel_holds_the_license_and_nothing_that_belongs_to_the_checkout(wheel: Path) -> None:
+def test_wheel_holds_licence_and_packages_alone(wheel: Path) -> None:
     packed = zipfile.ZipFile(wheel).namelist()
     metadata = f"taichisoft-{taichisoft.__version__}.dist-info"
     assert f"{metadata}/licenses/LICENSE" in packed
@@ -93,13 +93,13 @@ def test_the_wheel_holds_the_license_and_nothing_that_belongs_to_the_checkout(wh
     assert {name.split("/")[0] for name in packed} == {*packages, metadata}
 
 
-def test_the_installed_command_tells_its_version(environment: Path, tmp_path: Path) -> None:
+def test_installed_command_tells_its_version(environment: Path, tmp_path: Path) -> None:
     assert run(environment / "bin/taichisoft", "--version", folder=tmp_path) == (
         f"taichisoft {taichisoft.__version__}\n"
     )
 
 
-def test_the_installed_packages_and_data_are_the_ones_of_the_wheel(environment: Path, tmp_path: Path) -> None:
+def test_installed_packages_and_data_are_ones_of_wheel(environment: Path, tmp_path: Path) -> None:
     code = """
 from taichisoft.running.plugins import plugin_registry
 from taichisoft.scene.shipped import find_file
@@ -127,13 +127,13 @@ def project(environment: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder / "soft-touch"
 
 
-def test_a_third_partys_plugin_is_listed(environment: Path, project: Path, tmp_path: Path) -> None:
+def test_third_partys_plugin_is_listed(environment: Path, project: Path, tmp_path: Path) -> None:
     rows = run(environment / "bin/taichisoft", "plugins", folder=tmp_path).partition("soft-touch")[2]
     for shown in ("0.1.0", "distribution", "soft_touch", "controller soft-touch"):
         assert shown in rows
 
 
-def test_a_third_partys_controller_drives_a_run(
+def test_third_partys_controller_drives_run(
     environment: Path, project: Path, falling_cube: Path, tmp_path: Path
 ) -> None:
     """What it does with the gripper tests/engine/test_new_plugin.py sees in a process that has its kernels."""
@@ -145,7 +145,7 @@ def test_a_third_partys_controller_drives_a_run(
         assert len(list(csv.DictReader(file))) == 2
 
 
-def test_the_installed_command_runs_and_draws_from_an_empty_folder(
+def test_installed_command_runs_and_draws_from_empty_folder(
     environment: Path, falling_cube: Path, tmp_path: Path
 ) -> None:
     """With all packages from the network, and the shipped gripper, it is `.ci/try-packages`."""
@@ -157,7 +157,7 @@ def test_the_installed_command_runs_and_draws_from_an_empty_folder(
     assert {path.name for path in (folder / "out" / "cube").glob("*.png")} == {"before.png", "after.png"}
 
 
-def test_a_third_partys_tests_pass_where_the_plugin_is_installed(environment: Path, project: Path) -> None:
+def test_third_partys_tests_pass_where_plugin_is_installed(environment: Path, project: Path) -> None:
     shown = run(environment / "bin/python", "-m", "pytest", "-p", "no:cacheprovider", folder=project)
     assert "2 passed" in shown
 

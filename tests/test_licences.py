@@ -32,7 +32,7 @@ def families(licence: str) -> set[str]:
     return {family for family in FAMILIES if re.search(family, licence)}
 
 
-def test_what_the_project_names_is_in_the_table_with_its_licence(program: ModuleType) -> None:
+def test_named_packages_have_licences_in_the_table(program: ModuleType) -> None:
     """The wording, and what other packages bring, change with their versions; the family of a licence does not."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     table = listed(program.PAGE.read_text(encoding="utf-8"))

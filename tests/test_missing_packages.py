@@ -117,7 +117,7 @@ def answers(python: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_needs_its_own_packages_alone(answers: dict[str, tuple[int | None, list[str]]], command: str) -> None:
+def test_command_needs_its_own_packages_alone(answers: dict[str, tuple[int | None, list[str]]], command: str) -> None:
     status, lines = answers[command]
     extra = COMMANDS[command]
     if extra is None:
@@ -131,13 +131,13 @@ def test_a_command_needs_its_own_packages_alone(answers: dict[str, tuple[int | N
     assert line.endswith(f": pip install 'taichisoft[{extra}]'" if extra else ": pip install taichisoft")
 
 
-def test_the_environments_name_their_extra_on_import(python: Path, tmp_path: Path) -> None:
+def test_environments_name_their_extra_on_import(python: Path, tmp_path: Path) -> None:
     code = "try: import taichisoft_gym\nexcept ImportError as error: print(error)"
     said = run(python, code, tmp_path)
     assert said == "taichisoft_gym: needs gymnasium, which is not installed: pip install 'taichisoft[gym]'\n"
 
 
-def test_the_engine_alone_is_installed_as_documented() -> None:
+def test_engine_alone_is_installed_as_documented() -> None:
     """By the names of distributions: what the command of docs/installing.md names is all but what is left out here."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     distributions = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg", "open3d": "open3d"}
@@ -148,7 +148,7 @@ def test_the_engine_alone_is_installed_as_documented() -> None:
     assert shlex.split(command) == needed
 
 
-def test_the_packages_left_out_are_those_of_the_extras() -> None:
+def test_packages_left_out_are_those_of_extras() -> None:
     """So that a package which joins an extra is left out here as well."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     for extra, required in project["optional-dependencies"].items():

@@ -78,7 +78,7 @@ def test_command_line_that_cannot_be_meant_is_refused(
     assert len(told(monkeypatch, capsys, *arguments)) < 1.1 * LONGEST_LINE
 
 
-def test_nesting_has_a_limit() -> None:
+def test_nesting_has_limit() -> None:
     assert parse_toml(f"a = {'[' * (DEEPEST - 1)}{']' * (DEEPEST - 1)}")
     with pytest.raises(ValueError, match="nested deeper"):
         parse_toml(f"a = {'[' * (DEEPEST + 1)}{']' * (DEEPEST + 1)}")

@@ -38,7 +38,7 @@ def refuse(function: Callable[[Any], Any], wrong: Any) -> None:
 
 
 @SEEDS
-def test_anchors_follow_random_paths_of_the_base(seed: int) -> None:
+def test_anchors_follow_random_paths_of_base(seed: int) -> None:
     """Six-dimensional paths at 10 to 500 mm/s with turns and stops: anchored nodes are where the observed pose is."""
     dice = np.random.default_rng(seed)
     pad = base_scene()["soft_bodies"]["left"] | {

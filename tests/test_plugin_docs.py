@@ -1,5 +1,6 @@
-"""All that docs/plugins.md shows to be typed works."""
+"""All that docs/plugins.md, force-control.md and cables.md show to be typed works, and prints what they say."""
 
+import csv
 import json
 import os
 import re
@@ -18,11 +19,12 @@ from taichisoft.command_line import main
 from taichisoft.running import hooks, plugins
 from taichisoft.running.loop import saved_as_json
 
-DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "plugins.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCUMENT = (DOCS / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
 
 
-def test_the_first_controller_has_ten_lines() -> None:
+def test_first_controller_has_ten_lines() -> None:
     language, code = BLOCKS[0]
     lines = [line for line in code.splitlines() if line.strip() and not line.startswith("#")]
     assert (language, len(lines)) == ("python", 10)
@@ -35,9 +37,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         yield tmp_path
 
 
-def test_all_that_is_shown_works(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_shown_plugins_work(folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     """In the order of the document: files are written, programs and commands run, from one folder."""
     shown: dict[str, str] = {}
     for language, code in BLOCKS:
@@ -104,9 +104,51 @@ def run(line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
     return out
 
 
-def test_only_what_needs_a_network_or_an_installation_is_not_run() -> None:
+def test_only_what_needs_network_or_installation_is_not_run() -> None:
     """`console` blocks are covered by tests/test_installation.py, but for the upload."""
     languages = {language for language, _ in BLOCKS}
     assert languages == {"python", "sh", "toml", "console"}
     lines = [line for language, code in BLOCKS if language == "console" for line in code.splitlines()]
     assert all(line.startswith(("$ pip ", "$ python -m ", "$ cd ", "$ taichisoft ")) for line in lines)
+
+
+def test_force_is_what_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """In the order of the page, which first has the mistake that everybody makes; forces to 1 mN."""
+    monkeypatch.chdir(tmp_path)
+    page = (DOCS / "force-control.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    guarded = 'observation.normal_forces.get(("finger", "block"), 0.0)'
+    commands = [line for language, code in blocks if language == "sh" for line in code.splitlines()]
+    (program,) = (code for language, code in blocks if language == "python")
+    file = tmp_path / "press.py"
+    file.write_text(program, encoding="utf-8")
+    with plugins.separate_registry():
+        for line in commands[:2]:
+            run(line, monkeypatch, capfd)
+        with pytest.raises(AssertionError, match=r"KeyError: \('finger', 'block'\)"):
+            run(commands[2], monkeypatch, capfd)
+        assert guarded in page
+        file.write_text(program.replace('observation.normal_forces[("finger", "block")]', guarded), encoding="utf-8")
+        for line in commands[2:]:
+            run(line, monkeypatch, capfd)
+    rows = re.findall(r"^\| [a-z ]+ \| [\d., ]+ \| (\d+) mN \| (\d+) mN \| (\d+) mN \|$", page, re.MULTILINE)
+    for folder, shown in zip(("press", "slow", "tuned"), rows, strict=True):
+        with (tmp_path / "out" / folder / "run.csv").open(encoding="utf-8", newline="") as table:
+            steps = list(csv.DictReader(table))
+        force = {round(float(row["time [s]"]), 6): float(row["normal_force finger|block [mN]"]) for row in steps}
+        assert [force[0.4], max(force.values()), force[2.0]] == pytest.approx(list(map(float, shown)), abs=1.0)
+
+
+def test_example_of_cables_prints_what_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (DOCS / "cables.md").read_text(encoding="utf-8")
+    (scene,), (program,), (shown,) = (
+        re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("toml", "python", "text")
+    )
+    (tmp_path / "tendon.toml").write_text(scene, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    exec(program, {})
+    assert capsys.readouterr().out == shown

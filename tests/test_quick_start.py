@@ -38,12 +38,12 @@ def imported_by(arguments: list[str], folder: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["plugins"], ["materials"]])
-def test_a_command_that_lists_something_imports_nothing_slow(arguments: list[str], tmp_path: Path) -> None:
+def test_command_that_lists_something_imports_nothing_slow(arguments: list[str], tmp_path: Path) -> None:
     modules = imported_by(arguments, tmp_path)
     assert "typer" in modules and modules & SLOW == set()
 
 
-def test_the_help_does_not_wait_for_pydantic(tmp_path: Path) -> None:
+def test_help_does_not_wait_for_pydantic(tmp_path: Path) -> None:
     assert "pydantic" not in imported_by(["--help"], tmp_path)
 
 
@@ -54,7 +54,7 @@ def test_what_the_shipped_plugins_provide_can_be_imported(kind: str) -> None:
         assert kind in ("run option", "material") or callable(found[name]), name
 
 
-def test_the_bar_names_the_kernel_that_a_step_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bar_names_kernel_that_step_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")  # a dumb terminal has no bar
     screen = io.StringIO()
     session: Any = SimpleNamespace(step_count=2)

@@ -17,17 +17,17 @@ GENERATOR = runpy.run_path(str(ROOT / "docs" / "write_reference.py"))
 
 
 @pytest.mark.parametrize("page", ["python.md", "hooks.md", "scenes.md", "figures.md"])
-def test_a_page_is_what_the_code_says(page: str) -> None:
+def test_page_is_what_code_says(page: str) -> None:
     written = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
     assert written == GENERATOR["pages"]()[page], "run: python docs/write_reference.py"
 
 
-def test_every_public_name_has_a_section_and_nothing_else_has_one() -> None:
+def test_public_names_alone_have_sections() -> None:
     described = [name for names in GENERATOR["SECTIONS"].values() for name in names]
     assert sorted([*described, "__version__", "errors"]) == dir(taichisoft)
 
 
-def test_every_hook_with_its_arguments_has_a_section() -> None:
+def test_hooks_have_sections() -> None:
     sections = (ROOT / "docs" / "reference" / "hooks.md").read_text(encoding="utf-8").split("\n## ")[1:]
     assert [section.partition("(")[0] for section in sections] == [f"`{name}" for name in hook_names()]
     for name, section in zip(hook_names(), sections, strict=True):
@@ -35,7 +35,7 @@ def test_every_hook_with_its_arguments_has_a_section() -> None:
             assert f"\n- `{argument}`: " in section, (name, argument)
 
 
-def test_what_is_not_in_a_docstring_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_docstring_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Observation, "__doc__", (Observation.__doc__ or "").replace(" flows: ", " flow: "))
     with pytest.raises(ValueError, match=r"^Observation has time, .*flows.*; its docstring has time, .*flow, "):
         GENERATOR["pages"]()

@@ -38,7 +38,7 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_pages_fit_a_telephone_and_a_desk_without_the_network(site: Path, browser: Any, width: int) -> None:
+def test_pages_fit_telephone_and_desk_without_network(site: Path, browser: Any, width: int) -> None:
     tab = browser.new_page(viewport={"width": width, "height": 800})
     asked: list[str] = []
     failed: list[str] = []
@@ -54,7 +54,7 @@ def test_pages_fit_a_telephone_and_a_desk_without_the_network(site: Path, browse
     assert failed == []
 
 
-def test_a_page_says_which_kind_it_is_and_leads_to_all_others(site: Path) -> None:
+def test_page_says_which_kind_it_is_and_leads_to_all_others(site: Path) -> None:
     """Sphinx warns of a page in no list, so that a list leads to each of them."""
     page = (site / "docs" / "controllers.html").read_text(encoding="utf-8")
     assert "How-to: a task" in page

@@ -64,7 +64,7 @@ def run(tmp_path: Path) -> Run:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="homes are looked for otherwise on other systems")
 @pytest.mark.parametrize("home", [None, "unwritable", "missing"])
-def test_kernels_are_kept_without_a_home(run: Run, tmp_path: Path, home: str | None) -> None:
+def test_kernels_are_kept_without_home(run: Run, tmp_path: Path, home: str | None) -> None:
     """As in jobs of cron and in containers: Taichi used to end the process, or to crash at its end."""
     if home == "unwritable":
         (tmp_path / home).mkdir(mode=0o555)

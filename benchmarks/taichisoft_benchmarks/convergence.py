@@ -4,7 +4,7 @@
 
 fills the section "convergence" of the page, and draws the plot beside it. It takes some twenty minutes. `--sizes` and
 `--even-sizes` choose other meshes; `--tutorial-meshes DIR` adds the two of SOFA's tutorial, which are not part of the
-project. What was measured of a mesh is kept in `--results`, so that a study that was interrupted goes on.
+project. `--results` keeps the figures of each mesh: a study that was interrupted resumes.
 """
 
 import json

@@ -1,6 +1,7 @@
-"""The measurement of each kind of case but those of outputs; every one runs in a process of its own (runner.py)."""
+"""The measurement of each kind of case but those of outputs; each runs in its own process (runner.py)."""
 
 import multiprocessing
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -72,24 +73,23 @@ def controlled_step(simulation: "Simulation", scene: Scene) -> "Callable[[], Ste
     return lambda: simulation.step(controller.control(simulation.observe()))
 
 
+IMPORT = """import time; started = time.perf_counter()
+from taichisoft.running import Simulation, make_model; print(time.perf_counter() - started)"""
+
+
 def measure_start(case: StartCase, meshes: Meshes) -> Measured:
-    """Import, model and first step; a cold case runs with an empty folder for compiled kernels."""
-    started = time.perf_counter()
+    """Import, in a fresh process, then model and first step; a cold case has an empty folder for compiled kernels."""
     from taichisoft.running import Simulation, make_model
 
-    imported = time.perf_counter()
+    child = subprocess.run([sys.executable, "-c", IMPORT], capture_output=True, text=True, check=True)
+    started = time.perf_counter()
     model = make_model(scene_of(case, meshes))
     made = time.perf_counter()
     Simulation(model).step()
-    stepped = time.perf_counter()
-    figures = {
-        "import_s": imported - started,
-        "model_s": made - imported,
-        "first_step_s": stepped - made,
-        "total_s": stepped - started,
-        "peak_mb": peak_memory(),
-    }
-    return Measured(figures, {"nodes": model.node_count})
+    figures = {"import_s": float(child.stdout), "model_s": made - started, "first_step_s": time.perf_counter() - made}
+    return Measured(
+        {**figures, "total_s": sum(figures.values()), "peak_mb": peak_memory()}, {"nodes": model.node_count}
+    )
 
 
 def measure_meshing(case: MeshingCase) -> Measured:
@@ -180,7 +180,7 @@ def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
     simulation = Simulation(scene)
     controller = make_controller(scene)
     controller.reset(simulation.model)
-    parts = ("contact_summary", "observation", "hook", "hook_nobody")
+    parts = ("contact_summary", "observation", "hook", "hook_unused")
     times = np.zeros((case.steps, len(parts)))
     for index in range(case.steps):
         started = time.perf_counter()
@@ -196,8 +196,8 @@ def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
         unregister_plugin(name)
         idle = time.perf_counter()
         notify("taichisoft_step_done", session=None, report=report)
-        nobody = time.perf_counter() - idle
-        times[index] = summarised - started, observed - summarised, notified - stepped, nobody
+        unused = time.perf_counter() - idle
+        times[index] = summarised - started, observed - summarised, notified - stepped, unused
     figures = window_medians(case, times[:, 1:3].sum(axis=1).tolist())
     first, last = list(case.windows.values())[-1]
     for part, seconds in zip(parts, np.median(times[first:last], axis=0).tolist(), strict=True):

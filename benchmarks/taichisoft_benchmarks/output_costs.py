@@ -65,7 +65,7 @@ def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
 def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
     """Record a run and draw all its frames into an MP4, as `taichisoft render --video` does.
 
-    The start of the renderer, up to the first frame, is a figure of its own. The time of a frame includes its encoding,
+    The start of the renderer, up to the first picture, is a separate figure. That of a picture includes its encoding,
     which runs beside the drawing of the next one. The figure of the long video follows from the two.
     """
     from taichisoft.running import Simulation
@@ -97,7 +97,7 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
 
 
 def measure_web(case: WebCase, scene: Scene) -> Measured:
-    """Run in real time, alternating without and with a page; a viewer in a process of its own counts updates.
+    """Run in real time, alternating without and with a page; a viewer in another process counts updates.
 
     The times of steps are compared in the second half of the run, when the viewer is connected.
     """
@@ -217,7 +217,7 @@ CAMERA = {
 
 
 class Viewer:
-    """Reads a page in a thread of its own; use it in a `with` statement.
+    """Reads a page in a thread; use it in a `with` statement.
 
     Attributes:
         moments: when each surface of the scene has moved, on the clock of `time.monotonic` [s], by name ("/finger1").

@@ -164,7 +164,7 @@ class DrakePeer:
         self._simulator.AdvanceTo(self._step * self._time_step)
 
     def facts(self) -> dict[str, int]:
-        """No facts of its own."""
+        """No further facts."""
         return {}
 
 

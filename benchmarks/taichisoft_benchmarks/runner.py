@@ -1,4 +1,4 @@
-"""Runs cases in rounds, each repetition in a process of its own, beside a calibration.
+"""Runs cases in rounds, each repetition in its own process, beside a calibration.
 
 A round runs every case once: a shared machine is slow for minutes at a time, which then affects a case and the other
 programs that it is compared with alike.

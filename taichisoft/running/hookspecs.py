@@ -22,7 +22,7 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 """Decorator that marks a function of a plug-in, or a method of an object, as its implementation of a hook.
 
 The function has the name of the hook. With `optionalhook=True` a hook that this version of taichisoft does not have is
-no error; `tryfirst=True` and `trylast=True` change the order in which plug-ins are asked.
+no error; `tryfirst=True` and `trylast=True` change the order in which plug-ins are called.
 """
 
 
@@ -131,7 +131,7 @@ def taichisoft_scene_additions() -> "Mapping[str, Callable[[Mapping[str, Any], P
     """What controllers add to scenes, by the controller's name; called when a scene that names a controller is read.
 
     Each value gives tables by the keys of a scene (`rigid_bodies`, `frames`), from the controller's settings and the
-    folder in which files are looked for first. What the scene has under the same name stays as it is.
+    folder in which files are looked for first. Entries of the scene with the same name stay unchanged.
     """
 
 
@@ -176,7 +176,7 @@ def taichisoft_run_ends(session: "Session", outcome: str) -> None:
 
 @hookspec
 def taichisoft_picture_wanted(session: "Session") -> None:
-    """Somebody asks for a picture of the present state; called between two steps, also while the run is paused.
+    """A picture of the present state is requested; called between two steps, also while the run is paused.
 
     Args:
         session: the run in progress.

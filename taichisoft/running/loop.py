@@ -97,7 +97,7 @@ class KeyHandling:
         self._session.shows_help = not self._session.shows_help
 
 
-# What a controller remembers, as JSON: outputs keep it, and a run that goes on from there gives it back.
+# A controller's memory as JSON: outputs keep it, and a run that resumes gives it back.
 
 PLAIN = (str, int, float, type(None))  # True and False are integers
 
@@ -288,7 +288,7 @@ def run(
         outputs: record every step, and are always ended, whatever happens.
         duration: simulated time [s]; None: the scene's; infinite: until a key or `Session.stop` ends the run.
         on_step: called after every step, for a progress display.
-        saved: what the controller goes on from, as its `save` gave it at this state; None: it begins with `reset`.
+        saved: memory that the controller resumes with, as its `save` gave it at this state; None: `reset` alone.
 
     Returns:
         "completed"; "stopped" by a key or by `Session.stop`; "interrupted" by Ctrl and c,

@@ -332,7 +332,7 @@ def _import_file(name: str, path: Path) -> ModuleType:
 
 
 def _loading(name: str, origin: Origin, load: Callable[[], Any]) -> Callable[[], Any]:
-    """`load`, whose failures have the plug-in's name, and a way out."""
+    """`load`, whose failures name the plug-in, and how to leave it out."""
 
     def loaded() -> Any:
         try:

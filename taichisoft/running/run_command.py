@@ -335,7 +335,7 @@ class RunRequest:
         speed: simulated over wall-clock time [-]; None: the default.
         replay: keys of an earlier run; None: keys from the user.
         profile: whether to show the times of the phases of a step.
-        saved: what the controller goes on from, as its `save` gave it; None: it begins with `reset` alone.
+        saved: memory that the controller resumes with, as its `save` gave it; None: `reset` alone.
         steering: name of the controller for an output by which a user steers, such as a page, or None.
         reduced: folder with the modes of soft bodies, or None.
         steps: number of time steps, instead of `duration`, or None.

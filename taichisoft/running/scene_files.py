@@ -44,29 +44,17 @@ def _tables(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Tables of soft bodies and regions; values that are not tables are refused later, with their keys."""
     bodies = document.get("soft_bodies")
     for body in bodies.values() if isinstance(bodies, dict) else ():
-        if isinstance(body, dict):
-            yield body
-            regions = body.get("regions")
-            yield from (one for one in (regions if isinstance(regions, list) else ()) if isinstance(one, dict))
+        regions = body.get("regions") if isinstance(body, dict) else None
+        tables = [body, *(regions if isinstance(regions, list) else [])]
+        yield from (table for table in tables if isinstance(table, dict))
 
 
 # A scene whose soft bodies move by modes, found in a folder.
 
 SUFFIX = ".npz"
 # Keys in which copies of a body may differ: where they are, how they look, and what is not part of their elasticity.
-OWN_KEYS = {
-    "rotation",
-    "translation",
-    "velocity",
-    "collides",
-    "self_contact",
-    "colour",
-    "axes",
-    "tip",
-    "reduced",
-    "cavities",
-    "cables",
-}
+OWN_KEYS = {"rotation", "translation", "velocity", "colour", "axes", "tip"}
+OWN_KEYS |= {"collides", "self_contact", "reduced", "cavities", "cables"}
 
 
 def with_reduced_bodies(scene: Scene, folder: Path, key: str = "--reduced") -> Scene:
@@ -86,26 +74,25 @@ def with_reduced_bodies(scene: Scene, folder: Path, key: str = "--reduced") -> S
     files = {name: folder / f"{name}{SUFFIX}" for name in scene.soft_bodies}
     own = {name: file.resolve() for name, file in files.items() if file.is_file()}
     if not own:
-        there = ", ".join(sorted(file.name for file in folder.glob(f"*{SUFFIX}"))) or "none"
-        wanted = ", ".join(f"{name}{SUFFIX}" for name in scene.soft_bodies) or "none: the scene has no soft bodies"
-        raise SceneError(f"{key} {folder}: has no modes of a soft body ({wanted}); files there: {there}")
+        present = ", ".join(sorted(file.name for file in folder.glob(f"*{SUFFIX}"))) or "none"
+        valid = ", ".join(f"{name}{SUFFIX}" for name in scene.soft_bodies) or "none: the scene has no soft bodies"
+        raise SceneError(f"{key} {folder}: has no modes of a soft body ({valid}); files there: {present}")
     bodies = {}
     for name, body in scene.soft_bodies.items():
-        same = next(
-            (other for other in (name, *own) if other in own and _is_copy(scene.soft_bodies[other], body)), None
-        )
-        bodies[name] = body if same is None else body.model_copy(update={"reduced": str(own[same])})
+        originals = (other for other in (name, *own) if other in own and _is_copy(scene.soft_bodies[other], body))
+        original = next(originals, None)
+        bodies[name] = body if original is None else body.model_copy(update={"reduced": str(own[original])})
     return scene.model_copy(update={"soft_bodies": bodies})
 
 
-def _is_copy(one: SoftBodySettings, other: SoftBodySettings) -> bool:
-    return one.model_dump(exclude=OWN_KEYS) == other.model_dump(exclude=OWN_KEYS)
+def _is_copy(first: SoftBodySettings, second: SoftBodySettings) -> bool:
+    return first.model_dump(exclude=OWN_KEYS) == second.model_dump(exclude=OWN_KEYS)
 
 
-# What the controller of a scene adds to it, such as the links of the arm that carries the gripper.
+# Tables that a scene's controller adds to it, such as the links of the arm that carries the gripper.
 
 
-def add_what_controllers_bring(document: dict[str, Any], source: str, folder: Path) -> None:
+def add_tables_of_controller(document: dict[str, Any], source: str, folder: Path) -> None:
     """Add the tables of the plug-in that belongs to the scene's controller; what the scene itself has stays.
 
     Args:
@@ -116,7 +103,7 @@ def add_what_controllers_bring(document: dict[str, Any], source: str, folder: Pa
     controller = document.get("controller")
     name = controller.get("name") if isinstance(controller, dict) else None
     if not isinstance(name, str):
-        return  # what else is wrong is found later, with its key
+        return  # refused later, with its key
     additions = provided("scene addition")
     if name not in additions:
         return
@@ -129,9 +116,9 @@ def add_what_controllers_bring(document: dict[str, Any], source: str, folder: Pa
     except TaichisoftError as error:
         raise SceneError(f"{source}: {error}") from error
     for key, added in tables.items():
-        there = document.setdefault(key, {})
-        if isinstance(there, Mapping):
-            document[key] = {**there, **{name: one for name, one in added.items() if name not in there}}
+        present = document.setdefault(key, {})
+        if isinstance(present, Mapping):
+            document[key] = {**present, **{name: table for name, table in added.items() if name not in present}}
 
 
 # Validation of a controller's settings against the arguments of its factory, before a run.
@@ -164,7 +151,6 @@ def checked_arguments(factory: Callable[..., Any], settings: Mapping[str, Any]) 
 
 
 def _checked_fields(kind: Any, settings: Mapping[str, Any]) -> Any:
-    """Make an object of a dataclass or a pydantic model with these fields."""
     if dataclasses.is_dataclass(kind):
         _refuse_unknown(settings, [field.name for field in dataclasses.fields(kind) if field.init])
     elif kind.model_config.get("extra") != "allow":
@@ -176,7 +162,7 @@ def _checked_argument(name: str, kind: Any, value: Any) -> Any:
     key = f"{PREFIX}.{name}"
     kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else ()
     if type(None) in kinds and value is not None:  # the error then names the required type
-        kind = functools.reduce(operator.or_, (one for one in kinds if one is not type(None)))
+        kind = functools.reduce(operator.or_, (part for part in kinds if part is not type(None)))
     try:
         adapter = pydantic.TypeAdapter(kind)
     except (pydantic.PydanticSchemaGenerationError, pydantic.PydanticUserError):  # not a data type
@@ -186,8 +172,8 @@ def _checked_argument(name: str, kind: Any, value: Any) -> Any:
     except SceneError as error:
         if get_origin(kind) not in (Union, types.UnionType):
             raise
-        wanted = "a number" if kind == NUMBER else inspect.formatannotation(kind)
-        raise SceneError(f"{key} = {short_text(value)}: must be {wanted}") from error
+        valid = "a number" if kind == NUMBER else inspect.formatannotation(kind)
+        raise SceneError(f"{key} = {short_text(value)}: must be {valid}") from error
 
 
 def _refuse_unknown(settings: Mapping[str, Any], valid: list[str]) -> None:
@@ -212,7 +198,6 @@ def _kind(argument: inspect.Parameter, factory: Callable[..., Any]) -> Any:
 
 
 def _checked(adapter: "pydantic.TypeAdapter[Any]", key: str, value: Any) -> Any:
-    """Convert a value to the adapter's type."""
     try:
         return adapter.validate_python(value, strict=True)
     except pydantic.ValidationError as error:
@@ -303,7 +288,7 @@ def load_scene(
     change_scene(document, overrides, controller, goal)
     fill_in_materials(document)
     source = " with --set ".join([str(path), *overrides])  # the error may be in the file or in an override
-    add_what_controllers_bring(document, source, path.parent)
+    add_tables_of_controller(document, source, path.parent)
     return scene_tables.scene_from_dict(document, source, folder=path.parent)
 
 
@@ -321,7 +306,7 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     """
     tables = copy.deepcopy(dict(document))  # the caller's document is not changed
     fill_in_materials(tables)
-    add_what_controllers_bring(tables, source, folder or Path())
+    add_tables_of_controller(tables, source, folder or Path())
     return scene_tables.scene_from_dict(tables, source, folder)
 
 
@@ -353,7 +338,6 @@ def _read_tables(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_settings(path: Path, reader: Callable[..., Any] | None, settings: Mapping[str, Any]) -> None:
-    """Refuse settings that the reader does not have; TOML has none."""
     valid = list(inspect.signature(reader).parameters)[1:] if reader is not None else []
     for name in settings:
         if name not in valid:
@@ -363,7 +347,6 @@ def _check_settings(path: Path, reader: Callable[..., Any] | None, settings: Map
 
 
 def _scene_readers() -> Mapping[str, Any]:
-    """Readers of scenes by suffix."""
     readers = provided("scene reader")
     for suffix in readers:
         if suffix == TOML or suffix != f".{suffix.strip('.').lower()}":

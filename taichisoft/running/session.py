@@ -250,7 +250,7 @@ class Session:
         recent_keys: last key events handled.
         replay: keys of an earlier session, which replace the events in `keys`, or None.
         first_state: state at the start and after a restart.
-        saved: what the controller remembers then, as `Controller.save` gave it; None: it begins with `reset` alone.
+        saved: the controller's memory then, as `Controller.save` gave it; None: `reset` alone.
         make_controller: makes the controller anew with changed settings; None: it cannot be made anew.
         tuned: settings of the controller that were changed since, by name.
         notice: text for displays about the session itself, such as why a setting was not tuned.
@@ -269,19 +269,12 @@ class Session:
         saved: Mapping[str, Any] | None = None,
         make_controller: Callable[[Mapping[str, Any]], Controller] | None = None,
     ):
-        """Assemble a run.
+        """Assemble a run, which continues from the present state of the simulation; see the attributes.
 
         Args:
-            simulation: the simulation, which continues from its present state.
-            controller: the controller.
-            outputs: the outputs.
+            simulation, controller, outputs, folder, replay, saved, make_controller: the attributes of these names.
             duration: simulated time [s]; None: the scene's; infinite: until the run is stopped.
-            folder: folder for the key log.
             speed: simulated over wall-clock time [-]; None: as fast as possible.
-            replay: keys of an earlier session.
-            saved: what the controller goes on from, as its `save` gave it; None: it begins with `reset` alone.
-            make_controller: makes the controller anew with changed settings, for sliders of its tunable settings;
-                None: it cannot be made anew.
 
         Raises:
             PluginError: the controller is not a `Controller`, or an output is not an `Output`.

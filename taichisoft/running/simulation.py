@@ -81,7 +81,7 @@ class Simulation(TimeStepper):
         return report
 
     def warn_of_units(self, control: Control) -> None:
-        """Warn once of a pressure or modulus that was probably asked for in another unit."""
+        """Warn once of a pressure or modulus that was probably requested in another unit."""
         if self._has_warned_of_unit:
             return
         pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
@@ -140,7 +140,7 @@ class Simulation(TimeStepper):
         are. At such a change the derivative jumps, and this is the one of the side on which the step lies. What limits
         of the scene hold back has the derivative 0; a request at the end of a range, that of the side on which it is
         free. Contacts are those found in the step: their normals do not turn. In a scene of static dynamics a step is
-        an equilibrium. The shift that separates surfaces which overlap stays as it is.
+        an equilibrium. The shift that separates overlapping surfaces is constant.
 
         Args:
             control: as for `step`.

@@ -1,4 +1,4 @@
-"""Equilibria: where bodies come to rest under their loads, and what to ask for so that they rest at targets."""
+"""Equilibria: where bodies rest under their loads, and the requests under which they rest at targets."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -19,16 +19,14 @@ from taichisoft.running.simulation import Simulation, check_simulation
 from taichisoft.step.linearisation import LOADS, Linearisation, asked_for, asking, linearise
 from taichisoft.step.time_stepper import TimeStepper
 
-# Equilibria: where bodies come to rest under their loads, without waiting for it.
-
 
 @dataclass(frozen=True)
 class Equilibrium:
     """Bodies at rest.
 
     Attributes:
-        state: the state, with the time of the state from which the search began and no velocities; `Simulation.restore`
-            goes on from it.
+        state: the state, with the time of the state from which the search began and no velocities, for
+            `Simulation.restore`.
         observation: what a controller sees in it; sensors have long seen it.
         linearisations: number of linearisations of the soft bodies' equations, over all increments.
         increments: number of parts in which the loads were changed: 1 unless the equations had no solution in reach.
@@ -62,7 +60,7 @@ class Equilibrium:
         return self._stepper.strain_watch.over_law(self.state)
 
     def linearise(self, controls: Sequence[str] | None = None) -> Linearisation:
-        """Derivatives of what is observed in the equilibrium by what is asked for: its compliance.
+        """Derivatives of what is observed in the equilibrium by the requests: its compliance.
 
         As `Simulation.linearise`, of the equilibrium from here. A contact at the limit of its friction slides on in
         the direction in which friction opposes it, which is where increasing loads have driven it; where they decrease
@@ -81,7 +79,7 @@ class Equilibrium:
 
 
 def equilibrium(simulation: Simulation, control: Control | None = None, stable: bool = True) -> Equilibrium:
-    """Find where the bodies of a simulation come to rest; the simulation stays where it is.
+    """Find where the bodies of a simulation come to rest; the simulation stays unchanged.
 
     The search begins with the present state: where there are several equilibria it finds one near by, and friction
     keeps what sticks. It solves the static equations with contacts and actuators by Newton's method with a line search,
@@ -99,7 +97,7 @@ def equilibrium(simulation: Simulation, control: Control | None = None, stable: 
 
     Args:
         simulation: a simulation whose soft bodies all have anchors.
-        control: pressures, pulls, base and so on, as for a step; None: as they were asked for last.
+        control: pressures, pulls, base and so on, as for a step; None: the last ones.
         stable: False: stay in an unstable equilibrium that the search finds.
 
     Raises:
@@ -173,7 +171,7 @@ class Statics:
         )
 
 
-# Inverse statics: pressures, pulls and poses of the base under which soft bodies come to rest where they should be.
+# Inverse statics: pressures, pulls and poses of the base under which soft bodies rest at targets.
 
 SCALES = {"bending_angles": 0.01, "normal_forces": 10.0, "friction_forces": 10.0, "base_force": 10.0}
 """Differences of targets that count as much as one of 1 mm, in the units of the figures; of all others 1."""
@@ -189,14 +187,14 @@ STARTS = (0.5, 0.25, 0.75, 0.05, 0.95)
 INSIDE = 0.02
 """Least distance from the ends of the ranges at the beginning, over the ranges [-]."""
 NO_FRICTION = 1e-6
-"""Friction below which the way to an equilibrium does not matter [mN]."""
+"""Friction below which the path to an equilibrium does not matter [mN]."""
 SLOW, LONGEST = 0.01, 20.0
 """Speed of all nodes and rigid bodies below which a motion counts as ended [mm/s], and the longest motion [s]."""
 
 
 @dataclass(frozen=True)
 class InverseSolution:
-    """What to ask for to reach targets at rest, or to come nearest to them.
+    """The requests that reach targets at rest, or come nearest to them.
 
     Attributes:
         control: asks for it.
@@ -226,15 +224,15 @@ def inverse(
     scales: Mapping[str, float] | None = None,
     by: Literal["statics", "motion"] = "statics",
 ) -> InverseSolution:
-    """Find what to ask for so that soft bodies come to rest at targets; the simulation stays where it is.
+    """Find the requests under which soft bodies rest at targets; the simulation stays unchanged.
 
     Nonlinear least squares over equilibria, with the derivatives of `Equilibrium.linearise`, by scipy's dogleg in
     rectangular trust regions (Voglis and Lagaris 2004, A rectangular trust region dogleg approach for unconstrained and
     bound constrained nonlinear optimization). Targets out of reach give the nearest that the bounds allow, each
-    residual over its scale. The search begins with what is asked for now; it is local, and finds one solution of
-    several. It goes from one equilibrium to the next. Where friction acts, which remembers the way, it then goes on
-    with equilibria that are all found from the present state: by statics on the straight way, or `by` motion, with
-    steps under the control until nothing moves any more, as `Simulation.step` makes them with the control found.
+    residual over its scale. The search begins with the present requests; it is local, and finds one solution of
+    several, from one equilibrium to the next. Where friction acts, which depends on the path, a second search finds
+    all equilibria from the present state: by statics along a straight path, or `by` motion, with steps under the
+    control until nothing moves any more, as `Simulation.step` makes them with the solution.
 
     Args:
         simulation: a simulation with soft bodies, all of them with anchors.
@@ -248,7 +246,7 @@ def inverse(
 
     Raises:
         TaichisoftError: a target, a bound or a scale is not valid, or nothing can be varied.
-        ControlError: a control cannot be asked for.
+        ControlError: a control cannot be requested.
         SceneError: see `equilibrium`.
         EquilibriumNotFound: there is no equilibrium where the search begins.
     """
@@ -269,7 +267,7 @@ class _Found(Exception):
 
 
 class _Search:
-    """The residuals of targets as a function of what is asked for, and their derivatives."""
+    """The residuals of targets as a function of the requests, and their derivatives."""
 
     def __init__(
         self, simulation: Simulation, targets: Mapping[str, Any], bounds: Mapping[str, Any], scales: Mapping[str, Any]
@@ -329,7 +327,7 @@ class _Search:
         return values
 
     def start(self) -> np.ndarray:
-        """Where to begin: what is asked for now, or where every target depends on something."""
+        """Where to begin: at the present requests, or where every target depends on something."""
         low, high = self.bounds.T
         margin = INSIDE * (high - low)
         now = np.array([asked_for(self._statics.model, self._state, name) for name in self.names])
@@ -372,7 +370,7 @@ class _Search:
     def jacobian(self, values: np.ndarray) -> np.ndarray:
         """Derivatives of the residuals, shape (residual_count, control_count).
 
-        Those of an equilibrium leave out how the way there changes. Where it counts they are corrected by what changed
+        Those of an equilibrium leave out how the path there changes. Where it counts they are corrected by what changed
         from one trial to the next (Broyden 1965, A class of methods for solving nonlinear simultaneous equations).
         """
         here = self._equilibrium(values)
@@ -430,7 +428,7 @@ class _Search:
         )
 
     def _equilibrium(self, values: np.ndarray) -> Equilibrium:
-        """The equilibrium; from the last one, or from the start where the way must be that from there."""
+        """The equilibrium, found from the last one, or from the start where the path counts."""
         key = values.tobytes()
         if self._last is None or self._last[0] != key:
             self._trials += 1

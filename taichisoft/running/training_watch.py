@@ -129,9 +129,9 @@ EVERY = 20
 """Steps between two checks: each takes half a step, for a product with all modes and for the forces on some nodes."""
 MARGIN = 0.05
 """Displacement beyond the trained amplitudes, over the largest trained one, and effort beyond the trained ones, over
-their range, up to which nothing is said."""
+their range, up to which there is no warning."""
 UNBALANCED = 1.5
-"""Imbalance over the largest one of the validation, up to which nothing is said."""
+"""Imbalance over the largest one of the validation, up to which there is no warning."""
 
 
 class TrainingWatch:

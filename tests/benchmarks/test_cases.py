@@ -30,14 +30,14 @@ def test_shipped_cases_include_those_with_targets():
     assert {"start_cold", "meshing_coarse", "meshing_fine", "rendering", "factor_fine_2_threads"} <= names
 
 
-def test_entry_of_a_sweep_becomes_a_case():
+def test_entry_of_sweep_becomes_case():
     swept = {**STEPS, "sweep": {"one": {"threads": 1}, "two": {"threads": 2, "steps": 40}}}
     first, second = cases_from_dict({"speed": swept})
     assert (first.name, first.group, first.parameter, first.case.threads) == ("speed_one", "speed", {"threads": 1}, 1)
     assert (second.name, second.case.threads, second.case.steps) == ("speed_two", 2, 40)
 
 
-def test_peer_becomes_a_case_of_its_own():
+def test_peer_becomes_case_of_its_own():
     ours, theirs = cases_from_dict({"finger": {**STEPS, "peers": ["mujoco"]}})
     assert (ours.name, theirs.name, theirs.group) == ("finger", "finger_mujoco", "finger_mujoco")
     assert isinstance(theirs.case, PeerCase)
@@ -45,7 +45,7 @@ def test_peer_becomes_a_case_of_its_own():
     assert theirs.case.windows == ours.case.windows
 
 
-def test_peer_of_a_reduced_case_has_all_nodes():
+def test_peer_of_reduced_case_has_all_nodes():
     ours, theirs = cases_from_dict({"finger": {**STEPS, "reduced": True, "peers": ["mujoco"]}})
     assert (ours.case.reduced, theirs.case.reduced) == (True, False)
 
@@ -80,7 +80,7 @@ def test_wrong_descriptor_is_one_line(table, message):
     assert message in str(refused.value)
 
 
-def test_cases_with_the_same_name_are_refused():
+def test_cases_with_same_name_are_refused():
     swept = {**STEPS, "sweep": {"one": {"threads": 1}}}
     with pytest.raises(BenchmarkError, match="two cases are called 'finger_one'"):
         cases_from_dict({"finger": swept, "finger_one": STEPS})
@@ -112,7 +112,7 @@ def scene(table, tmp_path: Path, tutorial: Path | None = None):
     return scene_of(named.case, Meshes(tutorial, tmp_path))
 
 
-def test_shipped_mesh_is_the_default(tmp_path):
+def test_shipped_mesh_is_default(tmp_path):
     made = scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path)
     assert Path(made.soft_bodies["finger"].mesh.file).name == "tutorial-medium.msh"
 
@@ -127,12 +127,12 @@ def test_tutorial_meshes_bring_their_surfaces(tmp_path):
     assert made.cavities["cavity"].group is None
 
 
-def test_folder_without_a_mesh_is_refused(tmp_path):
+def test_folder_without_mesh_is_refused(tmp_path):
     with pytest.raises(BenchmarkError, match=r"has no pneunetCut\.vtk"):
         scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path, tmp_path)
 
 
-def test_finger_of_a_size_is_meshed_before_timing(tmp_path, monkeypatch):
+def test_finger_of_size_is_meshed_before_timing(tmp_path, monkeypatch):
     monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path))
     made = scene({**FINGER, "element_size": 16.0}, tmp_path).soft_bodies["finger"].mesh
     assert (Path(made.file).name, made.size) == ("tutorial.toml", 16.0)
@@ -160,7 +160,7 @@ def test_reduced_models_are_made_once(tmp_path, monkeypatch):
     assert len(asked) == 1
 
 
-def test_fingers_stand_on_a_circle_and_bend_inwards(tmp_path):
+def test_fingers_stand_on_circle_and_bend_inwards(tmp_path):
     made = scene({**TIMING, "kind": "fingers", "count": 5}, tmp_path)
     simulation = Simulation(made)
     pressure = dict.fromkeys(simulation.model.cavities.names, 5.0)
@@ -178,7 +178,7 @@ def test_fingers_stand_on_a_circle_and_bend_inwards(tmp_path):
     assert np.abs(force.sum(axis=0)).max() < 1e-9 * np.abs(force).sum()
 
 
-def test_mat_has_the_same_nodes_on_every_foot():
+def test_mat_has_same_nodes_on_every_foot():
     whole = CELL**3 * np.prod(MAT_CELLS)
     for foot in (7, 28):
         mesh = make_mat(foot)

@@ -21,7 +21,7 @@ def test_series_is_extrapolated_to_its_limit() -> None:
     assert (limit.value, limit.factor, limit.doubt) == pytest.approx((59.0, 700.0, 0.0), abs=1e-9)
 
 
-def test_order_is_that_of_a_corner_of_270_degrees() -> None:
+def test_order_is_that_of_corner_of_270_degrees() -> None:
     """The smallest root of Williams' equation for the symmetric stresses in a wedge with free sides."""
     angle = 1.5 * np.pi
     exponent = brentq(lambda power: np.sin(power * angle) + power * np.sin(angle), 0.3, 0.6)
@@ -40,7 +40,7 @@ def test_two_meshes_are_refused() -> None:
         limit_of([1000, 8000], [1.0, 2.0])
 
 
-def test_rest_does_not_depend_on_the_steps() -> None:
+def test_rest_does_not_depend_on_steps() -> None:
     """The tolerance is twice what a node may still move when the finger counts as resting."""
     nodes, _, first = bend("tutorial-coarse", element="linear")
     assert nodes == 626

@@ -32,7 +32,7 @@ def write_matrix(group: Any, matrix: np.ndarray, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["columns", "rows", "triplets"])
 @pytest.mark.parametrize("joints", [False, True])
-def test_global_problem_becomes_a_local_one(tmp_path: Path, kind: str, joints: bool) -> None:
+def test_global_problem_becomes_local_one(tmp_path: Path, kind: str, joints: bool) -> None:
     """For any r the velocities u = W r + q are those of the equations of motion, solved as they stand."""
     import h5py
 
@@ -54,7 +54,7 @@ def test_global_problem_becomes_a_local_one(tmp_path: Path, kind: str, joints: b
     np.testing.assert_array_equal(mu, MU)
 
 
-def test_dense_and_block_files_hold_the_same_problem(tmp_path: Path) -> None:
+def test_dense_and_block_files_hold_same_problem(tmp_path: Path) -> None:
     w = H.T @ H
     tail = [*W_VECTOR, *MU]
     (tmp_path / "dense.dat").write_text(" ".join(map(repr, map(float, [3, 2, 0, 6, 6, *w.T.ravel(), *tail]))).replace(
@@ -73,7 +73,7 @@ def test_dense_and_block_files_hold_the_same_problem(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name, text", [("short.dat", "3 1 0 3 3 1.0"), ("flat.dat", "2 1 0 2 2"), ("a.dat", "words")])
-def test_file_without_a_problem_is_refused(tmp_path: Path, name: str, text: str) -> None:
+def test_file_without_problem_is_refused(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(BenchmarkError, match=rf"{name}: is not a contact problem: .+"):
         read_local_problem(tmp_path / name)

@@ -78,7 +78,7 @@ def test_case_shows_its_deviation_and_errors(tmp_path: Path) -> None:
         list(case_lines(tmp_path / "nowhere"))
 
 
-def test_new_case_is_a_valid_scene_and_study(tmp_path: Path) -> None:
+def test_new_case_is_valid_scene_and_study(tmp_path: Path) -> None:
     folder = tmp_path / "case"
     measured_case(folder)
     scene = load_scene(folder / "scene.toml")
@@ -110,7 +110,7 @@ def test_error_of_pressure_widens_tolerance_of_curve(tmp_path: Path) -> None:
     assert measured.scales[0] == pytest.approx(math.hypot(0.5, 1.2), rel=1e-12)
 
 
-def test_limit_of_meshes_follows_a_power() -> None:
+def test_limit_of_meshes_follows_power() -> None:
     """5 - 2 h^1.7 on meshes of sizes 1, 1/2, 1/4: the limit is 5, and the finest lacks 2 / 4^1.7, to round-off."""
     limit, error = limit_of_meshes([5.0 - 2.0 * h**1.7 for h in (1.0, 0.5, 0.25)])
     assert (limit, error) == (pytest.approx(5.0, abs=1e-12), pytest.approx(-2.0 * 0.25**1.7, abs=1e-12))
@@ -135,7 +135,7 @@ def test_block_stretches_as_its_law() -> None:
     assert pulled_stretch("dragon-skin-10", stress) == pytest.approx(2.0, rel=2e-3)
 
 
-def test_absent_data_are_left_out_with_a_note(tmp_path: Path) -> None:
+def test_absent_data_are_left_out_with_note(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("".join(f"<!-- {name} -->\n<!-- end -->\n" for name in ("beam", "ring-down", "tension", "cases")))
     main(tmp_path, None, page)
@@ -167,7 +167,7 @@ def test_oscillation_gives_frequency_and_decay() -> None:
     assert (simulated.frequency, simulated.decay) == (pytest.approx(4.3, rel=1e-6), pytest.approx(1.7, rel=1e-6))
 
 
-def test_rayleigh_factors_fit_the_decays() -> None:
+def test_rayleigh_factors_fit_decays() -> None:
     """g = a / 2 + b (2 pi f)^2 / 2 at three frequencies."""
     swings = {
         load: [oscillation(f, 1.0 + 0.0006 * (2 * np.pi * f) ** 2)] for load, f in zip(LOADS, (7, 4, 3), strict=True)
@@ -175,7 +175,7 @@ def test_rayleigh_factors_fit_the_decays() -> None:
     assert rayleigh_damping(swings) == (pytest.approx(2.0, rel=1e-4), pytest.approx(0.0012, rel=1e-4))
 
 
-def test_file_without_a_table_is_refused(tmp_path: Path) -> None:
+def test_file_without_table_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text("a,b\n1,2\n")
     with pytest.raises(BenchmarkError, match=r"take\.csv: cannot be read as a table of markers"):

@@ -117,7 +117,7 @@ def test_list_starts_nothing(bench):
         (["--cases", "none.toml"], "none.toml: not readable as TOML: "),
     ],
 )
-def test_wrong_argument_is_one_line_before_the_work(bench, arguments, message):
+def test_wrong_argument_is_one_line_before_work(bench, arguments, message):
     code, lines, errors = bench(*arguments)
     assert (code, lines) == (2, [])
     (line,) = errors.splitlines()

@@ -31,7 +31,7 @@ def run(scene: Path, folder: Path, duration: str) -> "subprocess.Popen[str]":
     return subprocess.Popen([sys.executable, "-c", start, *command], stderr=subprocess.PIPE, text=True)
 
 
-def test_a_second_run_is_refused_and_a_killed_one_leaves_the_folder_free(tmp_path: Path) -> None:
+def test_second_run_is_refused_and_killed_one_leaves_folder_free(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     with subprocess.Popen([sys.executable, "-c", HOLDS, str(folder)], stdout=subprocess.PIPE, text=True) as first:
         assert first.stdout is not None and first.stdout.readline() == "held\n"
@@ -45,7 +45,7 @@ def test_a_second_run_is_refused_and_a_killed_one_leaves_the_folder_free(tmp_pat
     assert not list(folder.iterdir())
 
 
-def test_a_file_system_without_locks_is_warned_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_system_without_locks_is_warned_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise OSError(95, "Operation not supported")
 
@@ -55,9 +55,7 @@ def test_a_file_system_without_locks_is_warned_of(tmp_path: Path, monkeypatch: p
         pass
 
 
-def test_the_command_refuses_the_folder_of_a_run_and_ends_when_its_own_is_removed(
-    falling_cube: Path, tmp_path: Path
-) -> None:
+def test_command_refuses_a_taken_folder(falling_cube: Path, tmp_path: Path) -> None:
     """Two runs in one folder wrote into the same file; a removed folder was a traceback that blamed the output."""
     folder = tmp_path / "out"
     first = run(falling_cube, folder, "100000")

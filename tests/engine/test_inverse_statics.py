@@ -25,7 +25,7 @@ def pads() -> Simulation:
     return Simulation(load_scene(TINY_GRIPPER, (*WALL, "contact.friction=0.0")))
 
 
-def test_pressures_and_a_pose_are_found_again(pads: Simulation) -> None:
+def test_pressures_and_pose_are_found_again(pads: Simulation) -> None:
     """From positions, to 1e-4 mm; the simulation stays where it is."""
     start = pads.state
     asked = Control(pressure={"left.cavity": 5.0}, base_translation=np.array([0.3, 0.0, -0.4]))
@@ -54,7 +54,7 @@ def test_contact_forces_are_reached_from_where_nothing_touches(pads: Simulation,
     assert forces["right", "wall"] == pytest.approx(300.0, abs=0.01)
 
 
-def test_what_is_out_of_reach_is_approached_and_said(pads: Simulation) -> None:
+def test_targets_out_of_reach_are_approached(pads: Simulation) -> None:
     """Most that the left pad can press is what it presses with at the highest pressure."""
     most = equilibrium(pads, Control(pressure={"left.cavity": 20.0})).observation.normal_forces["left", "wall"]
     found = inverse(pads, {"normal_forces.left|wall": 1e5}, LEFT)
@@ -76,7 +76,7 @@ def test_scales_weigh_targets_that_contradict_each_other(pads: Simulation) -> No
     assert by_place["pressure.left.cavity"] == pytest.approx(3.0, abs=0.01)
 
 
-def test_a_pressure_that_nothing_carries_makes_steps_shorter() -> None:
+def test_pressure_that_nothing_carries_makes_steps_shorter() -> None:
     simulation = Simulation(load_scene(TINY_GRIPPER, ("rigid_bodies={}", "obstacles={}", "limits={}")))
     with pytest.raises(EquilibriumNotFound):
         equilibrium(simulation, Control(pressure={"left.cavity": 1e6}))
@@ -103,7 +103,7 @@ def test_a_pressure_that_nothing_carries_makes_steps_shorter() -> None:
         ({"volumes.left.cavity": 1.0}, LEFT, {"volumes": 1.0}, TaichisoftError, "'volumes' is not a target"),
     ],
 )
-def test_what_makes_no_sense_is_refused(
+def test_wrong_arguments_are_refused(
     pads: Simulation, targets: Any, bounds: Any, scales: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=re.escape(message)) as refused:
@@ -111,7 +111,7 @@ def test_what_makes_no_sense_is_refused(
     assert "\n" not in str(refused.value)
 
 
-def test_a_cube_is_pressed_as_hard_as_it_should_be() -> None:
+def test_cube_is_pressed_as_hard_as_it_should_be() -> None:
     simulation = Simulation(load_scene(TINY_GRIPPER, ("limits={}",)))
     simulation.restore(equilibrium(simulation, Control(pressure={"left.cavity": 9.0, "right.cavity": 9.0})).state)
     wanted = {"normal_forces.left|cube": 150.0, "normal_forces.right|cube": 150.0}

@@ -29,7 +29,7 @@ def test_keys_come_back_at_their_steps(tmp_path: Path, pressed: list[tuple[int, 
     assert [(k, event) for k in range(step + 1) for event in replay.take(k)] == written
 
 
-def test_a_killed_session_leaves_its_keys(tmp_path: Path) -> None:
+def test_killed_session_leaves_its_keys(tmp_path: Path) -> None:
     log = KeyLog(tmp_path / "keys.jsonl")
     log.add(7, KeyEvent("+", ctrl=True))
     replay = KeyReplay(tmp_path / "keys.jsonl")  # the log was never ended
@@ -51,7 +51,7 @@ def test_a_killed_session_leaves_its_keys(tmp_path: Path) -> None:
         ('{"step": 2, "key": "a"}', "line 2: step = 2: must not be below 3"),
     ],
 )
-def test_what_no_session_writes_is_refused(tmp_path: Path, line: str, message: str) -> None:
+def test_damaged_log_is_refused(tmp_path: Path, line: str, message: str) -> None:
     path = tmp_path / "keys.jsonl"
     path.write_text('{"step": 3, "key": "a"}\n' + line + "\n")
     with pytest.raises(KeyLogError) as refused:
@@ -59,7 +59,7 @@ def test_what_no_session_writes_is_refused(tmp_path: Path, line: str, message: s
     assert str(refused.value).startswith(str(path)) and message in str(refused.value)
 
 
-def test_a_missing_log_and_an_unwritable_one_are_named(tmp_path: Path) -> None:
+def test_missing_log_and_unwritable_one_are_named(tmp_path: Path) -> None:
     with pytest.raises(KeyLogError, match=r"none\.jsonl: not readable as a key log: "):
         KeyReplay(tmp_path / "none.jsonl")
     (tmp_path / "file").write_text("")
@@ -67,7 +67,7 @@ def test_a_missing_log_and_an_unwritable_one_are_named(tmp_path: Path) -> None:
         KeyLog(tmp_path / "file" / "keys.jsonl")
 
 
-def test_a_stream_gives_each_key_once_and_in_order() -> None:
+def test_stream_gives_each_key_once_and_in_order() -> None:
     stream = KeyStream()
     for key in "abc":
         stream.put(KeyEvent(key))

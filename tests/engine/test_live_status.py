@@ -63,7 +63,7 @@ def picture(run: Any) -> str:
     return capture.get()
 
 
-def test_it_says_how_the_run_goes() -> None:
+def test_status_shows_the_run() -> None:
     """Forces of soft bodies count as pressing, those of the floor and of other objects do not."""
     shown = picture(session())
     assert "2.50 s at 0.99 x real time" in shown
@@ -82,7 +82,7 @@ def test_pressures_that_differ_are_named() -> None:
 
 
 @pytest.mark.parametrize(("factor", "slow"), [(0.5, True), (0.94, True), (0.96, False), (float("nan"), False)])
-def test_it_says_so_when_it_cannot_keep_up(factor: float, slow: bool) -> None:
+def test_status_shows_when_it_cannot_keep_up(factor: float, slow: bool) -> None:
     run = session()
     run.pace.real_time_factor = factor
     assert ("cannot keep up with 1 x" in picture(run)) == slow
@@ -90,14 +90,14 @@ def test_it_says_so_when_it_cannot_keep_up(factor: float, slow: bool) -> None:
     assert "cannot keep up" not in picture(run)
 
 
-def test_a_pause_and_the_keys_are_shown() -> None:
+def test_pause_and_keys_are_shown() -> None:
     assert "2.50 s, paused" in picture(session(paused=True))
     shown = picture(session(shows_help=True))
     assert "change the pressure" in shown
     assert "[r]" in shown, "not taken for markup"
 
 
-def test_without_cavities_contacts_and_objects_there_is_less_to_say() -> None:
+def test_status_leaves_out_absent_parts() -> None:
     run = session(controller=SimpleNamespace(status=""), recent_keys=deque())
     run.simulation.observe = lambda: SimpleNamespace(truth=SimpleNamespace(pressures={}, normal_forces={}))
     shown = picture(run)
@@ -106,7 +106,7 @@ def test_without_cavities_contacts_and_objects_there_is_less_to_say() -> None:
     assert "lifted" not in picture(run)
 
 
-def test_what_it_says_is_of_the_present_state_also_of_a_run_that_is_started_anew(taichisoft_scene: Scene) -> None:
+def test_status_is_of_the_present_state(taichisoft_scene: Scene) -> None:
     simulation = Simulation(taichisoft_scene)
     run = Session(simulation, KeyboardController())
     simulation.step(Control(pressure={"left.cavity": 2.0, "right.cavity": 2.0}))
@@ -115,7 +115,7 @@ def test_what_it_says_is_of_the_present_state_also_of_a_run_that_is_started_anew
     assert "pressure  0.0 kPa" in picture(run)
 
 
-def test_on_a_terminal_the_status_replaces_itself_and_leaves_the_cursor_visible() -> None:
+def test_status_replaces_itself_on_a_terminal() -> None:
     output = io.StringIO()
     run = session()
     console = Console(file=output, force_terminal=True, width=100, _environ={"TERM": "xterm"})
@@ -129,7 +129,7 @@ def test_on_a_terminal_the_status_replaces_itself_and_leaves_the_cursor_visible(
 
 
 @pytest.mark.parametrize("terminal", ["dumb", None])
-def test_elsewhere_there_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, terminal: str | None) -> None:
+def test_elsewhere_there_is_line_now_and_then(monkeypatch: pytest.MonkeyPatch, terminal: str | None) -> None:
     clock = iter([0.0, 4.9, 5.1, 5.1, 6.0, 11.0, 11.0, 12.0]).__next__
     monkeypatch.setattr(module.time, "monotonic", clock)
     output = io.StringIO()
@@ -146,7 +146,7 @@ def test_elsewhere_there_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch,
     assert lines[0].endswith(" s at 0.99 x real time; 50.0 kPa; cube lifted by 30.0 mm, pressed with 200 mN")
 
 
-def test_elsewhere_the_keys_are_shown_once_for_each_time_that_somebody_asks() -> None:
+def test_help_is_printed_once_for_each_request() -> None:
     output = io.StringIO()
     run = session()
     with live_status(Console(file=output, width=100), run) as update:
@@ -165,7 +165,7 @@ class ClosedTerminal(io.StringIO):
 
 @pytest.mark.parametrize("is_terminal", [True, False])
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_terminal_that_is_gone_does_not_end_the_run(is_terminal: bool) -> None:
+def test_terminal_that_is_gone_does_not_end_run(is_terminal: bool) -> None:
     run = session()
     console = Console(file=ClosedTerminal(), force_terminal=is_terminal, _environ={"TERM": "xterm"})
     with live_status(console, run) as update:

@@ -19,14 +19,14 @@ from taichisoft.running.plugin_commands import FILES, TEMPLATES, check_name, wri
 from taichisoft.running.plugins import Registry
 
 
-def test_new_project_is_a_plugin_at_once(tmp_path: Path, taichisoft_plugins: Registry) -> None:
+def test_new_project_is_plugin_at_once(tmp_path: Path, taichisoft_plugins: Registry) -> None:
     folder = write_project("soft-touch", tmp_path)  # which is there, and empty
     plugins.load_plugin(folder / "soft_touch.py")
     controller = hooks.find("controller", "soft-touch")(force=30.0)
     assert (controller.force, controller.rate) == (30.0, 50.0)
 
 
-def test_controller_of_a_new_project_closes_the_gripper(
+def test_controller_of_new_project_closes_gripper(
     tmp_path: Path, taichisoft_plugins: Registry, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Until the fingers press with 20 mN and then for some steps more, at the pressure that this took."""

@@ -25,7 +25,7 @@ def steps(pace: Pace, clock: Clock, count: int, compute: float, time_step: float
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 3.0])
-def test_fast_steps_are_held_back_to_the_speed(speed: float) -> None:
+def test_fast_steps_are_held_back_to_speed(speed: float) -> None:
     clock = Clock()
     pace = Pace(speed, clock)
     steps(pace, clock, 300, compute=0.001)
@@ -35,7 +35,7 @@ def test_fast_steps_are_held_back_to_the_speed(speed: float) -> None:
     assert pace.keeps_up
 
 
-def test_without_a_speed_nothing_waits() -> None:
+def test_without_speed_nothing_waits() -> None:
     clock = Clock()
     pace = Pace(None, clock)
     steps(pace, clock, 200, compute=0.02)
@@ -53,7 +53,7 @@ def test_slow_steps_do_not_keep_up() -> None:
     assert not pace.keeps_up
 
 
-def test_a_late_run_does_not_hurry_for_long() -> None:
+def test_late_run_does_not_hurry_for_long() -> None:
     """After a step of 5 s at most LONGEST_DELAY seconds are made up for."""
     clock = Clock()
     pace = Pace(1.0, clock)
@@ -63,7 +63,7 @@ def test_a_late_run_does_not_hurry_for_long() -> None:
     assert clock.now - start >= 1.0 - LONGEST_DELAY
 
 
-def test_a_pause_counts_for_nothing() -> None:
+def test_pause_counts_for_nothing() -> None:
     clock = Clock()
     pace = Pace(1.0, clock)
     steps(pace, clock, 100, compute=0.001)
@@ -74,7 +74,7 @@ def test_a_pause_counts_for_nothing() -> None:
     assert pace.mean_real_time_factor == pytest.approx(1.0)
 
 
-def test_the_factor_is_that_of_the_last_second() -> None:
+def test_factor_is_that_of_last_second() -> None:
     clock = Clock()
     pace = Pace(None, clock)
     steps(pace, clock, 100, compute=0.1)

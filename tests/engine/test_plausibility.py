@@ -44,7 +44,7 @@ def rigid(**changes: Any) -> dict[str, Any]:
         ({"density": None, "mass": 8.0}, "finger.mass = 8 kg: makes 0.00104 kg/mm^3 of 7.7e+03 mm^3"),
     ],
 )  # fmt: skip
-def test_what_a_soft_body_cannot_have(block: Callable[..., str], changes: dict[str, Any], line: str) -> None:
+def test_soft_body_with_implausible_numbers(block: Callable[..., str], changes: dict[str, Any], line: str) -> None:
     mesh = block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True)
     assert told(soft(mesh)) == []
     given = {key: value for key, value in soft(mesh, **changes)["soft_bodies"]["finger"].items() if value is not None}
@@ -62,12 +62,12 @@ def test_shut_air_that_no_rubber_holds(block: Callable[..., str]) -> None:
 
 
 @pytest.mark.parametrize(("length", "meant"), [(0.02, "0.02 m are 20 mm"), (0.25, "0.25 m are 250 mm")])
-def test_a_mesh_in_metres(block: Callable[..., str], length: float, meant: str) -> None:
+def test_mesh_in_metres(block: Callable[..., str], length: float, meant: str) -> None:
     (warning,) = told(soft(block((2, 2, 2), (length, 0.5 * length, 0.5 * length))))
     assert f"soft_bodies.finger.mesh: its longest side = {length} mm: soft robots have 1 to 20000; {meant}" in warning
 
 
-def test_a_request_in_another_unit_is_told_once(block: Callable[..., str]) -> None:
+def test_request_in_another_unit_is_told_once(block: Callable[..., str]) -> None:
     """30 kPa and 300 kPa given in Pa, whatever limits hold back; once in all steps and equilibria."""
     anchors = [{"box": [[-11, -11, -11], [11, 11, -9.99]]}]
     mesh, cavities = block((4, 4, 4), (20.0, 20.0, 20.0), hollow=True), {"air": {"group": "cavity"}}
@@ -105,7 +105,7 @@ def test_a_request_in_another_unit_is_told_once(block: Callable[..., str]) -> No
         ({**rigid(), "time": {"duration": 1e7}}, "time.duration = 1e+07 s"),
     ],
 )  # fmt: skip
-def test_what_a_scene_of_rigid_bodies_cannot_have(scene: dict[str, Any], line: str) -> None:
+def test_rigid_scene_with_implausible_numbers(scene: dict[str, Any], line: str) -> None:
     assert told(rigid()) == []
     (warning,) = told(scene)
     assert line in warning
@@ -130,18 +130,18 @@ def test_what_a_scene_of_rigid_bodies_cannot_have(scene: dict[str, Any], line: s
         ),
     ],
 )
-def test_what_is_absurd_is_refused(scene: dict[str, Any], line: str) -> None:
+def test_absurd_numbers_are_refused(scene: dict[str, Any], line: str) -> None:
     with pytest.raises(SceneError) as refused:
         told(scene)
     assert line in str(refused.value)
 
 
-def test_a_flat_plate_has_an_inertia_at_the_limit() -> None:
+def test_flat_plate_has_inertia_at_limit() -> None:
     """Without thickness the largest principal moment is the sum of the others."""
     assert told(rigid(inertia=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]])) == []
 
 
-def test_a_body_of_two_pieces(block: Callable[..., str], tmp_path: Any) -> None:
+def test_body_of_two_pieces(block: Callable[..., str], tmp_path: Any) -> None:
     one = read_volume_mesh(block((1, 1, 1), (10.0, 10.0, 10.0)))
     nodes = np.vstack([one.nodes, one.nodes + np.array([30.0, 0.0, 0.0])])
     elements = np.vstack([one.elements, one.elements + len(one.nodes)])

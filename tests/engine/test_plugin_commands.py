@@ -177,7 +177,7 @@ def test_command_of_no_plugin_is_refused(command: Command, monkeypatch: pytest.M
         assert code == 2 and "No such command 'wave'" in errors
 
 
-def test_help_and_list_show_what_a_plugin_adds(command: Command, tmp_path: Path) -> None:
+def test_help_and_list_show_what_plugin_adds(command: Command, tmp_path: Path) -> None:
     assert "Wave to somebody." in command("--help", "--plugin", "wave.py")[1]
     code, output, errors = command("plugins", "--plugin", "wave.py")
     assert (code, errors) == (0, "")
@@ -249,7 +249,7 @@ def test_failed_controller_leaves_traceback_and_recording(command: Command, tmp_
         ("end()", 'raise ValueError("no light")', "raise SystemExit(0)"),
     ],
 )
-def test_exit_in_a_part_ends_the_run_with_an_error(
+def test_exit_in_part_ends_run_with_error(
     command: Command, tmp_path: Path, place: str, before: str, after: str
 ) -> None:
     import h5py
@@ -287,7 +287,7 @@ def adding(name: str, group: str | None = None) -> Callable[[typer.Typer], None]
     return add
 
 
-def test_commands_of_the_same_name_are_refused(install: Install) -> None:
+def test_commands_of_same_name_are_refused(install: Install) -> None:
     """Both owners are named; the application itself has not changed."""
     own = typer.Typer()
     own.command("run")(lambda: None)
@@ -300,7 +300,7 @@ def test_commands_of_the_same_name_are_refused(install: Install) -> None:
         with_plugin_commands(own)
 
 
-def test_plugins_that_add_the_same_command_are_named(install: Install) -> None:
+def test_plugins_that_add_same_command_are_named(install: Install) -> None:
     install("one", taichisoft_commands=adding("wave"))
     install("two", taichisoft_commands=adding("wave"))
     both = r"^two plug-ins, 'one' \(plugin_one\) and 'two' \(plugin_two\), both add the command 'wave'$"
@@ -354,7 +354,7 @@ def install_shapes(install: Install, names: str = "one two") -> None:
         (["info", "--plugin", "wave.py", "cube.msh"], "shown cube.msh"),
     ],
 )
-def test_groups_of_the_same_name_become_one(
+def test_groups_of_same_name_become_one(
     command: Command, install: Install, names: str, arguments: list[str], output: str
 ) -> None:
     install_shapes(install, names)
@@ -377,7 +377,7 @@ def test_wrong_arguments_of_groups_are_one_line(
     assert command(*arguments) == (2, "", f"taichisoft: {problem}\n")
 
 
-def test_help_of_a_group_shows_default_and_commands(command: Command, install: Install) -> None:
+def test_help_of_group_shows_default_and_commands(command: Command, install: Install) -> None:
     install_shapes(install)
     code, output, _ = command("shape", "--help")
     assert code == 0
@@ -426,13 +426,13 @@ def test_output_without_its_options_needs_its_name(command: Command) -> None:
     assert Path("out", "count").read_text() == "3"
 
 
-def test_option_names_the_controller_if_the_user_does_not(command: Command) -> None:
+def test_option_names_controller_if_user_does_not(command: Command) -> None:
     assert "idle" in command(*COUNTED, "--count")[1]
     assert "idle" not in command(*COUNTED, "--count-from", "1")[1]
     assert "idle" not in command(*COUNTED, *OTHER, "--count")[1]
 
 
-def test_option_without_output_belongs_to_the_reader(command: Command, tmp_path: Path) -> None:
+def test_option_without_output_belongs_to_reader(command: Command, tmp_path: Path) -> None:
     (tmp_path / "one.cube").touch()
     plugin = ("--plugin", "reader.py", "--plugin", "counter.py")
     arguments = ("--duration", "0.01", "--output", "out", *OTHER, "--outputs", "csv", *plugin)
@@ -463,7 +463,7 @@ def test_wrong_option_is_refused(command: Command, tmp_path: Path, options: str,
     assert code == 2 and problem in errors
 
 
-def test_options_of_the_same_name_are_refused(command: Command, tmp_path: Path) -> None:
+def test_options_of_same_name_are_refused(command: Command, tmp_path: Path) -> None:
     other = COUNTER.replace('"counter"', '"other"').replace('"idle"', '"other"')
     (tmp_path / "other.py").write_text(other)
     code, _, errors = command(*COUNTED, *OTHER, "--plugin", "other.py")

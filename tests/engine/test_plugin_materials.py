@@ -54,7 +54,7 @@ material = "house-rubber"
     return path
 
 
-def test_a_body_or_region_may_name_it(taichisoft_plugins, scene_file: Path) -> None:
+def test_body_or_region_may_name_it(taichisoft_plugins, scene_file: Path) -> None:
     """E = 2 (1 + nu) 2 c10 = 359.76 kPa at rest."""
     register_plugin(Materials(**{"house-rubber": RUBBER}))
     bodies = load_scene(scene_file).soft_bodies
@@ -63,7 +63,7 @@ def test_a_body_or_region_may_name_it(taichisoft_plugins, scene_file: Path) -> N
     assert bodies["finger"].material is not None and bodies["finger"].material.highest_stretch == 2.5
 
 
-def test_a_scene_in_tables_may_name_it(taichisoft_plugins) -> None:
+def test_scene_in_tables_may_name_it(taichisoft_plugins) -> None:
     """The caller's tables stay as they are, so that they make a second scene."""
     register_plugin(Materials(**{"house-rubber": RUBBER}))
     tables = {"soft_bodies": {"finger": {"mesh": "tutorial-coarse", "material": "house-rubber"}}}
@@ -72,25 +72,25 @@ def test_a_scene_in_tables_may_name_it(taichisoft_plugins) -> None:
     assert tables["soft_bodies"]["finger"]["material"] == "house-rubber"
 
 
-def test_without_the_plugin_there_is_none(scene_file: Path) -> None:
+def test_without_plugin_there_is_none(scene_file: Path) -> None:
     with pytest.raises(SceneError, match="house-rubber"):
         load_scene(scene_file)
 
 
-def test_what_is_no_table_names_the_plugin(taichisoft_plugins, scene_file: Path) -> None:
+def test_wrong_material_names_the_plugin(taichisoft_plugins, scene_file: Path) -> None:
     register_plugin(Materials(**{"house-rubber": 3.0}))
     with pytest.raises(PluginError, match="must be a mapping with the keys of a material's file"):
         load_scene(scene_file)
 
 
-def test_a_table_that_lacks_a_key_names_it(taichisoft_plugins, scene_file: Path) -> None:
+def test_table_that_lacks_key_names_it(taichisoft_plugins, scene_file: Path) -> None:
     lacking = {key: value for key, value in RUBBER.items() if key != "density"}
     register_plugin(Materials(**{"house-rubber": lacking}))
     with pytest.raises(SceneError, match="density"):
         load_scene(scene_file)
 
 
-def test_it_is_listed(taichisoft_plugins) -> None:
+def test_material_is_listed(taichisoft_plugins) -> None:
     from taichisoft_outputs.material_files import find_material
 
     register_plugin(Materials(**{"house-rubber": RUBBER}))

@@ -112,7 +112,7 @@ def test_names_claimed_twice_are_refused(install: Install, tmp_path: Path) -> No
         plugins.plugin_registry()
 
 
-def test_distribution_that_cannot_be_imported_has_a_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_distribution_that_cannot_be_imported_has_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "entry_points", lambda group: [EntryPoint("lost", "no_such_module", PROJECT)])
     problem = (
         r"^plug-in 'lost' \(no_such_module\) cannot be imported: ModuleNotFoundError: No module named "
@@ -132,7 +132,7 @@ def test_distribution_that_cannot_be_imported_has_a_way_out(monkeypatch: pytest.
         ({" ": object}, r"taichisoft_outputs\(\) gave the name ' '; must be text"),
     ],
 )
-def test_wrong_answer_of_a_hook_names_the_plugin(install: Install, answer: Any, problem: str) -> None:
+def test_wrong_answer_of_hook_names_plugin(install: Install, answer: Any, problem: str) -> None:
     install("one", taichisoft_outputs=lambda: answer)
     with pytest.raises(PluginError, match=rf"^plug-in 'one' \(plugin_one\): {problem}"):
         hooks.find("output", "movie")
@@ -168,7 +168,7 @@ def test_life_cycle_hooks_run_in_order_until_one_fails(install: Install) -> None
         hooks.notify("taichisoft_step_done", session=None, report=None)
 
 
-def test_marks_of_pluggy_change_the_order(install: Install) -> None:
+def test_marks_of_pluggy_change_order(install: Install) -> None:
     calls: list[str] = []
     for name, marks in {"a": {"trylast": True}, "b": {}, "c": {"tryfirst": True}, "d": {}}.items():
         install(name)
@@ -248,7 +248,7 @@ def test_wrong_objects_are_refused_and_leave_nothing(install: Install) -> None:
     assert list(plugins.plugin_registry().origins) == ["Watcher"]
 
 
-def test_class_of_a_file_can_be_pickled(install: Install, tmp_path: Path) -> None:
+def test_class_of_file_can_be_pickled(install: Install, tmp_path: Path) -> None:
     path = write(tmp_path / "my-push.py")
     path.write_text(PUSH + "\nclass Push: pass\n")
     plugins.load_plugin(path)
@@ -265,7 +265,7 @@ def test_class_of_a_file_can_be_pickled(install: Install, tmp_path: Path) -> Non
         ("plain.py", r"^plug-in 'plain' \(.*plain.py\) cannot be registered: it implements no hook"),
     ],
 )
-def test_file_without_a_plugin_is_refused(install: Install, tmp_path: Path, name: str, problem: str) -> None:
+def test_file_without_plugin_is_refused(install: Install, tmp_path: Path, name: str, problem: str) -> None:
     (tmp_path / "notes.txt").touch()
     (tmp_path / "plain.py").touch()
     (tmp_path / "empty").mkdir()
@@ -341,7 +341,7 @@ def test_calls_of_hooks_are_traced_on_request(
     assert capsys.readouterr().err.splitlines() == (lines if is_traced else [])
 
 
-def test_separate_registry_leaves_the_other_as_it_was(install: Install) -> None:
+def test_separate_registry_leaves_other_as_it_was(install: Install) -> None:
     register_plugin(Watcher(), "outer")
     with plugins.separate_registry() as registry:
         register_plugin(Watcher(), "inner")

@@ -20,7 +20,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
     return Simulation(scene_from_dict(scene))
 
 
-def test_the_phases_add_up_to_the_step(simulation: Simulation) -> None:
+def test_phases_add_up_to_step(simulation: Simulation) -> None:
     with profiled(simulation) as profile:
         for _ in range(3):
             simulation.step()
@@ -33,7 +33,7 @@ def test_the_phases_add_up_to_the_step(simulation: Simulation) -> None:
         assert all(0.0 <= python <= time for python, time in zip(profile.in_python[phase], times, strict=True))
 
 
-def test_profiling_leaves_the_motion_and_no_trace(simulation: Simulation) -> None:
+def test_profiling_leaves_motion_and_no_trace(simulation: Simulation) -> None:
     start, launch = simulation.state, Kernel._start
     for _ in range(3):
         simulation.step()
@@ -48,7 +48,7 @@ def test_profiling_leaves_the_motion_and_no_trace(simulation: Simulation) -> Non
     assert "assemble" not in vars(simulation.model.elasticity)
 
 
-def test_a_scene_without_soft_bodies_is_profiled_too() -> None:
+def test_scene_without_soft_bodies_is_profiled_too() -> None:
     simulation = Simulation(scene_from_dict({"rigid_bodies": {"box": {"box": [1, 1, 1], "mass": 1}}}))
     with profiled(simulation) as profile:
         simulation.step()

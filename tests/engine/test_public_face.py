@@ -35,7 +35,7 @@ def test_names_that_load_later_are_shown_at_once() -> None:
     assert shown[1] == "False False"
 
 
-def test_completion_shows_them_and_none_of_the_inner_ones() -> None:
+def test_completion_shows_them_and_none_of_inner_ones() -> None:
     import taichisoft.running.hooks
 
     completer = rlcompleter.Completer({"taichisoft": taichisoft})
@@ -44,7 +44,7 @@ def test_completion_shows_them_and_none_of_the_inner_ones() -> None:
     assert names == {name for name in dir(taichisoft) if not name.startswith("_")}
 
 
-def test_every_name_is_there_also_for_type_checkers() -> None:
+def test_public_names_are_there_for_type_checkers() -> None:
     for name in taichisoft.__all__:
         assert getattr(taichisoft, name) is not None
     declared = {
@@ -56,7 +56,7 @@ def test_every_name_is_there_also_for_type_checkers() -> None:
     assert declared == {(f"taichisoft.{module}", name) for name, module in taichisoft._MODULES.items()}
 
 
-def test_help_waits_for_no_heavy_package_also_with_a_plug_in(tmp_path: Path) -> None:
+def test_help_waits_for_no_heavy_package_also_with_plug_in(tmp_path: Path) -> None:
     (tmp_path / "still.py").write_text(PLUGIN)
     code = (
         "import sys\nfrom taichisoft.command_line import main\n"

@@ -24,18 +24,18 @@ class CloseAndLift(Controller):
         return Control(base_velocity=np.array([0.0, 0.0, 40.0]))
 
 
-def test_the_pads_are_few_tetrahedra_around_closed_cavities(taichisoft_scene: Scene) -> None:
+def test_pads_are_few_tetrahedra_around_closed_cavities(taichisoft_scene: Scene) -> None:
     simulation = Simulation(taichisoft_scene)
     assert simulation.model.node_count == 2 * 16
     assert simulation.observe().volumes == pytest.approx({"left.cavity": 14 * 12 * 12, "right.cavity": 14 * 12 * 12})
 
 
-def test_the_scene_has_a_controller_table_as_scenes_of_users_have(taichisoft_scene: Scene) -> None:
+def test_scene_has_controller_table_as_scenes_of_users_have(taichisoft_scene: Scene) -> None:
     controller = Simulation(taichisoft_scene).model.scene.controller
     assert controller is not None and controller.name == "scripted"
 
 
-def test_the_pads_close_on_the_cube_and_lift_it(taichisoft_scene: Scene) -> None:
+def test_pads_close_on_cube_and_lift_it(taichisoft_scene: Scene) -> None:
     simulation, controller = Simulation(taichisoft_scene), CloseAndLift()
     run(simulation, controller, duration=0.6)
     pressing = [seen.normal_forces.get(("left", "cube"), 0.0) > 0.0 for seen in controller.seen]
@@ -50,6 +50,6 @@ def test_the_pads_close_on_the_cube_and_lift_it(taichisoft_scene: Scene) -> None
     assert simulation.report is not None and simulation.report.converged
 
 
-def test_the_registry_is_the_one_in_use_and_has_the_built_in_plugins(taichisoft_plugins: Registry) -> None:
+def test_registry_is_one_in_use_and_has_built_in_plugins(taichisoft_plugins: Registry) -> None:
     assert plugin_registry() is taichisoft_plugins
     assert {"controllers", "outputs"} <= set(taichisoft_plugins.origins)

@@ -90,7 +90,7 @@ def test_outputs_see_start_steps_and_end(simulation: Simulation) -> None:
         (math.inf, 0.01, math.inf),
     ],
 )
-def test_duration_is_a_whole_number_of_steps(duration: float, step: float, count: int) -> None:
+def test_duration_is_whole_number_of_steps(duration: float, step: float, count: int) -> None:
     assert count_steps(duration, step) == count
 
 
@@ -123,7 +123,7 @@ def test_failed_output_is_named_and_others_end(simulation: Simulation, tmp_path:
     assert len(log.calls) == 4  # begin, two steps, end
 
 
-def test_failure_matters_more_than_a_missed_goal(simulation: Simulation) -> None:
+def test_failure_matters_more_than_missed_goal(simulation: Simulation) -> None:
     missed, broken, last = Log(at_end=GoalMissed("not held")), Log(at_end=OSError("disk full")), Log()
     with (
         pytest.warns(UserWarning, match="^not held$"),
@@ -180,13 +180,13 @@ def test_interrupted_end_leaves_no_output_open(simulation: Simulation) -> None:
     assert second.calls[-1] == "completed"
 
 
-def test_missed_goal_reaches_the_caller(simulation: Simulation) -> None:
+def test_missed_goal_reaches_caller(simulation: Simulation) -> None:
     with pytest.raises(GoalMissed, match=r"^not held$"):
         run(simulation, Rest(), [Log(at_end=GoalMissed("not held"))])
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGINT)])
-def test_signal_waits_until_outputs_have_the_step(simulation: Simulation, number: signal.Signals) -> None:
+def test_signal_waits_until_outputs_have_step(simulation: Simulation, number: signal.Signals) -> None:
     before = signal.getsignal(number)
     first, second = Log(1, lambda: signal.raise_signal(number)), Log()
     assert run(simulation, Rest(), [first, second]) == "interrupted"
@@ -205,7 +205,7 @@ def test_second_signal_does_not_wait(simulation: Simulation) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no hang-up")
-def test_second_hang_up_waits_for_the_step(simulation: Simulation) -> None:
+def test_second_hang_up_waits_for_step(simulation: Simulation) -> None:
     """A terminal that closes sends two: to its programs, and through the shell."""
 
     def twice() -> None:
@@ -307,7 +307,7 @@ def test_controller_must_have_control() -> None:
         Mute()  # type: ignore[abstract]
 
 
-def test_run_is_a_function_of_the_package() -> None:
+def test_run_is_function_of_package() -> None:
     """A module of the same name would take its place on its first import."""
     import taichisoft
 

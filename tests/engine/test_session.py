@@ -86,14 +86,14 @@ def played(simulation: Simulation, folder: Path | None, keys: dict[int, str], **
     return run_session(session, press_at(session, keys)), session
 
 
-def test_keys_reach_the_controller_before_the_step(simulation: Simulation) -> None:
+def test_keys_reach_controller_before_step(simulation: Simulation) -> None:
     outcome, session = played(simulation, None, {2: "+", 4: "++"})
     assert outcome == "completed"
     assert simulation.state.base_translation[0] == 3.0
     assert [event.key for event in session.recent_keys] == ["+", "+", "+"]
 
 
-def test_replay_gives_the_same_bits(block: Callable[..., str], tmp_path: Path) -> None:
+def test_replay_gives_same_bits(block: Callable[..., str], tmp_path: Path) -> None:
     """Pauses, single steps and a new start included."""
     first, second = make_simulation(block), make_simulation(block)
     outcome, session = played(first, tmp_path / "a", {2: "+s", 3: "+_", 5: "+r", 9: "+?", 12: "!"}, duration=np.inf)
@@ -121,7 +121,7 @@ def test_sliders_are_replayed(block: Callable[..., str], tmp_path: Path) -> None
     assert second.state == first.state
 
 
-def test_replay_ends_where_the_run_did(block: Callable[..., str], tmp_path: Path) -> None:
+def test_replay_ends_where_run_did(block: Callable[..., str], tmp_path: Path) -> None:
     first, second = make_simulation(block), make_simulation(block)
     played(first, tmp_path, {3: "+"}, duration=0.07)
     outcome, _ = played(second, None, {}, replay=KeyReplay(tmp_path / "keys.jsonl"))
@@ -129,7 +129,7 @@ def test_replay_ends_where_the_run_did(block: Callable[..., str], tmp_path: Path
     assert second.state == first.state
 
 
-def test_escape_ends_a_run(simulation: Simulation) -> None:
+def test_escape_ends_run(simulation: Simulation) -> None:
     outcome, session = played(simulation, None, {4: "!"}, duration=np.inf)
     assert outcome == "stopped" and session.steps_made == 4
 
@@ -155,7 +155,7 @@ def test_paused_run_makes_single_steps(simulation: Simulation) -> None:
     assert seen == [(k, k in (3, 4)) for k in range(10)]
 
 
-def test_restart_goes_back_to_the_first_state(simulation: Simulation) -> None:
+def test_restart_goes_back_to_first_state(simulation: Simulation) -> None:
     restarts: list[float] = []
 
     class Log(Output):
@@ -171,7 +171,7 @@ def test_restart_goes_back_to_the_first_state(simulation: Simulation) -> None:
     assert simulation.state.base_translation[0] == 0.0
 
 
-def test_controller_is_called_once_a_period(block: Callable[..., str]) -> None:
+def test_controller_is_called_once_period(block: Callable[..., str]) -> None:
     _, session = played(make_simulation(block, period=0.03), None, {})
     assert session.controller.called == [0, 3, 6, 9]
 
@@ -186,7 +186,7 @@ def test_period_between_steps_is_refused(block: Callable[..., str], period: floa
     assert wanted in str(refused.value)
 
 
-def test_slow_controller_ends_the_run(block: Callable[..., str]) -> None:
+def test_slow_controller_ends_run(block: Callable[..., str]) -> None:
     class Slow(Pusher):
         def control(self, observation: Observation) -> Control:
             if observation.step == 3:
@@ -219,7 +219,7 @@ def test_report_has_signals(simulation: Simulation) -> None:
     assert shifts == [0.0] * 2 + [1.0] * 8
 
 
-def test_hooks_see_begin_steps_and_end_of_a_failure(simulation: Simulation) -> None:
+def test_hooks_see_begin_steps_and_end_of_failure(simulation: Simulation) -> None:
     calls: list[Any] = []
 
     class Watch:

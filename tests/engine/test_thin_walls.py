@@ -43,7 +43,7 @@ def test_walls_of_two_cells_are_not() -> None:
     assert share_of_thin_walls(replace(mesh, elements=hollow), inner) == 0.0
 
 
-def test_a_shipped_mesh_of_thin_walls_is_warned_of_once() -> None:
+def test_shipped_mesh_of_thin_walls_is_warned_of_once() -> None:
     """Three fingers share it; the line says how far smoothed elements bend at the body's Poisson's ratio."""
     (line,) = said(load_scene("gripper-dragon-skin"))
     assert line.startswith("soft_bodies.finger1.mesh: walls of one element")
@@ -70,7 +70,7 @@ def test_any_body_of_one_element_is_warned_of(
     assert len(lines) == bool(told) and all(told in line for line in lines)
 
 
-def test_the_volume_that_a_regions_box_has_caught_is_said(caplog: pytest.LogCaptureFixture) -> None:
+def test_volume_that_regions_box_has_caught_is_said(caplog: pytest.LogCaptureFixture) -> None:
     """By the centres of elements: on the coarse mesh a third more than the box has."""
     scene = load_scene("finger-dragon-skin")
     with caplog.at_level(logging.INFO, logger="taichisoft.running"):

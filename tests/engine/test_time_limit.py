@@ -17,7 +17,7 @@ def spin_for_ever() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no interval timers")
-def test_a_call_that_never_returns_is_stopped() -> None:
+def test_call_that_never_returns_is_stopped() -> None:
     before = signal.getsignal(signal.SIGALRM)
     with pytest.raises(TimeLimitExceeded) as exceeded:
         call_within(0.05, spin_for_ever)
@@ -26,19 +26,19 @@ def test_a_call_that_never_returns_is_stopped() -> None:
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_a_call_in_time_gives_its_result() -> None:
+def test_call_in_time_gives_its_result() -> None:
     assert call_within(10.0, divmod, 17, 5) == (3, 2)
     assert call_within(None, divmod, 17, 5) == (3, 2)
     if hasattr(signal, "setitimer"):
         assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_an_error_of_the_call_is_its_own() -> None:
+def test_error_of_call_is_its_own() -> None:
     with pytest.raises(ZeroDivisionError):
         call_within(10.0, divmod, 1, 0)
 
 
-def test_beside_the_main_thread_it_is_seen_when_the_call_returns() -> None:
+def test_beside_main_thread_it_is_seen_when_call_returns() -> None:
     caught: list[BaseException] = []
 
     def call() -> None:

@@ -55,7 +55,7 @@ def beam_frequency(element: str, cells: tuple[int, int, int], step: float = 0.00
     return float((len(exact) - 1) / ((exact[-1] - exact[0]) * step))
 
 
-def test_meshes_have_the_volumes_of_their_bodies() -> None:
+def test_meshes_have_volumes_of_their_bodies() -> None:
     """A box exactly; a sphere and a tube of flat sides a little less, by the square of an angle over an edge."""
     from taichisoft.mesh import tetrahedron_volumes
 
