@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_run import make_run
 
 from taichisoft import Control, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -34,16 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Outputs of a run with one finger on a line and one with regulated air."""
     folder = tmp_path_factory.mktemp("run")
     simulation = Simulation(load_scene(TINY_GRIPPER, AIR))
-    outputs = [RecordingOutput(folder), CsvOutput(folder)]
-    for output in outputs:
-        output.begin(simulation.model, simulation.state)
-    for step in range(STEPS):
-        report = simulation.step(control(step))
-        for output in outputs:
-            output.record(simulation.state, report)
-    for output in outputs:
-        output.end("completed")
-    simulation.state.save(folder / "last.npz")
+    make_run(simulation, [RecordingOutput(folder), CsvOutput(folder)], map(control, range(STEPS)))
     return folder
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_run import make_run
 
 from taichisoft import Control, Simulation
 from taichisoft.scene import scene_from_dict
@@ -36,17 +37,7 @@ def control(step: int) -> Control:
 
 def test_frames_are_recorded_and_go_on_from_every_frame(tmp_path: Path) -> None:
     simulation = Simulation(scene_from_dict(SCENE))
-    outputs = [RecordingOutput(tmp_path, every=4), CsvOutput(tmp_path)]
-    for output in outputs:
-        output.begin(simulation.model, simulation.state)
-    states = [simulation.state]
-    for step in range(STEPS):
-        report = simulation.step(control(step))
-        states.append(simulation.state)
-        for output in outputs:
-            output.record(simulation.state, report)
-    for output in outputs:
-        output.end("completed")
+    states = make_run(simulation, [RecordingOutput(tmp_path, every=4), CsvOutput(tmp_path)], map(control, range(STEPS)))
     with (tmp_path / "run.csv").open(encoding="utf-8") as file:
         last = list(csv.DictReader(file))[-1]
     seen = simulation.observe()

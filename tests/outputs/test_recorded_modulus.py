@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+from tiny_run import make_run
 
 from taichisoft import Control, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -37,12 +38,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
     regions = [f"soft_bodies.left.regions=[{REGION}]", "soft_bodies.right.regions=[]"]
     simulation = Simulation(load_scene(TINY_GRIPPER, regions))
     output = RecordingOutput(tmp_path_factory.mktemp("run"))
-    output.begin(simulation.model, simulation.state)
-    for moduli in CONTROLS:
-        pressure = dict.fromkeys(simulation.model.cavities.names, 5.0)
-        report = simulation.step(Control(pressure=pressure, young_modulus=moduli))
-        output.record(simulation.state, report)
-    output.end("completed")
+    pressure = dict.fromkeys(simulation.model.cavities.names, 5.0)
+    make_run(simulation, [output], [Control(pressure=pressure, young_modulus=moduli) for moduli in CONTROLS])
     with read_recording(output.path) as opened:
         yield opened
 

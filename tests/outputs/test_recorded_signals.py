@@ -6,6 +6,7 @@ from pathlib import Path
 import fake_run
 import numpy as np
 import pytest
+from tiny_run import make_run
 
 from taichisoft import Control, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -20,8 +21,7 @@ SIGNALS = [{"phase": 1.0}, {"phase": 2.0, "$late$ <b>": 7.5}, {}, {"phase": 3.0}
 
 def record(folder: Path, signals: Sequence[Mapping[str, float]]) -> Path:
     """A made-up run with these signals in its steps; one frame each."""
-    output = RecordingOutput(folder)
-    output.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    output = fake_run.begun(RecordingOutput(folder))
     for step, values in enumerate(signals, start=1):
         report = fake_run.fake_report(step)
         report.signals = values
@@ -30,21 +30,18 @@ def record(folder: Path, signals: Sequence[Mapping[str, float]]) -> Path:
     return output.path
 
 
-def test_signals_come_back_also_one_that_comes_late(tmp_path: Path) -> None:
-    """NaN stands where the controller said nothing, and in the frame before the first step."""
-    with read_recording(record(tmp_path, SIGNALS)) as recording:
+@pytest.mark.parametrize("repaired", [False, True])
+def test_signals_come_back_also_one_that_comes_late(tmp_path: Path, repaired: bool) -> None:
+    """NaN stands where the controller gave nothing, and before the first step."""
+    path = record(tmp_path, SIGNALS)
+    if repaired:
+        with read_recording(path) as recording:
+            recording.rescue(path := tmp_path / "new.h5")
+    with read_recording(path) as recording:
         assert recording.signals == ["phase", "$late$ <b>"]
         none = np.nan
         np.testing.assert_array_equal(recording.column("signals")[:, 0], [none, 1.0, 2.0, none, 3.0])
         np.testing.assert_array_equal(recording.column("signals")[:, 1], [none, none, 7.5, none, none])
-
-
-def test_a_repaired_recording_has_the_signals(tmp_path: Path) -> None:
-    with read_recording(record(tmp_path, SIGNALS)) as recording:
-        recording.rescue(tmp_path / "new.h5")
-    with read_recording(tmp_path / "new.h5") as recording:
-        assert recording.signals == ["phase", "$late$ <b>"]
-        assert recording.column("signals")[4, 0] == 3.0
 
 
 def test_plots_have_a_panel_for_each_signal(tmp_path: Path) -> None:
@@ -75,12 +72,7 @@ def test_signals_beyond_the_room_are_named_once(tmp_path: Path) -> None:
 
 
 def test_the_signals_of_a_real_run(tmp_path: Path) -> None:
-    simulation = Simulation(load_scene(TINY_GRIPPER))
-    output = RecordingOutput(tmp_path, every=2)
-    output.begin(simulation.model, simulation.state)
-    for step in range(4):
-        report = simulation.step(Control(signals={"set point": 10.0 * step}))
-        output.record(simulation.state, report)
-    output.end("completed")
-    with read_recording(output.path) as recording:
+    controls = [Control(signals={"set point": 10.0 * step}) for step in range(4)]
+    make_run(Simulation(load_scene(TINY_GRIPPER)), [RecordingOutput(tmp_path, every=2)], controls)
+    with read_recording(tmp_path / "recording.h5") as recording:
         np.testing.assert_array_equal(recording.column("signals")[:, 0], [np.nan, 10.0, 30.0])

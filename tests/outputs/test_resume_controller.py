@@ -113,14 +113,8 @@ def test_a_script_goes_on_in_its_step(script, tmp_path, moment):
 
 def test_a_script_that_has_become_shorter_is_refused(script, tmp_path, capsys):
     (tmp_path / "short.toml").write_text("[[steps]]\npressure = 3.0\nduration = 1.0\n")
-    shorter = (
-        "--set",
-        f"controller.settings.script='{tmp_path / 'short.toml'}'",
-        "--output",
-        tmp_path / "out",
-        "--duration",
-        0.03,
-    )
+    script_set = f"controller.settings.script='{tmp_path / 'short.toml'}'"
+    shorter = ("--set", script_set, "--output", tmp_path / "out", "--duration", 0.03)
     assert taichisoft("resume", script / "recording.h5", "--at", 1.05, *shorter) == 2
     said = capsys.readouterr().err
     assert "short.toml: not the script that the controller followed, which was at steps.2; " in said
@@ -160,13 +154,8 @@ def test_random_numbers_go_on_where_they_were(tmp_path):
 def test_keys_and_sliders_stay_where_they_were(tmp_path):
     """With a limit of the pressure's rate, so that what was asked for is not yet there; and `r` goes back to that."""
     scene = load_scene(TINY_GRIPPER, ["limits.pressure_rate=10.0"])
-    keys = {
-        3: KeyEvent("right.cavity", value=6.0),
-        5: KeyEvent("1"),
-        6: KeyEvent("+"),
-        7: KeyEvent("up"),
-        9: KeyEvent("a"),
-    }
+    keys = {3: KeyEvent("right.cavity", value=6.0)}
+    keys |= {step: KeyEvent(key) for step, key in ((5, "1"), (6, "+"), (7, "up"), (9, "a"))}
     simulation, controller = Simulation(scene), KeyboardController()
     session = Session(simulation, controller, [RecordingOutput(tmp_path)], 0.4)
 
