@@ -4,8 +4,8 @@ Nothing that was written is written again but the outcome, in its own place: a p
 full, costs the record that was begun. The first records have the outcome, what does not change, as the image of an HDF5
 file, and the types of all numbers; then every instant has a record of figures and one of fields.
 
-Every byte of the HDF5 file is under one of HDF5's own checksums: its format 1.10 has them for metadata, `fletcher32` for
-the content of a dataset.
+Every byte of the HDF5 file is under one of HDF5's own checksums: its format 1.10 has them for metadata, and its filter
+`fletcher32` for datasets.
 """
 
 import glob
