@@ -26,7 +26,7 @@ from zlib import crc32
 
 import numpy as np
 
-from taichisoft.base import atomic_file, named_os_errors
+from taichisoft.base import atomic_file, named_os_errors, warn_caller
 from taichisoft_outputs.recording.layout import (
     COUNTS,
     FIELDS,
@@ -335,9 +335,11 @@ def finish(path: Path) -> None:
     with named_os_errors(path, RecordingError), path.open("rb") as file:
         running = RunningRecording(file)
         try:
-            convert(running, path)
+            rescue = convert(running, path)
         finally:
             running.close()
+    if rescue.damage:
+        warn_caller(f"{path}: {len(rescue.whole)} of {rescue.instant_count} instants are whole: {rescue.damage}")
 
 
 @dataclass(frozen=True)
