@@ -63,8 +63,8 @@ class TensionTest:
     """
 
     source: str
-    stretch: "np.ndarray"
-    stress: "np.ndarray"
+    stretch: np.ndarray
+    stress: np.ndarray
 
     def within(self, lowest_strain: float, highest_stretch: float) -> "TensionTest":
         """The points of these strains."""
@@ -87,7 +87,7 @@ class TensionTest:
         return TensionTest(self.source, self.stretch - slack, self.stress)
 
     @property
-    def cautions(self) -> "list[str]":
+    def cautions(self) -> list[str]:
         """Lines on what a fit to all points would mistake: unloading among loading, and slack at the start."""
         lines, back = [], self.stretch < self._highest() - TURNED * (self.stretch.max() - self.stretch.min())
         if back.any() and (self.stretch[1:] > self.stretch[:-1]).any():  # not a table from the end to the start
@@ -104,16 +104,12 @@ class TensionTest:
             )
         return lines
 
-    def _highest(self) -> "np.ndarray":
+    def _highest(self) -> np.ndarray:
         """The largest stretch before each point; 0 before the first."""
-        import numpy as np
-
         return np.concatenate([[0.0], np.maximum.accumulate(self.stretch)[:-1]])
 
     def _strain_without_stress(self) -> float:
         """Where a parabola through the first part of the first loading has no stress [-]; 0 where points scatter."""
-        import numpy as np
-
         test, found = self.first_loading(), []
         for end in BEGIN:
             begins = test.stretch <= end
@@ -222,9 +218,7 @@ def _scale(name: str, units: Mapping[str, float], where: str) -> float:
     return units[found[0]]
 
 
-def _rows(path: Path, lines: list[str], first: int, separator: str, columns: tuple[int, int]) -> "np.ndarray":
-    import numpy as np  # which `taichisoft materials` need not wait for
-
+def _rows(path: Path, lines: list[str], first: int, separator: str, columns: tuple[int, int]) -> np.ndarray:
     read = list(enumerate(csv.reader(lines[first:], delimiter=separator), start=first + 1))
     cells = [row[column] for _, row in read for column in columns if column < len(row)]
     comma = _has_decimal_commas(cells)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from blocks import make_block
 from PIL import Image
+from tiny_run import make_run
 
 from taichisoft import Simulation, VolumeMesh, write_volume_mesh
 from taichisoft.mechanics import SurfaceKind, body_surfaces
@@ -60,9 +61,7 @@ def test_slab_and_tube_move_with_the_elements(simulation: Simulation, tmp_path: 
         vertices = surface.vertices(at_rest)
         assert enclosed_volume(vertices, surface.triangles) == pytest.approx(volumes[surface.kind])
         assert surface.vertices(state) == pytest.approx(vertices @ SHEAR.T)
-    output = RecordingOutput(tmp_path)
-    output.begin(model, state)
-    output.end("completed")
+    make_run(simulation, [RecordingOutput(tmp_path)], [])
     style = Style(size=(160, 90), view="top", axes=False, caption=False)
     (path,) = render_pictures(tmp_path / "recording.h5", {"end": 0.0}, tmp_path, style)
     red, _, blue = np.asarray(Image.open(path).convert("RGB"), dtype=int).transpose(2, 0, 1)

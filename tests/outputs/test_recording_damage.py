@@ -94,6 +94,17 @@ def test_repair_keeps_every_whole_instant(recorded: Path, killed: Path, tmp_path
             fake_run.check_instant(recording, number, step)
 
 
+def test_damage_of_a_running_file_is_told_at_its_end(tmp_path: Path) -> None:
+    writer = fake_run.begun(RecordingOutput(tmp_path), range(1, 30))
+    with writer.path.open("r+b") as file:
+        file.seek(writer.path.read_bytes().index(fake_run.fake_state(20).velocity.tobytes()))
+        file.write(b"damage")
+    with pytest.warns(UserWarning, match=r"29 of 30 instants are whole: instant 20: fields of instant 20 are not what"):
+        writer.end("completed")
+    with read_recording(writer.path) as recording:
+        assert recording.outcome == "repaired: 29 of 30 instants were whole" and 20 not in recording.column("step")
+
+
 def _place_of_positions(path: Path) -> int:
     import h5py
 

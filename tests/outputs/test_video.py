@@ -29,7 +29,7 @@ from taichisoft_outputs.recording.reader import recorded_fingertips, tip_state
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import drawn_outputs, side_by_side, video
 from taichisoft_outputs.rendering import video as rendering
-from taichisoft_outputs.rendering.drawn_outputs import VideoOutput
+from taichisoft_outputs.rendering.drawn_outputs import PicturesOutput, VideoOutput
 from taichisoft_outputs.rendering.side_by_side import pictures_side_by_side, video_side_by_side
 from taichisoft_outputs.rendering.video import RenderError, shown_instants
 
@@ -324,13 +324,14 @@ def test_video_output_that_cannot_draw_keeps_the_recording(tmp_path, worker) -> 
     assert video.summary() == {}
 
 
-def test_whoever_stops_the_drawing_still_has_the_run(tmp_path, monkeypatch) -> None:
+@pytest.mark.parametrize(("output", "name"), [(VideoOutput, "video"), (PicturesOutput, "pictures")])
+def test_an_interrupted_drawing_leaves_the_run(tmp_path, monkeypatch, output, name) -> None:
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(drawn_outputs, "render_video", stop)
-    with pytest.raises(RenderError, match=r"no video: interrupted; `taichisoft render .*recording\.h5` draws"):
-        fake_run.fake_run([RecordingOutput(tmp_path), VideoOutput(tmp_path)], steps=2)
+    monkeypatch.setattr(drawn_outputs, f"render_{name}", stop)
+    with pytest.raises(RenderError, match=rf"no {name}: interrupted; `taichisoft render .*recording\.h5` draws later"):
+        fake_run.fake_run([RecordingOutput(tmp_path), output(tmp_path)], steps=2)
 
 
 # The command render.
@@ -340,12 +341,6 @@ def test_whoever_stops_the_drawing_still_has_the_run(tmp_path, monkeypatch) -> N
 def short_run(tmp_path: Path) -> Path:
     fake_run.fake_run([RecordingOutput(tmp_path)], steps=10, floor=True)
     return tmp_path / "recording.h5"
-
-
-@pytest.fixture
-def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Frames of one colour, their index."""
-    fake_worker.stand_in(monkeypatch, tmp_path / "started")
 
 
 def render(*arguments: Any) -> Any:
@@ -363,15 +358,15 @@ def test_it_draws_a_moment_with_a_floor_in_the_size_asked_for(short_run: Path, t
     assert np.ptp(picture) > 100
 
 
-@pytest.mark.usefixtures("fake")
-def test_render_draws_the_key_moments(short_run: Path, tmp_path: Path) -> None:
+def test_render_draws_the_key_moments(short_run: Path, tmp_path: Path, worker) -> None:
+    worker()
     answer = render(short_run, "--size", "32x16")
     assert answer.output.split() == [str(tmp_path / f"{name}.png") for name in ("before", "grasped", "lifted")]
     assert [np.asarray(Image.open(path)).mean() for path in answer.output.split()] == [0, 5, 10]
 
 
-@pytest.mark.usefixtures("fake")
-def test_a_video_alone_or_with_pictures(short_run: Path, tmp_path: Path) -> None:
+def test_a_video_alone_or_with_pictures(short_run: Path, tmp_path: Path, worker) -> None:
+    worker()
     answer = render(
         short_run, "--size", "32x16", "--video", tmp_path / "new" / "run.gif", "--fps", 10, "--slow-motion", 2
     )
@@ -384,8 +379,8 @@ def test_a_video_alone_or_with_pictures(short_run: Path, tmp_path: Path) -> None
     assert len(list(tmp_path.glob("*.png"))) == 3
 
 
-@pytest.mark.usefixtures("fake")
-def test_each_of_several_views_has_its_own_files(short_run: Path, tmp_path: Path) -> None:
+def test_each_of_several_views_has_its_own_files(short_run: Path, tmp_path: Path, worker) -> None:
+    worker()
     views = ["--view", "iso", "--view", "follow:cube"]
     answer = render(short_run, *views, "--time", 0.1, "--size", "32x16", "--video", tmp_path / "run.gif")
     assert answer.exit_code == 0, answer.output

@@ -1,6 +1,6 @@
 """A real run of the tiny gripper for the tests of what is made of recordings; it takes a few moments."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import typer
 from click.testing import Result
 from typer.testing import CliRunner
 
-from taichisoft import Control, Observation, Simulation, load_scene
+from taichisoft import Control, Observation, Simulation, State, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import taichisoft_commands
 from taichisoft_outputs.recording.recording_output import RecordingOutput
@@ -59,6 +59,21 @@ def tiny_run(
     for output in outputs:
         output.end("completed")
     return observed
+
+
+def make_run(simulation: Simulation, outputs: Sequence[Any], controls: Iterable[Control]) -> list[State]:
+    """Take a simulation and its outputs through a run, and return all its states."""
+    states = [simulation.state]
+    for output in outputs:
+        output.begin(simulation.model, states[0])
+    for control in controls:
+        report = simulation.step(control)
+        states.append(simulation.state)
+        for output in outputs:
+            output.record(states[-1], report)
+    for output in outputs:
+        output.end("completed")
+    return states
 
 
 def command(*arguments: object) -> Result:

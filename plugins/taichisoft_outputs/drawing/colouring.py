@@ -16,14 +16,13 @@ from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Stretches, embed,
 from taichisoft.mesh import MappedSurface, linear_parts, read_surface
 from taichisoft.scene import red_green_blue
 from taichisoft_outputs.drawing.painting import (
-    AIR,
     LINE,
     SOFT,
     ColourScale,
     LineTube,
+    effort_scale,
     round_up,
     sample_instants,
-    scale_of,
 )
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.bodies import RecordedSoftBody, RecordedSurface
@@ -138,8 +137,8 @@ class Colouring:
     @property
     def ranges(self) -> dict[str, tuple[float, float, float]]:
         """Lowest and highest value of each scale, and the highest that was shown, by its title."""
-        scales = [*((self.values_scale,) if self.values_scale is not None else ()), *self._effort_scales.values()]
-        return {scale.title: (scale.low, scale.high, scale.highest) for scale in scales}
+        scales = [self.values_scale, *self._effort_scales.values()]
+        return {scale.title: (scale.low, scale.high, scale.highest) for scale in scales if scale is not None}
 
     @property
     def unlit(self) -> dict[str, bool]:
@@ -255,10 +254,9 @@ def _effort_scale(recording: Recording, kind: ActuatorKind, instants: np.ndarray
     """The scale of the efforts of a kind; None where it has no actuators, or no effort but zero."""
     if not recording.actuators.names_of(kind):
         return None
-    title = f"{kind.effort.words} [{kind.effort.unit}]"
     if kind.drawn == "walls":
-        return scale_of(title, recording.column(kind.effort.name)[instants], AIR)
-    return scale_of(title, np.concatenate(recording.segment_efforts(kind, instants), axis=1), LINE)
+        return effort_scale(kind, recording.column(kind.effort.name)[instants])
+    return effort_scale(kind, np.concatenate(recording.segment_efforts(kind, instants), axis=1))
 
 
 def _seen_through(scale: ColourScale, opacity: float) -> ColourScale:

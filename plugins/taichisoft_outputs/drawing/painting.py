@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.mechanics import ACTUATOR_KINDS
+from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind
 from taichisoft.mesh import SectionPlane
 from taichisoft_outputs.drawing.camera import PictureCamera, project, radius_around_mean, scene_axes
 from taichisoft_outputs.drawing.style import SMALLEST_LETTERS
@@ -305,6 +305,11 @@ def scale_of(title: str, values: np.ndarray, steps: Sequence[tuple[float, float,
         return None
     ends = [round_up(abs(end)) * np.sign(end) if end else 0.0 for end in (lowest, highest)]
     return ColourScale(title, float(ends[0]), float(ends[1]), steps)
+
+
+def effort_scale(kind: ActuatorKind, values: np.ndarray) -> ColourScale | None:
+    """A scale for efforts of a kind of actuators, such as pressures."""
+    return scale_of(f"{kind.effort.words} [{kind.effort.unit}]", values, AIR if kind.drawn == "walls" else LINE)
 
 
 def round_down(value: float) -> float:

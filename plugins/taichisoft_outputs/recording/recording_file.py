@@ -4,8 +4,8 @@ Nothing that was written is written again but the outcome, in its own place: a p
 full, costs the record that was begun. The first records have the outcome, what does not change, as the image of an HDF5
 file, and the types of all numbers; then every instant has a record of figures and one of fields.
 
-Every byte of the HDF5 file is under one of HDF5's own checksums: its newest format has them for metadata, `fletcher32`
-for the content of a dataset.
+Every byte of the HDF5 file is under one of HDF5's own checksums: its format 1.10 has them for metadata, and its filter
+`fletcher32` for datasets.
 """
 
 import glob
@@ -26,7 +26,7 @@ from zlib import crc32
 
 import numpy as np
 
-from taichisoft.base import atomic_file, named_os_errors
+from taichisoft.base import atomic_file, named_os_errors, warn_caller
 from taichisoft_outputs.recording.layout import (
     COUNTS,
     FIELDS,
@@ -271,6 +271,8 @@ class RunningRecording:
 
 # The file of a recording whose run has ended: plain HDF5.
 
+FORMAT = ("v110", "v110")
+"""The oldest of HDF5's formats with checksums of all metadata, which HDF5 1.10 and later read."""
 END_OF_FILE = struct.Struct("<28xQ")
 """Where an HDF5 file has its length."""
 INSTANTS_PER_CHUNK = 20
@@ -323,7 +325,7 @@ def constants_image(describe: Callable[[Any], None]) -> bytes:
     import h5py
 
     image = io.BytesIO()  # an image of the core driver has a wrong checksum before HDF5 2
-    with h5py.File(image, "w", libver="latest") as file:
+    with h5py.File(image, "w", libver=FORMAT) as file:
         describe(file)
     return image.getvalue()
 
@@ -333,9 +335,11 @@ def finish(path: Path) -> None:
     with named_os_errors(path, RecordingError), path.open("rb") as file:
         running = RunningRecording(file)
         try:
-            convert(running, path)
+            rescue = convert(running, path)
         finally:
             running.close()
+    if rescue.damage:
+        warn_caller(f"{path}: {len(rescue.whole)} of {rescue.instant_count} instants are whole: {rescue.damage}")
 
 
 @dataclass(frozen=True)
@@ -361,7 +365,7 @@ def convert(source: "RunningRecording | FinishedRecording", path: Path) -> Rescu
     with atomic_file(path, RecordingError) as begun:
         # HDF5 crashes the process when a write fails: a full disk has to show before.
         _reserve(begun, capacity)
-        with h5py.File(begun, "w", libver="latest", locking=False) as file:
+        with h5py.File(begun, "w", libver=FORMAT, locking=False) as file:
             _reserve(begun, capacity)
             for name in source.constants:
                 if name not in ("steps", *COUNTS):

@@ -22,14 +22,13 @@ from taichisoft.scene import red_green_blue
 from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera, fit_camera, radius_around_mean
 from taichisoft_outputs.drawing.colouring import body_colours
 from taichisoft_outputs.drawing.painting import (
-    AIR,
     BODY_AXIS,
     LINE,
     ColourScale,
     arrow_colour,
     as_bytes,
+    effort_scale,
     key_light,
-    scale_of,
     split_creases,
 )
 from taichisoft_outputs.drawing.stage import square_of_plane
@@ -192,9 +191,7 @@ class Scales:
         for name, values in efforts.items():
             kind, reach = kind_called(name), _ends(self._reach.get(name, np.zeros(2)), values)
             self._reach[name] = reach
-            colours = AIR if kind.drawn == "walls" else LINE
-            scale = scale_of(f"{kind.effort.words} [{kind.effort.unit}]", reach, colours)
-            if scale is not None:
+            if (scale := effort_scale(kind, reach)) is not None:
                 self.efforts[name] = scale
         self.force = max(self.force, float(force))
         return before != (self.efforts, self.force)
