@@ -194,7 +194,7 @@ EVERYWHERE = ON_PAGE | In.FINAL
 
 FIGURES: tuple[Figure, ...] = (
     *(_of_actuators(kind, figure) for kind in ACTUATOR_KINDS for figure in kind.measured),
-    Figure("tip_position", "mm", FINGERS, recorded=In.CSV | In.FINAL, axes="xyz"),
+    Figure("tip_position", "mm", FINGERS, recorded=In.CSV | In.FINAL, reach=200.0, axes="xyz"),
     Figure(
         "bending_angle",
         "degrees",
@@ -207,7 +207,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "tip_speed", "mm/s", FINGERS, "speed of the fastest fingertip", of=lambda seen: _lengths(seen.tip_velocities)
     ),
-    Figure("tip_velocity", "mm/s", FINGERS, axes="xyz"),
+    Figure("tip_velocity", "mm/s", FINGERS, reach=1e3, axes="xyz"),
     Figure("base_translation", "mm", BASE, "distance of the base from its rest", recorded=In.CSV),
     Figure("base_rotation", "degrees", BASE, "angle of the base's turn", recorded=In.CSV),
     Figure("base_force", "mN", BASE, "force on the base, its amount", recorded=In.CSV),
@@ -228,7 +228,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "speed", "mm/s", OBJECTS, "speed of the object's centre of mass", of=lambda o: _lengths(o.object_velocities)
     ),
-    Figure("object_velocity", "mm/s", OBJECTS, axes="xyz"),
+    Figure("object_velocity", "mm/s", OBJECTS, reach=1e3, axes="xyz"),
     Figure("tactile", "mN", TACTILE_ARRAYS, field="tactile"),
     Figure("contact_count", "1", PAIRS, "number of pressing contacts", "sum"),
     Figure("normal_force", "mN", PAIRS, "sum of the normal forces", "sum", EVERYWHERE, "normal force [mN]", 5e3),
