@@ -226,7 +226,12 @@ FIGURES: tuple[Figure, ...] = (
         "lift", "mm", OBJECTS, "height of the object over its height at the start", recorded=In.CSV, in_model=_lifts
     ),
     Figure(
-        "speed", "mm/s", OBJECTS, "speed of the object's centre of mass", of=lambda o: _lengths(o.object_velocities)
+        "speed",
+        "mm/s",
+        OBJECTS,
+        "speed of the object's centre of mass",
+        of=lambda seen: _lengths(seen.object_velocities),
+        field="object_speeds",
     ),
     Figure("object_velocity", "mm/s", OBJECTS, reach=1e3, axes="xyz"),
     Figure("tactile", "mN", TACTILE_ARRAYS, field="tactile"),
