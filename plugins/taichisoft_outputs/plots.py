@@ -13,9 +13,9 @@ from taichisoft.base import require
 from taichisoft.control import FIGURES, Figure, text_of
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
-from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.layout import OF_PAIRS
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
+from taichisoft_outputs.run_figures import last_at_rest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from taichisoft import Model, Output, State, StepReport
 from taichisoft.mechanics import ACTUATOR_KINDS
-from taichisoft_outputs.motion_figures import Slipping
+from taichisoft_outputs.run_figures import Slipping
 from taichisoft_reduction.body_shapes import relative_motions
 from taichisoft_reduction.run_request import RunResult
 

@@ -13,10 +13,10 @@ from taichisoft.errors import StateError, TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, State, body_surfaces
 from taichisoft.running import Simulation
 from taichisoft.scene import scene_from_toml
-from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.layout import RecordingError, group_of
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.recording.recording_file import RunningFile, constants_image, finish
+from taichisoft_outputs.run_figures import last_at_rest
 
 # Rescuing the whole frames of a damaged recording; that of a killed run becomes an HDF5 file.
 

@@ -27,8 +27,8 @@ from taichisoft.base import (
 )
 from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.drawing.style import FPS, Style
-from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.run_figures import last_at_rest
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
 # Frames and pictures of a recording, drawn in a worker process that can neither hang nor crash the caller.
