@@ -1,11 +1,11 @@
 """Quantities by name, of which the observations of environments consist."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from taichisoft.control import BASE, FIGURES, PAIRS, Figure, Observation
+from taichisoft.control import BASE, FIGURES, OBJECTS, PAIRS, Figure, Observation
 from taichisoft.errors import SceneError, nearest
 from taichisoft_gym.actuation import AXES, Travel
 from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
@@ -18,10 +18,16 @@ Quantity = str | Callable[[Any], ChannelGroup]
 
 
 def _of_figure(env: Any, figure: Figure, name: str, highest: float | None = None) -> ChannelGroup:
-    """A figure of each finger, on the object if it is one of pairs; of each actuator; or of the base, in its axes."""
+    """A figure of each finger, on the object if it is one of pairs, or of each actuator.
+
+    A vector of the first finger or of the object has the directions right, front and up, one of the base its axes.
+    """
     reach, unit = figure.reach if highest is None else highest, "rad" if figure.unit == "degrees" else figure.unit
     if figure.per is BASE:
         return ChannelGroup(symmetric(name, unit, reach, figure.axes), lambda seen: figure.values(seen)[""])
+    if figure.axes:
+        owner = env.object if figure.per is OBJECTS else env.finger
+        return ChannelGroup(symmetric(name, unit, reach, AXES), lambda seen: env.axes @ figure.values(seen)[owner])
     kind = figure.per.kind
     names: Sequence[str] = env.fingers if kind is None else tuple(env.scene.actuators(kind.plural))
     channels = tuple(Channel(f"{name} {one}", unit, 0.0 if kind is None else -reach, reach) for one in names)
@@ -33,22 +39,6 @@ def _of_figure(env: Any, figure: Figure, name: str, highest: float | None = None
         return [values.get(key, away) for key in keys]
 
     return ChannelGroup(channels, read)
-
-
-def _vector(
-    name: str,
-    unit: str,
-    reach: float,
-    whose: Callable[[Any], str],
-    of: Callable[[Observation], Mapping[str, np.ndarray]],
-) -> Callable[[Any], ChannelGroup]:
-    """A vector of one thing, to the right, to the front and up."""
-
-    def make(env: Any) -> ChannelGroup:
-        owner = whose(env)
-        return ChannelGroup(symmetric(name, unit, reach, AXES), lambda seen: env.axes @ of(seen)[owner])
-
-    return make
 
 
 def _tactile(env: Any) -> ChannelGroup:
@@ -92,6 +82,7 @@ OTHER_NAMES = {
     "base_force_in_base": "wrist force",
     "base_torque_in_base": "wrist torque",
     "normal_force": "contact force",
+    "tip_position": "tip",
     "peak_pressure": "contact pressure",
     "slip_speed": "slip",
 }
@@ -99,14 +90,9 @@ OTHER_NAMES = {
 OF_FIGURES = {OTHER_NAMES.get(one.name, one.name.replace("_", " ")): one for one in FIGURES if one.reach}
 QUANTITIES: dict[str, Callable[[Any], ChannelGroup]] = {
     "actuators": lambda env: ChannelGroup(env.actuation.actuator_channels, env.actuation.read),
-    "tip": _vector("tip", "mm", 200.0, lambda env: env.finger, lambda seen: seen.tip_positions),
-    "tip velocity": _vector("tip velocity", "mm/s", 1e3, lambda env: env.finger, lambda seen: seen.tip_velocities),
     "base": _of_base,
     "joints": _joints,
     "object": lambda env: ChannelGroup(symmetric("object", "mm", 200.0, AXES), env.way_of_object),
-    "object velocity": _vector(
-        "object velocity", "mm/s", 1e3, lambda env: env.object, lambda seen: seen.object_velocities
-    ),
     "tactile": _tactile,
     "way to the target": _way_to_goal,
 }

@@ -15,8 +15,7 @@ from taichisoft.errors import GoalMissed
 from taichisoft.mechanics import Stretches, spread
 from taichisoft.running import Output, TrainingRange
 from taichisoft.scene import Goal
-from taichisoft_outputs.motion_figures import Slipping
-from taichisoft_outputs.run_figures import LiftFigures, StepFigures
+from taichisoft_outputs.run_figures import LiftFigures, Slipping, StepFigures
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model

@@ -13,9 +13,9 @@ from taichisoft.base import require
 from taichisoft.control import FIGURES, Figure, text_of
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
-from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.layout import OF_PAIRS
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
+from taichisoft_outputs.run_figures import last_at_rest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -306,22 +306,20 @@ def _of_actuators(figure: Figure, run: RunCurves) -> Panel:
     return run.over_time(figure.drawn, values, names, [name.partition(".")[0] for name in names])
 
 
+def _over_tips(run: RunCurves, y_axis: str, values: np.ndarray) -> Panel:
+    """A panel of values of the tips, shape (count, finger_count)."""
+    names, times, _, _ = run.tips
+    curves = [PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, values.T, strict=True)]
+    return Panel(TIME_AXIS, y_axis, curves)
+
+
 def bending(run: RunCurves) -> Panel:
     """Angles by which the tips have turned against the base."""
-    names, times, _, angles = run.tips
-    curves = [
-        PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, np.degrees(angles).T, strict=True)
-    ]
-    return Panel(TIME_AXIS, "bending angle [degrees]", curves)
+    return _over_tips(run, "bending angle [degrees]", np.degrees(run.tips[3]))
 
 
 def _tip(axis: int, run: RunCurves) -> Panel:
-    """A coordinate of the tips in the world."""
-    names, times, positions, _ = run.tips
-    curves = [
-        PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, positions[..., axis].T, strict=True)
-    ]
-    return Panel(TIME_AXIS, f"{'xyz'[axis]} of the tip [mm]", curves)
+    return _over_tips(run, f"{'xyz'[axis]} of the tip [mm]", run.tips[2][..., axis])
 
 
 def against(x: Panel, y: Panel) -> Panel:

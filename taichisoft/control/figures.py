@@ -70,6 +70,7 @@ BASE = Subject("x, y or z", lambda model: ("",), axes="xyz")
 FRAMES = Subject("frame", lambda model: list(model.scene.frames), axes="xyz")
 HINGES = Subject("frame", _hinges)
 OBJECTS = Subject("rigid body", lambda model: model.scene.objects)
+TACTILE_ARRAYS = Subject("tactile array", lambda model: list(model.scene.tactile_arrays))
 PAIRS = Subject("pair of bodies", _pairs_with_objects, " of the soft bodies on the object")
 
 
@@ -102,7 +103,7 @@ class Figure:
         reach: largest value of a channel of an environment [unit of the observation]; 0 where none can have it.
         of: its values in an observation; the attribute `field` unless given.
         axes: "xyz" for vectors.
-        field: attribute of an observation, also for rollouts; the name with an "s" unless given, of the base without.
+        field: attribute of an observation, also for rollouts; the name in the plural unless given, but of the base.
         factor: factor on the value in plots.
         digits: digits after the point in captions; tables have one more.
         in_model: makes `of` for a model, for what depends on it as well.
@@ -125,7 +126,8 @@ class Figure:
 
     def __post_init__(self) -> None:
         """Fill in what follows from the name and from what it is of."""
-        field = self.field or (self.name if self.per is BASE else f"{self.name}s")
+        plural = f"{self.name[:-1]}ies" if self.name.endswith("y") else f"{self.name}s"
+        field = self.field or (self.name if self.per is BASE else plural)
         object.__setattr__(self, "field", field)
         object.__setattr__(self, "axes", self.axes or self.per.axes)
 
@@ -192,7 +194,7 @@ EVERYWHERE = ON_PAGE | In.FINAL
 
 FIGURES: tuple[Figure, ...] = (
     *(_of_actuators(kind, figure) for kind in ACTUATOR_KINDS for figure in kind.measured),
-    Figure("tip_position", "mm", FINGERS, recorded=In.CSV | In.FINAL, axes="xyz"),
+    Figure("tip_position", "mm", FINGERS, recorded=In.CSV | In.FINAL, reach=200.0, axes="xyz"),
     Figure(
         "bending_angle",
         "degrees",
@@ -205,6 +207,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "tip_speed", "mm/s", FINGERS, "speed of the fastest fingertip", of=lambda seen: _lengths(seen.tip_velocities)
     ),
+    Figure("tip_velocity", "mm/s", FINGERS, reach=1e3, axes="xyz"),
     Figure("base_translation", "mm", BASE, "distance of the base from its rest", recorded=In.CSV),
     Figure("base_rotation", "degrees", BASE, "angle of the base's turn", recorded=In.CSV),
     Figure("base_force", "mN", BASE, "force on the base, its amount", recorded=In.CSV),
@@ -223,8 +226,15 @@ FIGURES: tuple[Figure, ...] = (
         "lift", "mm", OBJECTS, "height of the object over its height at the start", recorded=In.CSV, in_model=_lifts
     ),
     Figure(
-        "speed", "mm/s", OBJECTS, "speed of the object's centre of mass", of=lambda o: _lengths(o.object_velocities)
+        "speed",
+        "mm/s",
+        OBJECTS,
+        "speed of the object's centre of mass",
+        of=lambda seen: _lengths(seen.object_velocities),
+        field="object_speeds",
     ),
+    Figure("object_velocity", "mm/s", OBJECTS, reach=1e3, axes="xyz"),
+    Figure("tactile", "mN", TACTILE_ARRAYS, field="tactile"),
     Figure("contact_count", "1", PAIRS, "number of pressing contacts", "sum"),
     Figure("normal_force", "mN", PAIRS, "sum of the normal forces", "sum", EVERYWHERE, "normal force [mN]", 5e3),
     Figure("friction_force", "mN", PAIRS, "sum of the amounts of friction", "sum", LISTED, "friction force [mN]", 5e3),
@@ -235,3 +245,4 @@ FIGURES: tuple[Figure, ...] = (
     Figure("peak_pressure_error", "kPa", PAIRS, recorded=In.CSV),
 )
 """All figures, in the order of columns and plots. An observation has each, by its `field`, but for those of a model."""
+BY_NAME = {figure.name: figure for figure in FIGURES}

@@ -12,7 +12,7 @@ import numpy as np
 from taichisoft.base.rotations import rotation_from_vector
 from taichisoft.contact.model import Model
 from taichisoft.control.contact_patches import ContactPatches
-from taichisoft.control.figures import Pair
+from taichisoft.control.figures import BASE, BY_NAME, Figure, Pair
 from taichisoft.control.kernels.tip_motion import observe_tips
 from taichisoft.control.observation import LazyValues, Observation
 from taichisoft.control.requests import clipped, observed_frames
@@ -147,9 +147,16 @@ def _by_pair(names: list[Pair], rows: np.ndarray, start: np.ndarray) -> dict[Pai
 # random numbers: as easy as 1, 2, 3), whose counter is the number of the sample: what a sensor remembers are its
 # samples, and a state that holds these goes on with the same bits.
 
-PLURALS = {"air_mass": "air_masses", "tactile": "tactile"}
 IN_BASE = {"base_force": "base_force_in_base", "base_torque": "base_torque_in_base"}
-"""Fields that follow from the measured one: a wrist sensor turns with the base."""
+"""A wrist sensor turns with the base; what it shows in world axes follows."""
+MEASURED = {
+    **IN_BASE,
+    "cable_pull": "pull",
+    "cable_tension": "tension",
+    "object_position": "position",
+    "valve_opening": "valve",
+}
+"""Figures by the names of their sensors, where these differ."""
 
 
 class SensorChain:
@@ -209,12 +216,12 @@ class Sensors:
     def __init__(self, scene: Scene):
         """Lay out the memory."""
         self._size = memory_size(scene)
-        self._chains: list[tuple[str, list[Any], np.ndarray, SensorChain]] = []
+        self._chains: list[tuple[str, Figure, list[Any], np.ndarray, SensorChain]] = []
         for name, settings in scene.sensors.items():
             sizes = sensed_sizes(scene, name)
             chain = SensorChain(settings, scene.time.step, sum(sizes), name)
-            quantity = name if name.startswith("base_") else PLURALS.get(name, f"{name}s")
-            self._chains.append((quantity, sensed_names(scene, name), np.cumsum(sizes)[:-1], chain))
+            figure = BY_NAME[MEASURED.get(name, name)]
+            self._chains.append((name, figure, sensed_names(scene, name), np.cumsum(sizes)[:-1], chain))
 
     def begin(self, memory: np.ndarray, truth: Observation) -> np.ndarray:
         """The memory with samples of a first observation; unchanged where it has those of these sensors already."""
@@ -223,8 +230,7 @@ class Sensors:
         memory = memory if len(memory) == self._size else np.zeros(self._size)
         seed = int(memory[0])
         parts = [
-            chain.begin(_values(truth, quantity, names, chain.shape[1]), truth.step, seed)
-            for quantity, names, _, chain in self._chains
+            chain.begin(_values(truth, figure, names), truth.step, seed) for _, figure, names, _, chain in self._chains
         ]
         return np.concatenate([[memory[0], 1.0], *(part.ravel() for part in parts)])
 
@@ -232,27 +238,26 @@ class Sensors:
         """The memory after a step that led to an exact observation."""
         seed = int(memory[0])
         parts = [
-            chain.after(samples, _values(truth, quantity, names, chain.shape[1]), truth.step, seed)
-            for (quantity, names, _, chain), samples in zip(self._chains, self._split(memory), strict=True)
+            chain.after(samples, _values(truth, figure, names), truth.step, seed)
+            for (_, figure, names, _, chain), samples in zip(self._chains, self._split(memory), strict=True)
         ]
         return np.concatenate([memory[:2], *(part.ravel() for part in parts)])
 
     def readings(self, memory: np.ndarray, truth: Observation) -> dict[str, Any]:
         """Fields of an observation as the sensors show them."""
         fields: dict[str, Any] = {}
-        for (quantity, names, ends, chain), samples in zip(self._chains, self._split(memory), strict=True):
-            shown = chain.reading(samples, truth.step)
-            if quantity.startswith("base_"):
-                fields[IN_BASE.get(quantity, quantity)] = shown.copy()
-                if quantity in IN_BASE:
-                    fields[quantity] = rotation_from_vector(truth.base_rotation) @ shown
+        for (sensor, figure, names, ends, chain), samples in zip(self._chains, self._split(memory), strict=True):
+            shown, exact = chain.reading(samples, truth.step), figure.values(truth)
+            if figure.per is BASE:
+                fields[figure.field] = shown.copy()
+                if sensor in IN_BASE:
+                    fields[sensor] = rotation_from_vector(truth.base_rotation) @ shown
                 continue
-            exact = getattr(truth, quantity)
             values = {
                 name: part.reshape(np.shape(exact[name])) if isinstance(exact.get(name), np.ndarray) else float(part[0])
                 for name, part in zip(names, np.split(shown, ends), strict=True)
             }
-            fields[quantity] = MappingProxyType(values)
+            fields[figure.field] = MappingProxyType(values)
         return fields
 
     def _split(self, memory: np.ndarray) -> list[np.ndarray]:
@@ -261,14 +266,10 @@ class Sensors:
         return [part.reshape(chain.shape) for part, (*_, chain) in zip(parts, self._chains, strict=True)]
 
 
-def _values(truth: Observation, quantity: str, names: Sequence[Any], size: int) -> np.ndarray:
-    """The numbers of a field in the order of the names; 0 of a pair that is far apart."""
-    if quantity.startswith("base_"):
-        return np.asarray(getattr(truth, IN_BASE.get(quantity, quantity)), np.float64)
-    exact = getattr(truth, quantity)
-    values = np.concatenate([np.ravel(exact.get(name, 0.0)) for name in names])
-    assert len(values) == size
-    return values
+def _values(truth: Observation, figure: Figure, names: Sequence[Any]) -> np.ndarray:
+    """The numbers of a figure in the order of the names; 0 of a pair that is far apart."""
+    exact = figure.values(truth)
+    return np.concatenate([np.ravel(exact.get(name, 0.0)) for name in names])
 
 
 PARTS = {

@@ -210,7 +210,7 @@ def asking(state: State, values: Mapping[str, float], control: Control = NOTHING
             pose = np.array(state.frame_request[0, list(BASE).index(key)] if pose is None else pose, dtype=np.float64)
             pose[_axis(name, of)] = value
             changes: dict[str, Any] = {key: pose, BASE[key][1]: None}
-        elif key in (*DRIVES, VALVE.asked) and of:
+        elif key in [drive.asked for drive in (*DRIVES, VALVE)] and of:
             changes = {key: {**getattr(control, key), of: value}}
         else:
             example = "pressure.finger1.cavity or base_translation.x"

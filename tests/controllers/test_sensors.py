@@ -121,7 +121,7 @@ def test_disturbed_refuses(settings: dict[str, Any], message: str) -> None:
     ("quantity", "highest", "message"),
     [
         ("bendin", None, "there is no 'bendin'; did you mean 'bending'"),
-        ("tip", 3.0, "highest = 3.0: 'tip' has its own range; there are: flow"),
+        ("object", 3.0, "highest = 3.0: 'object' has its own range; there are: flow"),
     ],
 )
 def test_observed_refuses(quantity: str, highest: float | None, message: str) -> None:

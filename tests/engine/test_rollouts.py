@@ -13,10 +13,11 @@ import pytest
 from conftest import PATIENCE
 
 from taichisoft import Control, Observation, Simulation, load_scene, rollouts
+from taichisoft.control import FIGURES, PAIRS
 from taichisoft.errors import ControlError, SimulationDiverged, TaichisoftError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
-FIGURES = ("object_positions.cube", "normal_forces.cube|left", "pressures", "state.velocity", "time")
+TAKEN = ("object_positions.cube", "normal_forces.cube|left", "pressures", "state.velocity", "time")
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +45,8 @@ def lifts(count, length):
 def test_futures_equal_runs_in_any_process(grasp, steps_per_control):
     """By hand, in this process, in two processes of one thread each; and the simulation stays where it is."""
     start, controls = grasp.state, lifts(4, 5)
-    here = rollouts(grasp, controls, 0, FIGURES, steps_per_control)
-    apart = rollouts(grasp, controls, 2, FIGURES, steps_per_control)
+    here = rollouts(grasp, controls, 0, TAKEN, steps_per_control)
+    apart = rollouts(grasp, controls, 2, TAKEN, steps_per_control)
     assert grasp.state is start and here["normal_forces.cube|left"].max() > 0.0
     by_hand = Simulation(grasp.model)
     for index, sample in enumerate(controls):
@@ -59,7 +60,7 @@ def test_futures_equal_runs_in_any_process(grasp, steps_per_control):
             assert here["normal_forces.cube|left"][index, step] == seen.normal_forces["left", "cube"]
         assert here.states[index] == by_hand.state
     assert apart.states == here.states and apart.complete.all() and apart.errors == (None,) * 4
-    assert all(np.array_equal(here[name], apart[name]) for name in FIGURES)
+    assert all(np.array_equal(here[name], apart[name]) for name in TAKEN)
     assert here["pressures"].shape == (4, 5 * steps_per_control, 2)
 
 
@@ -172,10 +173,9 @@ def test_closed_simulation_ends_processes():
 
 def test_fields_of_fixed_shape_are_figures(grasp):
     seen = grasp.observe()
-    pairs = ("contact_counts", "normal_forces", "friction_forces", "slip_speeds", "contact_areas", "peak_pressures")
-    pairs += ("contact_area_errors", "peak_pressure_errors")
+    pairs = [figure.field for figure in FIGURES if figure.per is PAIRS]
     others = (*pairs, "contact_points", "contact_forces", "clipped", "exact", "state")
-    names = [one.name for one in fields(Observation) if one.name not in others]
+    names = [one.name for one in fields(Observation) if one.name not in others] + ["tip_speeds", "object_speeds"]
     made = rollouts(grasp, [[Control()]], 0, names)
     grasp_after = Simulation(grasp.model)
     grasp_after.restore(made.states[0])

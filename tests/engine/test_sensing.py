@@ -1,6 +1,7 @@
 """Sensors of a scene stand between the simulation and its controllers, and go on with the same bits."""
 
-from typing import Any
+from dataclasses import fields
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from taichisoft.control import SensorChain
 from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.scene import SensorSettings
+from taichisoft.scene.sensor_settings import SensedQuantity
 
 SIZE = 4000
+OBSERVED = [one.name for one in fields(Observation) if one.name not in ("exact", "state", "cameras")]
 
 
 def chain(size: int = SIZE, **settings: Any) -> SensorChain:
@@ -117,6 +120,15 @@ def test_controllers_see_what_sensors_show_and_can_have_the_truth(tmp_path: Any)
     assert shown(close(later, 7)) == shown(seen[5:])
     assert later.state == disturbed.state
     assert shown(close(gripper("sensors.pressure.seed=1"), 1)) != shown(seen[:1])
+
+
+@pytest.mark.parametrize("quantity", [one for one in get_args(SensedQuantity) if not one.startswith("cable_")])
+def test_every_quantity_has_its_sensor(quantity: str) -> None:
+    pad = "soft_bodies.left.tactile.pad={box=[[-99,-99,-99],[99,99,99]], patches=[2,1,1]}"
+    simulation = Simulation(load_scene(TINY_GRIPPER, [f"sensors.{quantity}={{bias=0.5}}", pad]))
+    (one,) = close(simulation, 1)
+    plain = {name: [getattr(seen, name) for seen in (one, one.truth)] for name in OBSERVED}
+    assert [name for name, (seen, exact) in plain.items() if str(seen) != str(exact)]
 
 
 def test_equilibrium_was_seen_by_sensors_for_long() -> None:

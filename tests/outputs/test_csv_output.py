@@ -54,7 +54,7 @@ def test_numbers_are_in_columns_with_their_units(tmp_path: Path) -> None:
     assert row["clipped"] == ""
 
 
-def test_the_columns_are_those_of_all_that_can_touch_an_object(tmp_path: Path) -> None:
+def test_columns_are_pairs_that_can_touch_an_object(tmp_path: Path) -> None:
     row = made_up_run(tmp_path, steps=1)[0]
     pairs = ["left|cube", "left|ball", "right|cube", "right|ball", "cube|ball", "cube|floor", "ball|floor"]
     for quantity in ("normal_force", "friction_force", "slip_speed"):
@@ -67,23 +67,23 @@ def test_the_columns_are_those_of_all_that_can_touch_an_object(tmp_path: Path) -
     assert list(row)[-3:] == ["signal set_point", "signal error", "clipped"]
 
 
-def test_a_row_for_every_step(tmp_path: Path) -> None:
+def test_every_step_has_a_row(tmp_path: Path) -> None:
     rows = made_up_run(tmp_path, steps=BUFFERED_STEPS + 7)
     assert [float(row["time [s]"]) for row in rows] == pytest.approx([0.01 * (step + 1) for step in range(len(rows))])
     assert len(rows) == BUFFERED_STEPS + 7
 
 
-def test_a_run_without_a_step_leaves_the_names_of_the_columns(tmp_path: Path) -> None:
+def test_run_without_steps_leaves_names_of_columns(tmp_path: Path) -> None:
     assert made_up_run(tmp_path, steps=0) == []
     assert (tmp_path / "run.csv").read_text().startswith("time [s],restarts,pressure left.air [kPa],")
 
 
-def test_what_the_limits_held_back_is_listed(tmp_path: Path) -> None:
-    (row,) = made_up_run(tmp_path, steps=1, clipped=("left.air", "base_translation"))
-    assert row["clipped"] == "left.air|base_translation"
+def test_clipped_requests_and_odd_names_have_columns(tmp_path: Path) -> None:
+    (row,) = made_up_run(tmp_path, steps=1, clipped=("left.air", "base_translation"), signals={'a, "b"': 1.5})
+    assert (row["clipped"], row['signal a, "b"']) == ("left.air|base_translation", "1.5")
 
 
-def test_a_run_that_is_started_anew_goes_on_in_the_same_file(tmp_path: Path) -> None:
+def test_restart_continues_the_file(tmp_path: Path) -> None:
     output = CsvOutput(tmp_path)
     output.begin(csv_run.model(), None)
     output.record(None, csv_run.report(1))
@@ -96,7 +96,7 @@ def test_a_run_that_is_started_anew_goes_on_in_the_same_file(tmp_path: Path) -> 
     ]
 
 
-def test_a_signal_that_comes_late_has_no_column_and_that_is_said_once(tmp_path: Path) -> None:
+def test_late_signal_has_no_column_and_warns_once(tmp_path: Path) -> None:
     output = CsvOutput(tmp_path)
     output.begin(csv_run.model(), None)
     output.record(None, csv_run.report(1, signals={"error": 1.0}))
@@ -108,12 +108,7 @@ def test_a_signal_that_comes_late_has_no_column_and_that_is_said_once(tmp_path: 
     assert [row["signal error"] for row in rows_of(tmp_path)] == ["1", "", ""]
 
 
-def test_names_with_commas_and_quotes_stay_in_their_column(tmp_path: Path) -> None:
-    (row,) = made_up_run(tmp_path, steps=1, signals={'a, "b"': 1.5})
-    assert row['signal a, "b"'] == "1.5"
-
-
-def test_a_killed_process_leaves_what_was_computed(tmp_path: Path) -> None:
+def test_killed_process_leaves_its_rows(tmp_path: Path) -> None:
     """Killed after 100 steps: their rows are in the file, none of them damaged."""
     process = subprocess.Popen(
         [sys.executable, csv_run.__file__, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
@@ -129,14 +124,14 @@ def test_a_killed_process_leaves_what_was_computed(tmp_path: Path) -> None:
     assert all(row["clipped"] == "" for row in rows)  # the last column is there
 
 
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+def test_unwritable_folder_is_named(tmp_path: Path) -> None:
     (tmp_path / "run.csv").mkdir()
     with pytest.raises(TaichisoftError, match=r"run\.csv: cannot be written: Is a directory$"):
         made_up_run(tmp_path, steps=1)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_a_full_disk_is_no_silent_loss(tmp_path: Path) -> None:
+def test_full_disk_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "run.csv").symlink_to("/dev/full")
     with pytest.raises(TaichisoftError, match=r"run\.csv: cannot be written: No space left on device$"):
         made_up_run(tmp_path, steps=1)
@@ -150,11 +145,11 @@ def test_pandas_and_numpy_read_it(tmp_path: Path) -> None:
     assert (table.drop(columns="clipped").dtypes.map(lambda kind: kind.kind).isin(["i", "f"])).all()
 
 
-def test_it_is_an_output_that_a_run_can_ask_for() -> None:
+def test_csv_is_an_output() -> None:
     assert find("output", "csv") is CsvOutput
 
 
-def test_bodies_that_frames_carry_are_no_objects() -> None:
+def test_carried_bodies_are_no_objects() -> None:
     """A palm has pairs with what it can touch, a link that is only drawn has none; the run is about the cube."""
     cube = {"box": [1.0, 1.0, 1.0], "follows": "base"}
     bodies = {"link": {**cube, "collides": False}, "palm": cube, "cube": {"box": [1.0, 1.0, 1.0], "mass": 1.0}}

@@ -8,7 +8,7 @@ from blocks import make_block
 
 from taichisoft import Control, Simulation, write_volume_mesh
 from taichisoft.scene import scene_from_dict
-from taichisoft_outputs.motion_figures import Slipping
+from taichisoft_outputs.run_figures import Slipping
 
 WAY = 6.0
 """Of the base, sideways [mm]."""

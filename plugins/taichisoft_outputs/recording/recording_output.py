@@ -14,7 +14,6 @@ from taichisoft.base import named_os_errors, warn_caller
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.running import Output
-from taichisoft_outputs.motion_figures import Slipping
 from taichisoft_outputs.recording.bodies import write_constants
 from taichisoft_outputs.recording.layout import (
     CONTROLS,
@@ -26,6 +25,7 @@ from taichisoft_outputs.recording.layout import (
     group_of,
 )
 from taichisoft_outputs.recording.recording_file import RunningFile, constants_image, finish
+from taichisoft_outputs.run_figures import Slipping
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model

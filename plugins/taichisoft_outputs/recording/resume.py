@@ -12,8 +12,8 @@ from taichisoft.errors import StateError, TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, State, body_surfaces
 from taichisoft.running import Simulation
 from taichisoft.scene import scene_from_toml
-from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.reader import Recording
+from taichisoft_outputs.run_figures import last_at_rest
 
 SAME_PLACE = 1e-6
 """Positions [mm] that differ by less are the same: another machine rounds in another order."""

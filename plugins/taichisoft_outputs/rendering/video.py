@@ -28,9 +28,9 @@ from taichisoft.base import (
 )
 from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.drawing.style import FPS, Style
-from taichisoft_outputs.motion_figures import last_at_rest
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.run_figures import last_at_rest
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
 if TYPE_CHECKING:
