@@ -36,6 +36,7 @@ RUN_ELSEWHERE = {
     "docs/cables.md": "tests/test_plugin_docs.py",
     "docs/environments.md": "tests/controllers/test_environment_docs.py",
     "docs/plugins.md": "tests/test_plugin_docs.py",
+    "docs/studies.md": "tests/studies/test_workers.py",
     "docs/force-control.md": "tests/test_plugin_docs.py",
 }
 """Pages whose programs a test of their own runs; those of docs/plugins.md and docs/force-control.md also run commands,
@@ -54,7 +55,7 @@ PAGES = [
 LEFT_OUT = {
     "taichisoft study optimise finger-tip-force": "minutes; tests/studies/test_optimise.py optimises something small",
     "taichisoft study calibrate beam.toml": "needs a measured beam; tests/studies/test_calibrate.py makes one up",
-    "taichisoft study sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_sweep.py starts one",
+    "taichisoft study sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_workers.py starts one",
     "taichisoft run four.toml": "needs a real finger's mesh; tests/meshing/test_new_gripper.py runs such a scene",
     "taichisoft doctor": "looks at the machine, which may lack something; tests/outputs/test_doctor.py",
 }

@@ -37,7 +37,7 @@ def make_mesh_apart(
     if not _known_elsewhere(job):
         return make_mesh(job, stage)
     stage("meshing")
-    made: MadeMesh = call_with_plugins("taichisoft_meshing.mesh_process:make_mesh_here", job, time_limit=time_limit)
+    made: MadeMesh = _call_with_plugins(make_mesh, job, time_limit=time_limit)
     return made
 
 
@@ -46,23 +46,26 @@ def write_mould_apart(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> No
     if not _known_elsewhere(job):
         write_mould(job, folder, form)
     else:
-        call_with_plugins("taichisoft_meshing.mesh_process:write_mould_here", job, folder, form)
+        _call_with_plugins(write_mould, job, folder, form)
 
 
-def call_with_plugins(function: str, job: MeshJob, *arguments: Any, time_limit: float = TIME_LIMIT) -> Any:
-    """The value of `function`, for the files of this process's plug-ins, a job and arguments, in another process.
-
-    Raises: what `make_mesh_apart` raises.
-    """
+def _call_with_plugins(
+    function: Callable[..., Any], job: MeshJob, *arguments: Any, time_limit: float = TIME_LIMIT
+) -> Any:
+    """Call a function in another process that has the plug-ins of this one."""
     files = [origin.place for origin in plugin_registry().origins.values() if origin.kind == "file"]
     started = time.monotonic()
 
-    def say_so() -> None:
+    def report() -> None:
         LOGGER.info("meshing %s: %.0f s so far", job.file, time.monotonic() - started)
 
     try:
         return call_apart(
-            function, files, job, *arguments, time_limit=time_limit, meanwhile=say_so, every=BETWEEN_LINES
+            "taichisoft_meshing.mesh_process:call_here",
+            *(files, function, job, *arguments),
+            time_limit=time_limit,
+            meanwhile=report,
+            every=BETWEEN_LINES,
         )
     except WorkerLost as lost:
         slow = isinstance(lost, WorkerSlow)
@@ -79,21 +82,11 @@ def read_step_apart(path: Path) -> CadBody:
     return body
 
 
-def make_mesh_here(files: Sequence[str], job: MeshJob) -> MadeMesh:
-    """What the process does: it loads the plug-ins of `files` and makes the mesh, with warnings as its remarks."""
-    _load(files)
-    return make_mesh(job)
-
-
-def write_mould_here(files: Sequence[str], job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
-    """What the process does: it loads the plug-ins of `files` and writes the mould."""
-    _load(files)
-    write_mould(job, folder, form)
-
-
-def _load(files: Sequence[str]) -> None:
+def call_here(files: Sequence[str], function: Callable[..., Any], *arguments: Any) -> Any:
+    """What the process does: it loads the plug-ins of `files` and calls a function, without printing warnings."""
     warnings.simplefilter("ignore")
     load_requested([word for file in files for word in (FILE_OPTION, file)])
+    return function(*arguments)
 
 
 def _known_elsewhere(job: MeshJob) -> bool:

@@ -18,7 +18,7 @@ from taichisoft import Control, Controller, Model, Observation, Output, State, S
 from taichisoft.base import Pool, atomic_file, read_arrays
 from taichisoft.errors import BeyondLaw, TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS
-from taichisoft_outputs.motion_figures import Slipping
+from taichisoft_outputs.run_figures import Slipping
 from taichisoft_reduction.body_shapes import relative_motions
 from taichisoft_reduction.errors import ReductionError
 

@@ -1,9 +1,15 @@
 """Workers of a study: processes of this machine, and those of a Dask scheduler."""
 
 import csv
+import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from conftest import PATIENCE
 from studies import command, plugin
 
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -14,17 +20,38 @@ from taichisoft_studies.workers import caution, study_workers
 SWEEP = ["--controller", "squeeze", "--duration", "0.02", "--vary", "controller.settings.pressure=1,2,3,high"]
 
 
-def test_sweep_runs_on_local_dask_scheduler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two workers of a scheduler give the table that processes of this machine give, byte by byte."""
+@pytest.fixture
+def scheduler(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The address of a scheduler with two workers, started by the document's lines for SLURM, whose jobs run here."""
     distributed = pytest.importorskip("distributed", reason="the extra studies is not installed")
     monkeypatch.setenv("TAICHISOFT_THREADS", "1")
+
+    class JobsHere(distributed.LocalCluster):  # type: ignore[misc]
+        def __init__(self, **arguments: Any) -> None:
+            assert set(arguments) == {"queue", "cores", "processes", "memory", "walltime"}
+            super().__init__(n_workers=0, threads_per_worker=1, dashboard_address=None)
+
+        def scale(self, jobs: int) -> None:
+            super().scale(min(jobs, 2))
+
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=JobsHere))
+    document = Path(__file__).parents[2] / "docs" / "studies.md"
+    (program,) = re.findall(r"```python\n(from dask_jobqueue .*?)```", document.read_text(encoding="utf-8"), re.DOTALL)
+    shown: list[str] = []
+    names: dict[str, Any] = {"input": shown.append}
+    exec(program, names)
+    with names["cluster"] as cluster:
+        cluster.wait_for_workers(2, timeout=PATIENCE)
+        yield shown[0].split()[-1]
+
+
+def test_sweep_runs_on_a_dask_scheduler(tmp_path: Path, scheduler: str) -> None:
+    """Two workers of a scheduler give the table that processes of this machine give, byte by byte."""
     words = ["study", "sweep", TINY_GRIPPER, *SWEEP, "--plugin", plugin(tmp_path)]
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        address = cluster.scheduler_address
-        apart = command(*words, "-o", tmp_path / "dask", "--scheduler", address)
+    apart = command(*words, "-o", tmp_path / "dask", "--scheduler", scheduler)
     here = command(*words, "-o", tmp_path / "here", "--jobs", 2)
     assert (apart.returncode, here.returncode) == (1, 1), apart.stderr + here.stderr
-    assert f"2 workers of {address}" in apart.stdout
+    assert f"2 workers of {scheduler}" in apart.stdout
     assert "warning: --scheduler tcp://" in apart.stdout
     assert "2 processes" in here.stdout
     tables = [(tmp_path / name / "results.csv").read_text() for name in ("dask", "here")]
