@@ -40,14 +40,14 @@ def numbers(component: "Component", *names: str, default: Sequence[float] | None
     try:
         return np.zeros(0) if value is None else parse_numbers(value, bools=True)
     except WrongValue as error:
-        raise SceneError(f"{described(component)}: {names[0]}: {error}") from error
+        raise refusal(component, f"{names[0]}: {error}") from error
 
 
 def number(component: "Component", *names: str, default: float | None = None) -> float:
     """The first number of a data."""
     values = numbers(component, *names, default=None if default is None else [default])
     if not len(values):
-        raise SceneError(f"{described(component)}: {names[0]} is empty; a number is needed")
+        raise refusal(component, f"{names[0]} is empty; a number is needed")
     return float(values[0])
 
 
@@ -55,7 +55,7 @@ def vector(component: "Component", *names: str, default: Sequence[float] | None 
     """Three numbers of a data; a default replaces the declared one."""
     values = numbers(component, *names, default=default)
     if len(values) != 3:
-        raise SceneError(f"{described(component)}: {names[0]} has {len(values)} numbers; 3 are needed")
+        raise refusal(component, f"{names[0]} has {len(values)} numbers; 3 are needed")
     return values
 
 
@@ -64,7 +64,7 @@ def flag(component: "Component", name: str) -> bool:
     value = value_of(component, name)
     if isinstance(value, str):
         if value.strip().lower() not in TRUE | FALSE:
-            raise SceneError(f"{described(component)}: {name} = '{value}'; must be true or false")
+            raise refusal(component, f"{name} = '{value}'; must be true or false")
         return value.strip().lower() in TRUE
     return value is not None and bool(np.ravel(value)[0])
 
@@ -200,3 +200,8 @@ def independent_state(node: "Node") -> "Component | None":
             return state
         state = next(iter(inputs_of(mapping)), None)
     return state
+
+
+def refusal(component: "Component", why: str) -> SceneError:
+    """Error that a component cannot be translated, and why."""
+    return SceneError(f"{described(component)}: {why}")

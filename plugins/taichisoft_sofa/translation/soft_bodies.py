@@ -48,8 +48,7 @@ def add_soft_body(
     """Add a soft body to a translation; without a solver it stands still."""
     moves = solver is not None
     tetrahedra = body_tetrahedra(body)
-    if not draft.has_points(_topology(body) or body.state, tetrahedra, len(body.position)):
-        return
+    draft.check_points(_topology(body) or body.state, tetrahedra, len(body.position))
     young, poisson = add_moduli(tetrahedra, body.materials)
     if moves and not body.materials:
         draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
