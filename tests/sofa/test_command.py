@@ -53,7 +53,7 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
     return run
 
 
-def test_a_scene_runs_with_its_libraries_and_says_what_it_does_otherwise(folder: Path, command: Command) -> None:
+def test_run_with_libraries_lists_departures(folder: Path, command: Command) -> None:
     arguments = ("run", "scene.py", "--duration", "0.02", "--outputs", "csv", "-o", "out")
     code, _, errors = command(*arguments)
     assert code == 2
@@ -154,7 +154,7 @@ FAILING = {
 }
 
 
-def test_check_goes_on_after_files_that_fail_and_shows_no_control_characters(folder: Path, command: Command) -> None:
+def test_check_continues_after_failing_files(folder: Path, command: Command) -> None:
     for name, text in FAILING.items():
         if text is not None:
             (folder / name).write_text(text)
@@ -264,9 +264,7 @@ class Mine(Sofa.Core.Controller):
 
 
 @pytest.mark.parametrize("heeds", [True, False])
-def test_a_page_steers_the_scenes_own_controllers_where_they_heed_keys(
-    folder: Path, command: Command, heeds: bool
-) -> None:
+def test_page_sends_keys_to_scene_controllers(folder: Path, command: Command, heeds: bool) -> None:
     """With --web and no --controller; else the keyboard is there."""
     pytest.importorskip("viser")
     own = BODY + SCENE.replace("YOUNG", "700").replace("from material import 700", "")

@@ -61,7 +61,7 @@ def mesh_of(translation: Translation, folder: Path, body: str) -> VolumeMesh:
     return read_volume_mesh(folder / translation.tables["soft_bodies"][body]["mesh"])
 
 
-def test_a_soft_body_has_the_mesh_mass_material_and_damping_of_its_components(folder: Path) -> None:
+def test_soft_body_takes_mesh_mass_and_material(folder: Path) -> None:
     translation = translated(
         folder,
         """
@@ -91,7 +91,7 @@ def test_a_soft_body_has_the_mesh_mass_material_and_damping_of_its_components(fo
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
-def test_force_fields_on_the_same_tetrahedra_add_their_lame_parameters(folder: Path, poisson: float) -> None:
+def test_overlapping_force_fields_add_lame_parameters(folder: Path, poisson: float) -> None:
     translation = translated(
         folder,
         f"""
@@ -118,7 +118,7 @@ def test_force_fields_on_the_same_tetrahedra_add_their_lame_parameters(folder: P
         assert (young, ratio) == (1500.0, 0.3)  # to the last bit, where no arithmetic is needed
 
 
-def test_points_in_no_tetrahedron_take_their_share_of_the_mass_with_them(folder: Path) -> None:
+def test_unused_points_take_their_share_of_mass(folder: Path) -> None:
     block = make_block((2, 1, 1), SIZE)
     nodes = np.vstack([[[99.0, 0.0, 0.0]], block.nodes])
     write_volume_mesh(VolumeMesh("more", nodes, block.elements + 1), folder / "more.vtk")
@@ -182,7 +182,7 @@ def test_sofas_energies_and_native_laws_agree_for_small_strains(name: str) -> No
             assert abs(difference) < 10 * 192 * size**3
 
 
-def test_an_inverted_tetrahedron_keeps_its_first_edge_and_the_plane_of_the_first_two(folder: Path) -> None:
+def test_inverted_tetrahedron_keeps_its_first_edge(folder: Path) -> None:
     block = make_block((2, 1, 1), SIZE)
     elements = block.elements.copy()
     elements[3] = elements[3][[0, 1, 3, 2]]
@@ -194,9 +194,7 @@ def test_an_inverted_tetrahedron_keeps_its_first_edge_and_the_plane_of_the_first
 
 
 @pytest.mark.parametrize(("exact", "held"), [(False, 0), (True, 12)])
-def test_without_a_constraint_correction_a_body_moves_unless_sofas_reading_is_kept(
-    folder: Path, exact: bool, held: int
-) -> None:
+def test_body_moves_without_constraint_correction(folder: Path, exact: bool, held: int) -> None:
     translation = translated(folder, "free_motion(root)\nbody(root, correction=False)", exact)
     anchors = translation.tables["soft_bodies"]["body"]["anchors"]
     assert sum(len(anchor["nodes"]) for anchor in anchors) == held
@@ -205,9 +203,7 @@ def test_without_a_constraint_correction_a_body_moves_unless_sofas_reading_is_ke
 
 
 @pytest.mark.parametrize(("exact", "selected"), [(False, [0, 1, 3]), (True, [0, 3])])
-def test_the_round_off_of_a_zero_is_zero_unless_sofas_reading_is_kept(
-    folder: Path, exact: bool, selected: list[int]
-) -> None:
+def test_round_off_of_zero_is_removed(folder: Path, exact: bool, selected: list[int]) -> None:
     """SOFA's loader leaves nodes of a turned block 1e-30 outside the plane y = 0; what is 1e-15 outside is no zero."""
     translation = translated(
         folder,
@@ -246,7 +242,7 @@ SOLVER = 'cube.addObject("EulerImplicitSolver"); cube.addObject("CGLinearSolver"
         ("vertexMass=[1.0, 1.0, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]", False, 1.0, None),
     ],
 )
-def test_a_rigid_body_has_the_inertia_of_its_shape_where_the_scene_gives_none(
+def test_rigid_body_takes_inertia_of_its_shape(
     folder: Path, mass: str, exact: bool, total: float, inertia: np.ndarray | None
 ) -> None:
     translation = translated(folder, CUBE.format(solver=SOLVER, mass=mass), exact)
@@ -268,7 +264,7 @@ def test_a_weight_that_sofa_loses_is_said_to_be_there(folder: Path, mass: float,
     assert any("weight" in line for line in translated(folder, create).departures) == lost
 
 
-def test_without_a_solver_a_rigid_body_is_an_obstacle_where_its_pose_puts_it(folder: Path) -> None:
+def test_rigid_body_without_solver_becomes_obstacle(folder: Path) -> None:
     translation = translated(folder, CUBE.format(solver="", mass="totalMass=1"))
     assert "rigid_bodies" not in translation.tables
     name = translation.tables["obstacles"]["cube"]["surface"]
@@ -492,6 +488,12 @@ def test_walls_that_face_inward_turn_a_pressure_round(folder: Path, settings: st
         ),
         ('body(root).removeObject("UniformMass")', "has no mass"),
         ('body(root).removeObject("TetrahedronFEMForceField")', "no force field gives"),
+        ("body(root).TetrahedronFEMForceField.youngModulus = 0", "youngModulus = 0 leaves its tetrahedra without"),
+        (
+            CUBE.format(solver=SOLVER, mass="totalMass=1")
+            + "\ncube.Collision.addObject('ConstantForceField', forces=[1, 2, 3])",
+            "not rows of 6",
+        ),
     ],
 )
 def test_refusals_name_the_component(folder: Path, create: str, pattern: str) -> None:
@@ -551,7 +553,7 @@ def test_first_order_dynamics_is_that_of_the_whole_scene(folder: Path) -> None:
     assert translated(folder, "body(root)").effort_of_value == pytest.approx(100.0)
 
 
-def test_a_container_of_tetrahedra_carries_points_by_a_grid_as_in_sofa(folder: Path) -> None:
+def test_tetrahedron_container_embeds_by_grid(folder: Path) -> None:
     tables = translated(folder, "body(root)").tables["soft_bodies"]["body"]
     assert "embedding" not in tables
     other = BODY.replace(
@@ -683,7 +685,7 @@ def test_a_static_solver_leads_to_equilibrium(folder: Path) -> None:
 # The colours of SOFA scenes arrive in the native tables.
 
 
-def test_soft_bodies_rigid_bodies_obstacles_and_the_background_have_their_colours(folder: Path) -> None:
+def test_colours_reach_native_tables(folder: Path) -> None:
     translation = translated(
         folder,
         """
@@ -740,7 +742,7 @@ def test_a_serial_port_exchanges_nothing_and_says_so(tmp_path: Path, caplog: pyt
     assert "nothing is sent or read" in caplog.text
 
 
-def test_the_inverse_solver_is_refused_once_for_all_of_its_components(tmp_path: Path) -> None:
+def test_inverse_solver_is_refused_once(tmp_path: Path) -> None:
     translation = translate(
         loaded(
             tmp_path,
@@ -759,7 +761,7 @@ def test_the_inverse_solver_is_refused_once_for_all_of_its_components(tmp_path: 
 
 
 @pytest.mark.parametrize(("base", "word"), [("ForceField", "force field"), ("DataEngine", "engine")])
-def test_computations_of_the_scenes_own_are_refused_where_they_are_used(tmp_path: Path, base: str, word: str) -> None:
+def test_own_force_fields_and_engines_are_refused(tmp_path: Path, base: str, word: str) -> None:
     before = f"import Sofa.Core\nclass Own(Sofa.Core.{base}):\n    pass\n"
     assert translate(loaded(tmp_path, "pass", before)).refused == []
     (line,) = translate(loaded(tmp_path, "root.addObject(Own(name='own'))", before)).refused

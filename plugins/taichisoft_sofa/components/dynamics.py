@@ -257,12 +257,12 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     points = numbers(component, "indices", "points").astype(np.int64)
     points = points if len(points) else np.arange(len(body.position))
     draft.check_points(component, points, len(body.position))
-    if is_given(component, "totalForce"):
-        each = numbers(component, "totalForce").reshape(-1, width)[:1] / max(len(points), 1)
-    elif is_given(component, "forces"):
-        each = numbers(component, "forces").reshape(-1, width)
-    else:
-        each = numbers(component, "force", default=(0.0,) * width).reshape(-1, width)[:1]
+    name = next((name for name in ("totalForce", "forces") if is_given(component, name)), "force")
+    values = numbers(component, name, default=(0.0,) * width)
+    if values.size % width:
+        raise refusal(component, f"{name} has {values.size} numbers; they are not rows of {width}")
+    each = values.reshape(-1, width)
+    each = {"totalForce": each[:1] / max(len(points), 1), "forces": each, "force": each[:1]}[name]
     if not len(each):
         raise refusal(component, "has no force; give force, forces or totalForce")
     # As in SOFA: points beyond the list have its last force.

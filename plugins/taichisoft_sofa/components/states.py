@@ -374,11 +374,9 @@ class DrivenFrameTarget:
         return cls(state, index, relative(np.repeat(frame, len(places), axis=0), places))
 
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
-        """Places of points on the frame [mm]."""
         return composed(np.repeat(poses.of(self.state)[[self.index]], len(rows), axis=0), self.local[rows])
 
     def sources(self) -> "Sequence[Component]":
-        """The independent frames and angles."""
         return [base for base, _ in base_frames(self.state, self.index)]
 
 
@@ -390,11 +388,9 @@ class PointsTarget:
     indices: np.ndarray
 
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
-        """Present places of the points, or of the origins of frames [mm]."""
         return poses.of(self.state)[self.indices[rows], :3]
 
     def sources(self) -> "Sequence[Component]":
-        """The mechanical object."""
         return [self.state]
 
     def frame_of(self, row: int) -> "tuple[Component, int]":
@@ -417,10 +413,8 @@ class MotionTarget:
     shifts: np.ndarray
 
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
-        """Shifted places [mm]."""
         shift = [np.interp(time, self.times, column) for column in self.shifts.T]
         return self.start[rows] + np.array(shift)
 
     def sources(self) -> "Sequence[Component]":
-        """None."""
         return []

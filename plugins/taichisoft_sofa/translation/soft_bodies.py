@@ -56,6 +56,9 @@ def add_soft_body(
     if moves and body.mass is None:
         draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
         return
+    if moves and (young <= 0.0).all():
+        draft.refuse(body.state, "moves, but youngModulus = 0 leaves its tetrahedra without stiffness")
+        return
     if moves and (young <= 0.0).any():
         count = int((young <= 0.0).sum())
         draft.depart(f"{body.node.getPathName()}: {count} tetrahedra without stiffness are left out")

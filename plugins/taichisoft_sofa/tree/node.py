@@ -255,7 +255,6 @@ class Node(TreeObject):
     # Description.
 
     def declared_data(self, name: str) -> Declared | None:
-        """Declaration of a data of nodes, or None."""
         return OF_NODES.get(name)
 
     def has_known_data(self) -> bool:
@@ -270,7 +269,6 @@ class Node(TreeObject):
         return [*(item.getName() for item in (*self._objects, *self._children)), *OF_NODES]
 
     def getPathName(self) -> str:
-        """Path from the root, such as /finger; the root's is /."""
         return f"{self._parents[0].getPathName().rstrip('/')}/{self.getName()}" if self._parents else "/"
 
     def getRootPath(self) -> str:
