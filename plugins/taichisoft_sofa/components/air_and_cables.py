@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from taichisoft_sofa.components.draft import DraftCable, DraftCavity
 from taichisoft_sofa.components.meshes import split_quads
-from taichisoft_sofa.components.reading import TOPOLOGIES, flag, nearest, node_of, numbers, refusal, text
+from taichisoft_sofa.components.reading import TOPOLOGIES, flag, nearest, node_of, numbers, refusal, text, topology_of
 from taichisoft_sofa.components.topologies import surface_triangles
 from taichisoft_sofa.tree.component import component, without_effect
 from taichisoft_sofa.tree.value_kinds import (
@@ -49,9 +49,7 @@ def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") 
         points: points of the mechanical object in the cable's node [mm], shape (count, 3).
         draft: draft of the scene, which records refusals and departures.
     """
-    method, link = text(component, "method"), text(component, "surfaceTopology")
-    topology = component.linked("surfaceTopology") if link else nearest(node_of(component), TOPOLOGIES)
-    triangles = np.zeros((0, 3), dtype=np.int64) if topology is None else surface_triangles(topology)
+    method, triangles = text(component, "method"), surface_triangles(topology_of(component, "surfaceTopology"))
     if not len(triangles) or triangles.max() >= len(points):
         raise refusal(component, f"method '{method}' needs a surfaceTopology of the points of its node, with triangles")
     centres = numbers(component, "centers").reshape(-1, 3)
@@ -128,8 +126,7 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
     triangles = numbers(component, "triangles").astype(np.int64).reshape(-1, 3)
     quads = numbers(component, "quads").astype(np.int64).reshape(-1, 4)
     if not len(triangles) and not len(quads):
-        topology = nearest(node_of(component), TOPOLOGIES)
-        triangles = np.zeros((0, 3), dtype=np.int64) if topology is None else surface_triangles(topology)
+        triangles = surface_triangles(nearest(node_of(component), TOPOLOGIES))
     walls = np.vstack([triangles, split_quads(quads)])
     if not len(walls):
         raise refusal(component, "has no triangles, of its own or in a topology container of its node")

@@ -163,9 +163,7 @@ def collision_model(component: "Component", draft: "SceneDraft") -> None:
         return
     path = node_of(component).getPathName()
     if path not in body.surfaces:
-        topology = nearest(node_of(component), TOPOLOGIES)
-        none = np.zeros((0, 3), dtype=np.int64)
-        triangles = none if topology is None else surface_triangles(topology)
+        triangles = surface_triangles(nearest(node_of(component), TOPOLOGIES))
         groups = frozenset(numbers(component, "group").astype(int).tolist())
         points = draft.points_of(component)
         draft.check_points(component, triangles, len(points))

@@ -10,7 +10,6 @@ from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpri
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import (
     STATE,
-    TOPOLOGIES,
     computed,
     flag,
     inputs_of,
@@ -23,6 +22,7 @@ from taichisoft_sofa.components.reading import (
     numbers,
     refusal,
     text,
+    topology_of,
 )
 from taichisoft_sofa.components.states import (
     FramePoses,
@@ -398,8 +398,7 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
 def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
     """Translate springs along edges and across cells of a topology; their stiffness is by relative stretch."""
     ends = _ends(component)
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES)
+    topology = topology_of(component)
     if topology is None:
         raise refusal(component, "finds no topology in its node or above")
     done: set[tuple[int, int]] = set()

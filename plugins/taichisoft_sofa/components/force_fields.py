@@ -10,7 +10,17 @@ from scipy.optimize import minimize_scalar
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.mesh import divided_hexahedra
 from taichisoft_sofa.components.draft import DraftMaterial
-from taichisoft_sofa.components.reading import TOPOLOGIES, computed, described, nearest, node_of, numbers, refusal, text
+from taichisoft_sofa.components.reading import (
+    TOPOLOGIES,
+    computed,
+    described,
+    nearest,
+    node_of,
+    numbers,
+    refusal,
+    text,
+    topology_of,
+)
 from taichisoft_sofa.components.topologies import divided, hexahedra_of
 from taichisoft_sofa.tree.component import Component, component, unused
 from taichisoft_sofa.tree.value_kinds import BOOL, FROM_0, LINK, RATIO, TEXT, VECTOR
@@ -197,9 +207,7 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
 def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
     body = draft.body_of(component)
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_hexahedra)
-    hexahedra = hexahedra_of(topology)[0] if topology is not None else np.zeros((0, 8), dtype=np.int64)
+    hexahedra = computed(topology_of(component, fits=_has_hexahedra), "hexahedra", 8)
     if not len(hexahedra):
         raise refusal(component, "finds no hexahedra in a topology of its node or above")
     draft.check_points(component, hexahedra, len(body.position))
@@ -262,9 +270,8 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
 
 def _tetrahedra_of(component: Component) -> np.ndarray:
     """Tetrahedra of the nearest topology with tetrahedra or hexahedra, shape (count, 4); without one, it is refused."""
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
-    tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
+    topology = topology_of(component, fits=_has_tetrahedra)
+    tetrahedra = computed(topology, "tetrahedra", 4)
     if not len(tetrahedra):
         with_cells = topology or nearest(node_of(component), TOPOLOGIES, lambda one: len(hexahedra_of(one)[0]) > 0)
         if with_cells is not None:

@@ -75,10 +75,10 @@ def text(component: "Component", *names: str) -> str:
     return "" if value is None else str(value).strip()
 
 
-def computed(component: "Component", name: str, width: int) -> np.ndarray:
-    """Rows of `width` numbers, written by the scene or computed; no rows if the component has no such data."""
-    data = component.findData(name)
-    value = None if data is None else data.read_value()
+def computed(component: "Component | None", name: str, width: int) -> np.ndarray:
+    """Rows of `width` numbers, written by the scene or computed; no rows without a component that has such data."""
+    data = None if component is None else component.findData(name)
+    value = None if data is None or not (data.is_declared() or data.is_set()) else data.read_value()
     dtype = np.float64 if name in ("position", "rest_position") else np.int64
     if value is None:
         return np.zeros((0, width), dtype=dtype)
@@ -153,6 +153,22 @@ def nearest(
             if canonical(component.type_name) in types and fits(component):
                 return component
     return None
+
+
+def topology_of(
+    component: "Component", link: str = "topology", fits: "Callable[[Component], bool]" = lambda topology: True
+) -> "Component | None":
+    """The topology to which a data links, else the nearest one that fits, or None."""
+    linked: Component | None = component.linked(link)
+    return linked if text(component, link) else nearest(node_of(component), TOPOLOGIES, fits)
+
+
+def mesh_of(component: "Component") -> "Component | None":
+    """The component to which `src` links, else the topology or the loader in the node, or None."""
+    if text(component, "src"):
+        linked: Component | None = component.linked("src")
+        return linked
+    return in_node(node_of(component), TOPOLOGIES) or in_node(node_of(component), LOADERS)
 
 
 def mapping_of(state: "Component") -> "Component | None":

@@ -12,9 +12,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.meshes import multiply_quaternions, placed, quaternion
 from taichisoft_sofa.components.reading import (
-    LOADERS,
     STATE,
-    TOPOLOGIES,
     computed,
     flag,
     in_node,
@@ -22,6 +20,7 @@ from taichisoft_sofa.components.reading import (
     is_given,
     linked_state,
     mapping_of,
+    mesh_of,
     nearest,
     node_of,
     number,
@@ -102,9 +101,7 @@ def _source(state: "Component", width: int) -> np.ndarray:
             return found.reshape(-1, width)
     if width == 7:
         return np.zeros((0, 7))
-    link = text(state, "src")
-    source = state.linked("src") if link else in_node(node_of(state), TOPOLOGIES) or in_node(node_of(state), LOADERS)
-    if source is not None and (points := computed(source, "position", 3)).size:
+    if (points := computed(mesh_of(state), "position", 3)).size:
         return points
     if (subset := in_node(node_of(state), {"SubsetMapping"})) is not None and inputs_of(subset):
         whole, chosen = start_position(inputs_of(subset)[0]), numbers(subset, "indices").astype(np.int64)

@@ -89,8 +89,8 @@ def container_cells(container: "Component", kind: str) -> np.ndarray:
     return getattr(read_loader(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
 
 
-def surface_triangles(topology: "Component") -> np.ndarray:
-    """Triangles of a container, with quads split in two, shape (count, 3)."""
+def surface_triangles(topology: "Component | None") -> np.ndarray:
+    """Triangles of a container, with quads split in two, shape (count, 3); none without a container."""
     return np.vstack([computed(topology, "triangles", 3), split_quads(computed(topology, "quads", 4))])
 
 

@@ -31,9 +31,9 @@ LARGEST = 1e30
 
 def body_tetrahedra(body: DraftBody) -> np.ndarray:
     """Tetrahedra of a body: from its topology, then additional ones from force fields, shape (count, 4)."""
-    topology = _topology(body)
-    own = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
-    rows = np.vstack([own, *(material.tetrahedra for material in body.materials)])
+    rows = np.vstack(
+        [computed(_topology(body), "tetrahedra", 4), *(material.tetrahedra for material in body.materials)]
+    )
     _, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
     return rows[np.sort(first)]
 

@@ -100,7 +100,7 @@ class Node(TreeObject):
         """Add a new child node by name, or an existing node, which may also have other parents."""
         if isinstance(child, str):
             child = Node(child, **data)
-        child = getattr(child, "node", child) if not isinstance(child, Node) else child
+        child = getattr(child, "node", child) if not isinstance(child, TreeObject) else child
         if not isinstance(child, Node):
             raise TypeError(f"{self.described()}.addChild: {child!r} is neither a name nor a node")
         if child is self or child in self._above():
