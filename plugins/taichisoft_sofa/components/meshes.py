@@ -408,7 +408,7 @@ def _loader_cells(loader: "Component", kind: str) -> np.ndarray:
 
 
 @component(
-    *LOADERS,
+    *sorted(LOADERS),
     filename=TEXT,
     fileMesh=TEXT,
     fileTopology=TEXT,
