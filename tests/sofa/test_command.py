@@ -1,6 +1,7 @@
 """SOFA's scenes on the command line: run, check, convert, and the cache of their meshes."""
 
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -132,10 +133,13 @@ def test_check_makes_steps_and_says_where_they_end(folder: Path, command: Comman
 def test_check_lists_all_and_fails_if_something_is_refused(folder: Path, command: Command) -> None:
     text = (folder / "scene.py").read_text()
     (folder / "other.py").write_text(f"{text}    node.addObject('CylinderCollisionModel')\n")
+    (folder / "scene.py").write_text(f"{text}    node.UniformMass.showAxes = True\n    node.UniformMass.totalMas = 3\n")
     code, shown, _ = command("sofa", "check", "scene.py", "--python-path", "library")
     assert code == 0
     assert "scene.py: can be run" in shown
     assert "without effect: RequiredPlugin" in shown
+    assert re.search(r"not read here: .*UniformMass \(showAxes\)", shown)
+    assert "totalMas = 3 is not read here; did you mean 'totalMass'?" in shown
     code, shown, _ = command("sofa", "check", "scene.py", "other.py", "--python-path", "library")
     assert code == 1
     assert "other.py: refused" in shown
