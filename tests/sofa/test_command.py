@@ -1,6 +1,7 @@
 """SOFA's scenes on the command line: run, check, convert, and the cache of their meshes."""
 
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -53,7 +54,7 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
     return run
 
 
-def test_a_scene_runs_with_its_libraries_and_says_what_it_does_otherwise(folder: Path, command: Command) -> None:
+def test_run_with_libraries_lists_departures(folder: Path, command: Command) -> None:
     arguments = ("run", "scene.py", "--duration", "0.02", "--outputs", "csv", "-o", "out")
     code, _, errors = command(*arguments)
     assert code == 2
@@ -132,10 +133,13 @@ def test_check_makes_steps_and_says_where_they_end(folder: Path, command: Comman
 def test_check_lists_all_and_fails_if_something_is_refused(folder: Path, command: Command) -> None:
     text = (folder / "scene.py").read_text()
     (folder / "other.py").write_text(f"{text}    node.addObject('CylinderCollisionModel')\n")
+    (folder / "scene.py").write_text(f"{text}    node.UniformMass.showAxes = True\n    node.UniformMass.totalMas = 3\n")
     code, shown, _ = command("sofa", "check", "scene.py", "--python-path", "library")
     assert code == 0
     assert "scene.py: can be run" in shown
     assert "without effect: RequiredPlugin" in shown
+    assert re.search(r"not read here: .*UniformMass \(showAxes\)", shown)
+    assert "totalMas = 3 is not read here; did you mean 'totalMass'?" in shown
     code, shown, _ = command("sofa", "check", "scene.py", "other.py", "--python-path", "library")
     assert code == 1
     assert "other.py: refused" in shown
@@ -154,7 +158,7 @@ FAILING = {
 }
 
 
-def test_check_goes_on_after_files_that_fail_and_shows_no_control_characters(folder: Path, command: Command) -> None:
+def test_check_continues_after_failing_files(folder: Path, command: Command) -> None:
     for name, text in FAILING.items():
         if text is not None:
             (folder / name).write_text(text)
@@ -264,9 +268,7 @@ class Mine(Sofa.Core.Controller):
 
 
 @pytest.mark.parametrize("heeds", [True, False])
-def test_a_page_steers_the_scenes_own_controllers_where_they_heed_keys(
-    folder: Path, command: Command, heeds: bool
-) -> None:
+def test_page_sends_keys_to_scene_controllers(folder: Path, command: Command, heeds: bool) -> None:
     """With --web and no --controller; else the keyboard is there."""
     pytest.importorskip("viser")
     own = BODY + SCENE.replace("YOUNG", "700").replace("from material import 700", "")

@@ -107,7 +107,7 @@ def test_events_come_in_sofas_order(folder: Path) -> None:
     assert run.log == ["A", ("begin", 0.01), ("end", 0.01), "+", chr(19), ("begin", 0.01)]
 
 
-def test_a_key_is_let_go_after_a_step_and_comes_with_ctrl_and_shift(folder: Path) -> None:
+def test_key_is_released_after_a_step(folder: Path) -> None:
     run = KeyRun(
         folder,
         """
@@ -124,7 +124,7 @@ def test_a_key_is_let_go_after_a_step_and_comes_with_ctrl_and_shift(folder: Path
     assert run.log[5:] == [("up", "A", False)]
 
 
-def test_a_controller_that_writes_positions_reads_those_of_the_run_again(folder: Path) -> None:
+def test_written_positions_are_replaced_by_the_run(folder: Path) -> None:
     run = KeyRun(
         folder,
         """
@@ -211,7 +211,7 @@ def test_a_value_of_a_cable_is_a_pull_or_an_impulse(folder: Path, kind: str, att
     assert getattr(run.steps(1, "+"), attribute) == {"body.cable": pytest.approx(asked)}
 
 
-def test_a_cable_follows_its_value_by_no_more_than_the_scene_allows(folder: Path) -> None:
+def test_cable_variation_is_limited(folder: Path) -> None:
     """As in SOFA by the allowed variation every two steps, since it looks at the beginning of the last one."""
     run = KeyRun(
         folder,
@@ -417,7 +417,7 @@ def test_values_have_the_shapes_that_they_have_in_sofa(folder: Path) -> None:
     assert isinstance(force, float)
 
 
-def test_the_force_of_a_mechanical_object_is_not_empty_but_an_error(folder: Path) -> None:
+def test_reading_force_of_a_state_is_refused(folder: Path) -> None:
     run = KeyRun(folder, "def onAnimateBeginEvent(self, event): self.log.append(self.body.dofs.force.value)")
     with pytest.raises(ControllerFailed, match=r"MechanicalObject '/body/dofs' .*: force is not known in a run"):
         run.steps()
@@ -450,9 +450,7 @@ def test_a_controller_that_fails_ends_the_run_with_its_line(folder: Path) -> Non
         run.steps(1, "+")
 
 
-def test_a_scene_whose_keys_matter_is_steered_by_who_has_a_terminal(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_keyboard_scene_needs_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     assert KeyRun(folder, "def onKeypressedEvent(self, event): pass").controller.interactive
     assert not KeyRun(folder, "def onAnimateBeginEvent(self, event): pass").controller.interactive

@@ -149,7 +149,7 @@ def test_hexahedra_of_a_grid_become_hexahedral_elements(tmp_path: Path) -> None:
     assert np.abs(force[:, 1:]).max() < 1e-6 * np.abs(force[end, 0].sum())
 
 
-def test_a_sparse_grid_has_the_cells_that_a_surface_touches_or_encloses(tmp_path: Path) -> None:
+def test_sparse_grid_encloses_surface(tmp_path: Path) -> None:
     """A ball of 10 mm in cells of 2.04 mm: all cells whose centres are inside, none that is wholly outside, no hole."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
     ball.export(tmp_path / "ball.stl")
@@ -229,7 +229,7 @@ def test_a_link_to_what_a_device_has_not_sent_is_no_value() -> None:
 POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [3.0, 3.0, 3.0]])
 
 
-def test_the_faces_of_a_box_belong_to_it_and_corners_may_be_reversed() -> None:
+def test_box_includes_its_faces() -> None:
     inside = in_boxes([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
     assert inside(POINTS).tolist() == [True, True, True, False, False]
     assert inside(np.array([[0.5, 0.5, -1e-30]])).tolist() == [False]

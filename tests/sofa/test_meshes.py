@@ -95,7 +95,7 @@ def test_xml_of_another_kind_says_what_would_be_valid(tmp_path: Path, capsys: py
     assert capsys.readouterr() == ("", "")  # the library prints what it thinks of it
 
 
-def test_a_vertex_of_an_stl_file_is_one_point_where_it_first_stands(tmp_path: Path) -> None:
+def test_stl_vertices_are_merged_in_order(tmp_path: Path) -> None:
     corners = [(5.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 3.0, 0.0), (5.0, 3.0, 0.0)]
     path = tmp_path / "two.stl"
     facets = [[0, 1, 2], [0, 2, 3]]
@@ -196,7 +196,7 @@ End Elements
 """
 
 
-def test_meshes_of_gid_keep_their_order_whatever_the_numbers_of_their_nodes(tmp_path: Path) -> None:
+def test_gid_meshes_keep_their_order(tmp_path: Path) -> None:
     path = tmp_path / "one.gidmsh"
     path.write_text(GID.format(kind="Tetrahedra", count=4, elements="1 1 2 3 7"))
     mesh = read_mesh(path)

@@ -179,9 +179,7 @@ def test_a_gripper_of_cables_follows_sofa_node_by_node(scenes: Path, shared: Pat
     )
 
 
-def test_the_second_tutorials_controller_moves_its_fingers_as_in_sofa(
-    scenes: Path, shared: Path, figures: Figures
-) -> None:
+def test_cable_tutorial_moves_as_in_sofa(scenes: Path, shared: Path, figures: Figures) -> None:
     """Python 2, rest positions and pull points moved by arrows; SOFA ran it with all collision models off."""
     run = dict(np.load(shared / "reference/sofa-cables/second-seed/free.npz"))
     keys = {int(step): [KEYS[int(code)]] for step, code in run["keys"]}

@@ -141,7 +141,7 @@ def test_a_body_on_a_wheel_turns_with_it(folder: Path) -> None:
     assert run.steps(1)[left] == pytest.approx(turned[left] + [0, 7, 0], abs=1e-3)
 
 
-def test_a_free_rigid_part_keeps_its_shape_and_a_fixed_one_its_place(folder: Path) -> None:
+def test_rigid_parts_keep_shape_or_place(folder: Path) -> None:
     run = started(folder, FREE.format(held=HELD))
     left, right = run.start[:, 0] < -19, run.start[:, 0] > 19
     position = run.steps(60)
@@ -239,7 +239,7 @@ def test_controllers_read_where_the_parts_of_a_body_are(folder: Path) -> None:
     assert sorted(carried[:, 2]) == pytest.approx(sorted(run.start[~free, 2] + fall), abs=1e-4)
 
 
-def test_the_rest_position_of_a_frame_stays_when_its_position_is_written(folder: Path) -> None:
+def test_writing_position_keeps_rest_position(folder: Path) -> None:
     """SOFA keeps it from the initialisation; the tutorials move a servo from there, step by step."""
     run = started(folder, DRIVEN)
     base = run.root.servo.base.dofs
@@ -252,7 +252,7 @@ def test_the_rest_position_of_a_frame_stays_when_its_position_is_written(folder:
     assert run.simulation.state.position[left].mean(axis=0)[2] == pytest.approx(2.0, abs=1e-6)
 
 
-def test_forces_of_contacts_are_impulses_along_normal_and_tangents(folder: Path, tmp_path: Path) -> None:
+def test_constraint_forces_are_contact_impulses(folder: Path, tmp_path: Path) -> None:
     """The normal impulses of a body at rest on a floor balance its weight in a step, m g h."""
     written(
         folder,
@@ -355,9 +355,7 @@ def createScene(root):
 """
 
 
-def test_a_tray_on_springs_without_mass_is_where_its_rest_pose_is(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sprung_tray_follows_its_rest_pose(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It moves in overdamped dynamics beside a ball that does not, and lifts the ball by what the scene writes."""
     block = make_block((1, 1, 1), (60.0, 60.0, 30.0))
     write_stl(block.nodes, boundary_triangles(block.elements), folder / "block.stl")

@@ -138,9 +138,7 @@ BALL = """
 """
 
 
-def test_a_point_with_a_sphere_is_a_ball_that_comes_to_rest_on_another(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, sofa: None
-) -> None:
+def test_ball_rests_on_sphere(folder: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> None:
     """Centres are apart by both radii and the contact distance of 1 mm."""
     monkeypatch.setenv("TAICHISOFT_CACHE", str(folder / "cache"))
     written(folder, {"scene.py": f"{BODY}\ndef createScene(root):{BALL}"})
@@ -199,7 +197,7 @@ def test_spheres_without_a_radius_are_refused(folder: Path, data: str, refusal: 
 
 
 @pytest.mark.parametrize("template", ["Rigid3", "Vec3"])
-def test_a_goal_without_mass_is_left_out_whatever_the_dynamics_of_its_solver(folder: Path, template: str) -> None:
+def test_goal_without_mass_is_left_out(folder: Path, template: str) -> None:
     """Such goals have solvers of first order beside robots that have inertia, and spheres that show them."""
     pose = [1, 2, 3, 0, 0, 0, 1] if template == "Rigid3" else [1, 2, 3]
     translation = translated(

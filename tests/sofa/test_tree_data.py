@@ -27,7 +27,7 @@ def root() -> Node:
     return Node("root")
 
 
-def test_children_components_and_data_are_attributes_by_their_names(root: Node) -> None:
+def test_children_and_components_are_attributes(root: Node) -> None:
     finger = root.addChild("finger")
     loader = finger.addObject("MeshVTKLoader", name="loader", filename="finger.vtk")
     assert root.finger is finger
@@ -379,7 +379,7 @@ def test_data_follow_data_that_they_are_given(spring: Component, way: str) -> No
     assert other.value.hasParent()
 
 
-def test_a_path_that_was_good_where_a_branch_was_made_stays_good_elsewhere() -> None:
+def test_links_survive_moving_a_branch() -> None:
     prefab = Node("prefab")
     loader = prefab.addObject("Loader", name="loader", position="1 2 3")
     made = prefab.addObject("Spring", position=str(loader.position.getLinkPath()))
@@ -397,7 +397,7 @@ def test_the_component_that_a_link_leads_to(spring: Component) -> None:
     assert topology.linked("output") is None
 
 
-def test_what_follows_from_other_data_is_computed_once_until_they_change(spring: Component) -> None:
+def test_computed_data_are_cached(spring: Component) -> None:
     asked: list[Component] = []
 
     def doubled(item: Component) -> np.ndarray:
@@ -414,7 +414,7 @@ def test_what_follows_from_other_data_is_computed_once_until_they_change(spring:
     assert len(asked) == 2
 
 
-def test_what_is_written_once_the_scene_is_complete_is_not_computed_any_more(spring: Component) -> None:
+def test_late_writes_replace_computed_data(spring: Component) -> None:
     declare("Spring", **SPRING | {"position": derived(vectors(3), lambda item: 2 * item.position.given())})
     spring.position = [[1, 2, 3]]
     spring.initialised = True

@@ -109,7 +109,7 @@ def test_a_real_sofa_is_neither_used_nor_touched(tmp_path: Path, monkeypatch: py
         assert sys.modules["Sofa"] is real
 
 
-def test_a_scene_runs_in_its_folder_and_finds_its_files_and_modules(tmp_path: Path) -> None:
+def test_scene_finds_files_in_its_folder(tmp_path: Path) -> None:
     written(tmp_path / "deeper", {"points.txt": "1 2 3"})
     create = """
         import os
@@ -194,7 +194,7 @@ def test_any_event_reaches_a_controller_that_takes_them_all(tmp_path: Path) -> N
     assert tree.root.all.seen == ["AnimateBeginEvent", "KeyreleasedEvent"]
 
 
-def test_controllers_are_told_in_the_order_in_which_they_were_made(tmp_path: Path) -> None:
+def test_controllers_get_events_in_order(tmp_path: Path) -> None:
     create = """
         class Own(Sofa.Core.Controller):
             pass
@@ -253,7 +253,7 @@ def test_an_older_controller_sees_vectors_as_lists_of_rows(tmp_path: Path) -> No
     assert np.array_equal(tree.root.dofs.rest_position.take(), [[2, 0, 0], [5, 0, 0]])
 
 
-def test_what_a_run_provides_is_asked_for_once_each_time_that_a_controller_is_told(tmp_path: Path) -> None:
+def test_provided_values_are_cached_for_an_event(tmp_path: Path) -> None:
     create = """
         class Own(Sofa.Core.Controller):
             def onAnimateBeginEvent(self, event):
@@ -381,7 +381,7 @@ def library(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["stlib3", "splib3", "stlib", "softrobots.actuators"])
-def test_a_library_that_is_not_there_is_one_line_that_says_what_to_get(tmp_path: Path, name: str) -> None:
+def test_missing_library_error_names_its_source(tmp_path: Path, name: str) -> None:
     with pytest.raises(SceneError, match=rf"scene.py, line 3: there is no '{name.split('.')[0]}.*--python-path DIR$"):
         loaded(tmp_path, f"import {name}")
 
@@ -407,9 +407,7 @@ def test_a_library_runs_on_our_modules(
     assert not list(library.rglob("__pycache__"))
 
 
-def test_a_library_under_its_older_name_attaches_prefabs_and_names_solvers_as_it_did(
-    tmp_path: Path, library: Path
-) -> None:
+def test_older_library_names_attach_prefabs(tmp_path: Path, library: Path) -> None:
     create = """
         from stlib.parts import Cube, ElasticMaterialObject
         Cube(root).Solver.threshold = 1e-6
@@ -433,7 +431,7 @@ def test_python_is_as_before_when_a_scene_changes_it_and_fails(tmp_path: Path) -
     assert Path.cwd() == folder
 
 
-def test_what_a_scene_adds_to_the_path_is_there_for_its_controllers(tmp_path: Path) -> None:
+def test_added_path_is_kept_for_controllers(tmp_path: Path) -> None:
     create = """
         import os, sys
         sys.path.append(os.path.join(os.getcwd(), "deeper"))
@@ -501,7 +499,7 @@ def test_a_program_that_is_no_scene_is_not_started(tmp_path: Path) -> None:
     assert not (tmp_path / "started").exists()
 
 
-def test_components_of_a_node_get_names_of_their_own_however_many_they_are(tmp_path: Path) -> None:
+def test_components_get_distinct_names(tmp_path: Path) -> None:
     """20 000 of them take no time; with a search of all names for each it would be minutes."""
     tree = loaded(
         tmp_path, "for i in range(20000): root.addObject('VisualStyle')\nroot.addObject('VisualStyle', name='a')"
@@ -572,7 +570,7 @@ def test_python_2_is_converted(tmp_path: Path, text: str, value: object) -> None
         ("x = 7 / 2\nxrange = range", 3.5),
     ],
 )
-def test_the_quotient_of_integers_is_an_integer_in_python_2_alone(tmp_path: Path, text: str, value: object) -> None:
+def test_python2_divides_integers(tmp_path: Path, text: str, value: object) -> None:
     found = values(tmp_path, text)["x"]
     assert found == value
     assert type(found) is type(value)
@@ -603,7 +601,7 @@ def test_a_package_beside_a_scene_does_not_make_it_python_2(tmp_path: Path, besi
     assert tree.converted == []
 
 
-def test_a_scene_in_python_2_imports_what_is_beside_it_though_its_folder_is_a_package(tmp_path: Path) -> None:
+def test_python2_scene_in_a_package_imports_neighbours(tmp_path: Path) -> None:
     files = {"__init__.py": "", "material.py": "Y = 7 / 2\n"}
     tree = loaded(tmp_path, "print 'a'\nfrom material import Y\nroot.found = Y, 7 / 2", files=files)
     assert tree.root.found == (3.5, 3)  # each file for itself: nothing in the other one is Python 2

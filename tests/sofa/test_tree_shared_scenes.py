@@ -79,7 +79,7 @@ def of_type(tree: SceneTree, *types: str) -> list[object]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_scene_loads_with_all_its_nodes_components_and_controllers(scenes: Path, name: str) -> None:
+def test_shared_scenes_load_completely(scenes: Path, name: str) -> None:
     tree = load(scenes, name)
     fields = of_type(tree, "TetrahedronFEMForceField")
     found = len(list(tree.nodes())), len(list(tree.components())), len(fields), len(tree.controllers)

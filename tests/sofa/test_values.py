@@ -177,9 +177,7 @@ def test_a_time_step_is_above_0(dt: object) -> None:
 
 
 @pytest.mark.parametrize(("stiffness", "made"), [([], [100.0]), ([5.0, 2.0], [5.0]), ([3, 2, 2, 3], [2.0, 3.0])])
-def test_springs_take_the_first_stiffness_unless_there_is_one_for_each(
-    tree: SceneTree, stiffness: list[float], made: list[float]
-) -> None:
+def test_springs_take_first_stiffness(tree: SceneTree, stiffness: list[float], made: list[float]) -> None:
     """SOFA: 100 without any, the first one of a list of another length than that of the points."""
     springs = tree.root.body.addObject("RestShapeSpringsForceField", stiffness=stiffness)
     try:

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from taichisoft_sofa.components.draft import DraftCable, DraftCavity
 from taichisoft_sofa.components.meshes import split_quads
-from taichisoft_sofa.components.reading import TOPOLOGIES, flag, nearest, node_of, numbers, text
+from taichisoft_sofa.components.reading import TOPOLOGIES, flag, nearest, node_of, numbers, refusal, text, topology_of
 from taichisoft_sofa.components.topologies import surface_triangles
 from taichisoft_sofa.tree.component import component, without_effect
 from taichisoft_sofa.tree.value_kinds import (
@@ -49,19 +49,15 @@ def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") 
         points: points of the mechanical object in the cable's node [mm], shape (count, 3).
         draft: draft of the scene, which records refusals and departures.
     """
-    method, link = text(component, "method"), text(component, "surfaceTopology")
-    topology = component.linked("surfaceTopology") if link else nearest(node_of(component), TOPOLOGIES)
-    triangles = np.zeros((0, 3), dtype=np.int64) if topology is None else surface_triangles(topology)
+    method, triangles = text(component, "method"), surface_triangles(topology_of(component, "surfaceTopology"))
     if not len(triangles) or triangles.max() >= len(points):
-        draft.refuse(component, f"method '{method}' needs a surfaceTopology of the points of its node, with triangles")
-        return []
+        raise refusal(component, f"method '{method}' needs a surfaceTopology of the points of its node, with triangles")
     centres = numbers(component, "centers").reshape(-1, 3)
     if not len(centres):
         centres = points[numbers(component, "indices").astype(np.int64)]
     radii = numbers(component, "radii")
     if len(radii) not in (1, len(centres)):
-        draft.refuse(component, f"radii has {len(radii)} numbers for {len(centres)} places")
-        return []
+        raise refusal(component, f"radii has {len(radii)} numbers for {len(centres)} places")
     draft.depart(
         f"{component.getPathName()}: its length is measured to the weighted means of its areas; in SOFA to one vertex "
         "of each, which is not what it pulls at"
@@ -125,23 +121,17 @@ VALUE = {"value": (VECTOR, (0.0,)), "valueIndex": (INTEGER, 0, FROM_0)}
 def cavity(component: "Component", draft: "SceneDraft") -> None:
     """Translate a closed surface with a pressure on its walls."""
     body = draft.body_of(component)
-    if body is None:
-        return
     if value_type(component) not in (PRESSURE, VOLUME):
-        draft.refuse(component, f"valueType '{value_type(component)}'; valid: {PRESSURE}, {VOLUME}")
-        return
+        raise refusal(component, f"valueType '{value_type(component)}'; valid: {PRESSURE}, {VOLUME}")
     triangles = numbers(component, "triangles").astype(np.int64).reshape(-1, 3)
     quads = numbers(component, "quads").astype(np.int64).reshape(-1, 4)
     if not len(triangles) and not len(quads):
-        topology = nearest(node_of(component), TOPOLOGIES)
-        triangles = np.zeros((0, 3), dtype=np.int64) if topology is None else surface_triangles(topology)
+        triangles = surface_triangles(nearest(node_of(component), TOPOLOGIES))
     walls = np.vstack([triangles, split_quads(quads)])
     if not len(walls):
-        draft.refuse(component, "has no triangles, of its own or in a topology container of its node")
-        return
+        raise refusal(component, "has no triangles, of its own or in a topology container of its node")
     points = draft.points_of(component)
-    if not draft.has_points(component, walls, len(points)):
-        return
+    draft.check_points(component, walls, len(points))
     if flag(component, "flipNormal"):
         walls = walls[:, ::-1]
     body.cavities.append(DraftCavity(component, points, walls))
@@ -168,17 +158,13 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
 def cable(component: "Component", draft: "SceneDraft") -> None:
     """Translate a cable through points of a body, or to areas of its surface."""
     body = draft.body_of(component)
-    if body is None:
-        return
     method = text(component, "method")
     if method not in METHODS:
-        draft.refuse(component, f"method '{method}'; valid: {', '.join(METHODS)}")
-        return
+        raise refusal(component, f"method '{method}'; valid: {', '.join(METHODS)}")
     points = draft.points_of(component)
     indices = numbers(component, "indices").astype(np.int64)
     if not len(indices) or indices.min() < 0 or indices.max() >= len(points):
-        draft.refuse(component, f"indices must be among the {len(points)} points of its MechanicalObject")
-        return
+        raise refusal(component, f"indices must be among the {len(points)} points of its MechanicalObject")
     places = points[indices].tolist() if method == "point" else list_areas(component, points, draft)
     if places:
         body.cables.append(DraftCable(component, places))

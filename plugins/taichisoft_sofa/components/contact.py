@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
-from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftBody, DraftPlane, DraftSurface
 from taichisoft_sofa.components.reading import (
     TOPOLOGIES,
@@ -16,6 +15,7 @@ from taichisoft_sofa.components.reading import (
     node_of,
     number,
     numbers,
+    refusal,
     text,
     vector,
 )
@@ -111,7 +111,7 @@ def friction_of(manager: "Component", draft: "SceneDraft") -> float:
             except ValueError:
                 friction = -1.0
             if not 0.0 <= friction < np.inf:
-                raise SceneError(f"{described(manager)}: {name} = '{source}': mu must be 0 or more")
+                raise refusal(manager, f"{name} = '{source}': mu must be 0 or more")
             return friction
     return DEFAULT_FRICTION
 
@@ -135,16 +135,12 @@ def distances_of(distance: "Component") -> tuple[float, float]:
 def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
     """Translate a plane that pushes the points of a body out of what is behind it."""
     body = draft.body_of(component)
-    if body is None:
-        return
     normal = vector(component, "normal", "planeNormal")
     length = float(np.linalg.norm(normal))
     if length == 0.0:
-        draft.refuse(component, "normal = 0 0 0 has no direction")
-        return
+        raise refusal(component, "normal = 0 0 0 has no direction")
     if flag(component, "bilateral"):
-        draft.refuse(component, "bilateral = true; planes push from one side here")
-        return
+        raise refusal(component, "bilateral = true; planes push from one side here")
     draft.planes.append(DraftPlane(component, body, normal / length, number(component, "d", "planeD") / length))
 
 
@@ -167,13 +163,10 @@ def collision_model(component: "Component", draft: "SceneDraft") -> None:
         return
     path = node_of(component).getPathName()
     if path not in body.surfaces:
-        topology = nearest(node_of(component), TOPOLOGIES)
-        none = np.zeros((0, 3), dtype=np.int64)
-        triangles = none if topology is None else surface_triangles(topology)
+        triangles = surface_triangles(nearest(node_of(component), TOPOLOGIES))
         groups = frozenset(numbers(component, "group").astype(int).tolist())
         points = draft.points_of(component)
-        if not draft.has_points(component, triangles, len(points)):
-            return
+        draft.check_points(component, triangles, len(points))
         body.surfaces[path] = DraftSurface(component, points, triangles, groups, False)
     body.surfaces[path].self_collision |= flag(component, "selfCollision")
 
@@ -195,11 +188,9 @@ def sphere_model(component: "Component", draft: "SceneDraft") -> None:
     each = numbers(component, "listRadius")
     radii = each if len(each) else np.full(len(centres), number(component, "radius"))
     if len(radii) != len(centres):
-        draft.refuse(component, f"listRadius has {len(radii)} numbers for {len(centres)} points")
-        return
+        raise refusal(component, f"listRadius has {len(radii)} numbers for {len(centres)} points")
     if not len(centres):
-        draft.refuse(component, "has no points to be the centres of its spheres")
-        return
+        raise refusal(component, "has no points to be the centres of its spheres")
     ball = trimesh.creation.icosphere(subdivisions=FINEST if len(centres) <= FEW else COARSEST)
     points = (centres[:, None] + radii[:, None, None] * np.array(ball.vertices)).reshape(-1, 3)
     triangles = (np.arange(len(centres))[:, None, None] * len(ball.vertices) + np.array(ball.faces)).reshape(-1, 3)

@@ -15,6 +15,7 @@ from taichisoft_sofa.components.reading import (
     mapping_of,
     nearest,
     node_of,
+    refusal,
     upwards,
 )
 from taichisoft_sofa.components.states import frame_carrying, is_rigid, local_position, start_position, width_of
@@ -297,23 +298,20 @@ class SceneDraft:
         """Record a difference from SOFA, once."""
         self.departures[line] = None
 
-    def body_of(self, component: "Component") -> DraftBody | None:
-        """The body on which a component acts; without one, the component is refused and the result is None."""
+    def body_of(self, component: "Component") -> DraftBody:
+        """The body on which a component acts; without one, a SceneError refuses the component."""
         state = independent_state(node_of(component))
         if state is None:
-            self.refuse(component, "acts on nothing: there is no MechanicalObject in its node or above")
-            return None
+            raise refusal(component, "acts on nothing: there is no MechanicalObject in its node or above")
         if width_of(state) == 1 or (is_assembled(state) and is_rigid(state)):
-            self.refuse(
-                component, f"acts on {state.getPathName()}, which joints drive; only soft bodies follow it here"
-            )
-            return None
+            path = state.getPathName()
+            raise refusal(component, f"acts on {path}, which joints drive; only soft bodies follow it here")
         if id(state) not in self.bodies:
             self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
 
     def carrier_of(self, component: "Component") -> DraftBody | DraftFrame | None:
-        """The body, or the frame that follows others, on which a surface or visual model is; None if refused."""
+        """The body, or the frame that follows others, on which a surface or visual model is; None on other points."""
         state = independent_state(node_of(component))
         if state is None or not (is_assembled(state) and is_rigid(state)):
             return self.body_of(component)
@@ -334,18 +332,11 @@ class SceneDraft:
             state = independent_state(node_of(component))
         return np.zeros((0, 3)) if state is None else local_position(state)[:, :3]
 
-    def has_points(self, component: "Component", named: np.ndarray, count: int) -> bool:
-        """Whether all indices of a component are valid; otherwise the component is refused.
-
-        Args:
-            component: the component.
-            named: indices of points, of any shape.
-            count: number of points.
-        """
+    def check_points(self, component: "Component", named: np.ndarray, count: int) -> None:
+        """Refuse a component that names a point outside the `count` points that are there; indices of any shape."""
         outside = named[(named < 0) | (named >= count)]
         if len(outside):
-            self.refuse(component, f"names point {int(outside[0])}; there are {count}, from 0 on")
-        return not len(outside)
+            raise refusal(component, f"names point {int(outside[0])}; there are {count}, from 0 on")
 
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
         """The component in `by_node` of a node, or of the nearest node above it, or None."""

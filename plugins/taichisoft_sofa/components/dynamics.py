@@ -6,14 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, Mass
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import (
     STATE,
-    TOPOLOGIES,
     computed,
-    described,
     flag,
     inputs_of,
     is_given,
@@ -23,7 +20,9 @@ from taichisoft_sofa.components.reading import (
     node_of,
     number,
     numbers,
+    refusal,
     text,
+    topology_of,
 )
 from taichisoft_sofa.components.states import (
     FramePoses,
@@ -127,17 +126,13 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
         weigh_joint(component, joint)
         return
     body = draft.body_of(component)
-    if body is None:
-        return
     total = number(component, "totalMass")
     each = numbers(component, "vertexMass", "mass")
     if is_given(component, "totalMass") and total == 0.0 and not len(each):
-        draft.refuse(component, "totalMass = 0; a body needs a mass above 0")
-        return
+        raise refusal(component, "totalMass = 0; a body needs a mass above 0")
     total_counts = is_given(component, "totalMass") and total > 0.0
     if len(each) and (each[0] < 0.0 or (each[0] == 0.0 and not total_counts)):
-        draft.refuse(component, f"vertexMass = {each[0]:g} must be above 0")
-        return
+        raise refusal(component, f"vertexMass = {each[0]:g} must be above 0")
     if len(each) and not total_counts:
         inertia = _inertia(each)
         if len(each) > 1 and inertia is None:
@@ -161,15 +156,12 @@ BY_VOLUME = {
 def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
     """Translate a mass by volume, which each element distributes to its corners."""
     body = draft.body_of(component)
-    if body is None:
-        return
     if is_given(component, "totalMass"):
         body.mass = Mass(component, total=number(component, "totalMass"), density=0.0)
     else:
         density = numbers(component, "massDensity")
         if not len(density) or (density != density[0]).any():
-            draft.refuse(component, f"massDensity has {len(density)} numbers; a body has one density here")
-            return
+            raise refusal(component, f"massDensity has {len(density)} numbers; a body has one density here")
         body.mass = Mass(component, density=float(density[0]))
     if component.type_name == "MeshMatrixMass" and not flag(component, "lumping"):
         draft.depart(
@@ -208,11 +200,8 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
         joint.springs = component
         return
     body = draft.body_of(component)
-    if body is None:
-        return
     points = numbers(component, "points", "indices").astype(np.int64)
-    if not draft.has_points(component, points, len(body.position)):
-        return
+    draft.check_points(component, points, len(body.position))
     stiffness = numbers(component, "stiffness", default=[SPRING])
     every = np.arange(len(body.position))
     chosen = points if len(points) else every
@@ -239,9 +228,9 @@ def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget |
     if not len(indices):
         indices = chosen if count > int(chosen.max(initial=-1)) and count != len(chosen) else np.arange(len(chosen))
     if len(indices) != len(chosen) or (len(indices) and indices.max() >= count):
-        raise SceneError(
-            f"{described(component)}: external_points has {len(indices)} points, of {count} in {state.getPathName()}; "
-            f"{len(chosen)} are needed"
+        raise refusal(
+            component,
+            f"external_points has {len(indices)} points, of {count} in {state.getPathName()}; {len(chosen)} are needed",
         )
     return PointsTarget(state, indices)
 
@@ -264,27 +253,22 @@ def _forces(component: Component) -> ValueKind:
 def constant_forces(component: Component, draft: "SceneDraft") -> None:
     """Translate constant forces on points: one for each, the same for all, or shares of `totalForce`."""
     body = draft.body_of(component)
-    if body is None:
-        return
     width = 6 if body.rigid else 3
     points = numbers(component, "indices", "points").astype(np.int64)
     points = points if len(points) else np.arange(len(body.position))
-    if not draft.has_points(component, points, len(body.position)):
-        return
-    if is_given(component, "totalForce"):
-        each = numbers(component, "totalForce").reshape(-1, width)[:1] / max(len(points), 1)
-    elif is_given(component, "forces"):
-        each = numbers(component, "forces").reshape(-1, width)
-    else:
-        each = numbers(component, "force", default=(0.0,) * width).reshape(-1, width)[:1]
+    draft.check_points(component, points, len(body.position))
+    name = next((name for name in ("totalForce", "forces") if is_given(component, name)), "force")
+    values = numbers(component, name, default=(0.0,) * width)
+    if values.size % width:
+        raise refusal(component, f"{name} has {values.size} numbers; they are not rows of {width}")
+    each = values.reshape(-1, width)
+    each = {"totalForce": each[:1] / max(len(points), 1), "forces": each, "force": each[:1]}[name]
     if not len(each):
-        draft.refuse(component, "has no force; give force, forces or totalForce")
-        return
+        raise refusal(component, "has no force; give force, forces or totalForce")
     # As in SOFA: points beyond the list have its last force.
     forces = each[np.minimum(np.arange(len(points)), len(each) - 1)]
     if forces[:, 3:].any():
-        draft.refuse(component, "has a torque on a rigid body; forces alone act on rigid bodies here")
-        return
+        raise refusal(component, "has a torque on a rigid body; forces alone act on rigid bodies here")
     body.forces.append(DraftForces(component, points, forces[:, :3]))
 
 
@@ -298,20 +282,15 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     """Translate points that are shifted in time from key to key, linearly."""
     body = draft.body_of(component)
-    if body is None:
-        return
     if body.rigid:
-        draft.refuse(component, "moves a rigid body; only points of soft bodies are moved so here")
-        return
+        raise refusal(component, "moves a rigid body; only points of soft bodies are moved so here")
     points = numbers(component, "indices").astype(np.int64)
     times, shifts = numbers(component, "keyTimes"), numbers(component, "movements").reshape(-1, 3)
-    if not draft.has_points(component, points, len(body.position)):
-        return
+    draft.check_points(component, points, len(body.position))
     if not len(times) or len(times) != len(shifts) or (np.diff(times) <= 0.0).any():
-        draft.refuse(
+        raise refusal(
             component, f"keyTimes has {len(times)} times, movements {len(shifts)}; there must be one for each, rising"
         )
-        return
     start = body.position[points]
     if flag(component, "relativeMovements") is False:
         shifts = shifts - start[:1]
@@ -327,23 +306,18 @@ FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": BOOL, "fixedDirections": 
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
     """Translate points fixed along all or some axes."""
     body = draft.body_of(component)
-    if body is None:
-        return
     fixed = numbers(component, "fixedDirections").astype(bool)
     if body.rigid and len(fixed) == 6:
         if not fixed.all():
-            draft.refuse(component, "holds a rigid body along some axes; all of it is held here, or nothing")
-            return
+            raise refusal(component, "holds a rigid body along some axes; all of it is held here, or nothing")
         fixed = fixed[:3]
     if len(fixed) != 3:
-        draft.refuse(component, f"fixedDirections has {len(fixed)} numbers; three are needed, for x, y and z")
-        return
+        raise refusal(component, f"fixedDirections has {len(fixed)} numbers; three are needed, for x, y and z")
     directions = "".join(np.array(["x", "y", "z"])[fixed])
     all_points = flag(component, "fixAll")
     points = numbers(component, "indices").astype(np.int64)
     chosen = np.arange(len(body.position)) if all_points else points
-    if not draft.has_points(component, chosen, len(body.position)):
-        return
+    draft.check_points(component, chosen, len(body.position))
     if directions:
         body.anchors.append(DraftAnchor(component, chosen, HELD, follows_rest=False, directions=directions))
 
@@ -392,12 +366,12 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
     ends = _ends(component)
     rows = numbers(component, "spring", "springs")
     if rows.size % 5:
-        raise SceneError(f"{described(component)}: spring has {rows.size} numbers; they are not rows of five")
+        raise refusal(component, f"spring has {rows.size} numbers; they are not rows of five")
     rows = rows.reshape(-1, 5)
     if not len(rows):
         first, second = (numbers(component, f"indices{end}").astype(np.int64) for end in (1, 2))
         if len(first) != len(second):
-            raise SceneError(f"{described(component)}: indices1 has {len(first)} points, indices2 {len(second)}")
+            raise refusal(component, f"indices1 has {len(first)} points, indices2 {len(second)}")
         lengths = numbers(component, "lengths", "length")
         if len(lengths) not in (len(first), 1):
             lengths = np.array([]) if not len(lengths) else lengths[:1]
@@ -424,11 +398,9 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
 def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
     """Translate springs along edges and across cells of a topology; their stiffness is by relative stretch."""
     ends = _ends(component)
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES)
+    topology = topology_of(component)
     if topology is None:
-        draft.refuse(component, "finds no topology in its node or above")
-        return
+        raise refusal(component, "finds no topology in its node or above")
     done: set[tuple[int, int]] = set()
     damped = False
     for name, (kind, corners) in CELLS.items():
@@ -449,7 +421,7 @@ def _ends(component: "Component") -> "tuple[Component, Component]":
         links = component.linked_all(name) if is_given(component, name) else []
         state = linked_state(component, *links[0]) if links else own
         if state is None:
-            raise SceneError(f"{described(component)}: finds no MechanicalObject in its node or above")
+            raise refusal(component, "finds no MechanicalObject in its node or above")
         found.append(state)
     return found[0], found[1]
 
@@ -466,13 +438,11 @@ def _add(
     """Add a spring; without a length it is at rest, and with a relative stiffness that is by relative stretch."""
     places = []
     for state, point in zip(ends, points, strict=True):
-        if not draft.has_points(component, np.array([point]), len(start_position(state))):
-            return
+        draft.check_points(component, np.array([point]), len(start_position(state)))
         places.append(_place(state, point))
     distance = float(np.linalg.norm(places[1] - places[0]))
     if distance == 0.0:
-        draft.refuse(component, f"joins points {points[0]} and {points[1]} at one place; a spring needs a length here")
-        return
+        raise refusal(component, f"joins points {points[0]} and {points[1]} at one place; a spring needs a length here")
     if len(draft.springs) == MOST:
         draft.refuse(component, f"makes more than {MOST} springs; elements of a mesh are the way to have so many")
     if len(draft.springs) >= MOST or stiffness <= 0.0:

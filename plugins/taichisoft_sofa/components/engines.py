@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from taichisoft.errors import SceneError
 from taichisoft_sofa.components.meshes import CORNERS, placed
 from taichisoft_sofa.components.reading import (
     LOADERS,
     STATE,
     TOPOLOGIES,
     computed,
-    described,
     flag,
     in_node,
     is_given,
@@ -23,6 +21,7 @@ from taichisoft_sofa.components.reading import (
     node_of,
     number,
     numbers,
+    refusal,
     text,
     vector,
 )
@@ -138,7 +137,7 @@ def region_of(engine: "Component") -> Inside:
     if canonical(engine.type_name) == "SphereROI":
         centres, radii = numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii")
         if len(radii) not in (1, len(centres)):
-            raise SceneError(f"{described(engine)}: radii has {len(radii)} numbers for {len(centres)} centers")
+            raise refusal(engine, f"radii has {len(radii)} numbers for {len(centres)} centers")
         return in_spheres(centres, radii)
     boxes = in_boxes(numbers(engine, "box").reshape(-1, 6))
     oriented = in_oriented_boxes(numbers(engine, "orientedBox").reshape(-1, 10))
@@ -242,9 +241,7 @@ def transformed_points(engine: "Component") -> np.ndarray:
     if len(turn) == 4:  # a quaternion
         turn = Rotation.from_quat(turn).as_euler("xyz", degrees=True)
     if len(turn) != 3:
-        raise SceneError(
-            f"{described(engine)}: rotation has {len(turn)} numbers; three angles or a quaternion are needed"
-        )
+        raise refusal(engine, f"rotation has {len(turn)} numbers; three angles or a quaternion are needed")
     if not flag(engine, "inverse"):
         return placed(points, scale.tolist(), turn.tolist(), shift.tolist())
     back: np.ndarray = Rotation.from_euler("xyz", turn, degrees=True).inv().apply(points - shift) / scale
@@ -258,7 +255,7 @@ def mapped_values(engine: "Component") -> np.ndarray:
         rest = np.full(int(indices.max()) + 1 - len(values), number(engine, "defaultValue"))
         values = np.concatenate([values, rest])
     if len(indices) and indices.min() < 0:
-        raise SceneError(f"{described(engine)}: indices has {int(indices.min())}; they count from 0")
+        raise refusal(engine, f"indices has {int(indices.min())}; they count from 0")
     values[indices] = number(engine, "value")
     return values
 
@@ -277,7 +274,7 @@ def _rows(engine: "Component", values: np.ndarray, width: int) -> np.ndarray:
     rows, indices = values.reshape(-1, width), numbers(engine, "indices").astype(np.int64)
     outside = indices[(indices < 0) | (indices >= len(rows))]
     if len(outside):
-        raise SceneError(f"{described(engine)}: names row {int(outside[0])}; there are {len(rows)}, from 0 on")
+        raise refusal(engine, f"names row {int(outside[0])}; there are {len(rows)}, from 0 on")
     return rows[indices]
 
 
@@ -293,7 +290,7 @@ def merged_set(engine: "Component") -> np.ndarray:
     """MergeSets: what `op` makes of two sets of indices."""
     operation = text(engine, "op").lower()
     if operation not in SETS:
-        raise SceneError(f"{described(engine)}: op '{operation}'; valid: {', '.join(SETS)}")
+        raise refusal(engine, f"op '{operation}'; valid: {', '.join(SETS)}")
     merged: np.ndarray = SETS[operation](
         numbers(engine, "in1").astype(np.int64), numbers(engine, "in2").astype(np.int64)
     )

@@ -10,7 +10,17 @@ from scipy.optimize import minimize_scalar
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.mesh import divided_hexahedra
 from taichisoft_sofa.components.draft import DraftMaterial
-from taichisoft_sofa.components.reading import TOPOLOGIES, computed, described, nearest, node_of, numbers, text
+from taichisoft_sofa.components.reading import (
+    TOPOLOGIES,
+    computed,
+    described,
+    nearest,
+    node_of,
+    numbers,
+    refusal,
+    text,
+    topology_of,
+)
 from taichisoft_sofa.components.topologies import divided, hexahedra_of
 from taichisoft_sofa.tree.component import Component, component, unused
 from taichisoft_sofa.tree.value_kinds import BOOL, FROM_0, LINK, RATIO, TEXT, VECTOR
@@ -156,7 +166,7 @@ def young_modulus(component: Component, count: int) -> np.ndarray:
 def _of_cells(component: Component, name: str, count: int, cells: str = "tetrahedra") -> np.ndarray:
     values = numbers(component, name)
     if len(values) not in (1, count):
-        raise SceneError(f"{described(component)}: {name} has {len(values)} numbers for {count} {cells}")
+        raise refusal(component, f"{name} has {len(values)} numbers for {count} {cells}")
     return np.broadcast_to(values, count)
 
 
@@ -183,16 +193,12 @@ RAYLEIGH = {"rayleighStiffness": unused(0.0), "isCompliance": unused(False)}
 def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the tetrahedra of the nearest topology."""
     body = draft.body_of(component)
-    if body is None:
-        return
     method = text(component, "method").lower()
     if method not in COROTATIONS:
-        draft.refuse(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
-        return
-    tetrahedra = _tetrahedra_of(component, draft)
+        raise refusal(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
+    tetrahedra = _tetrahedra_of(component)
     count = len(tetrahedra)
-    if not count or not draft.has_points(component, tetrahedra, len(body.position)):
-        return
+    draft.check_points(component, tetrahedra, len(body.position))
     young, poisson = young_modulus(component, count), _of_cells(component, "poissonRatio", count)
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, COROTATIONS[method]))
 
@@ -201,16 +207,10 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
 def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
     body = draft.body_of(component)
-    if body is None:
-        return
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_hexahedra)
-    hexahedra = hexahedra_of(topology)[0] if topology is not None else np.zeros((0, 8), dtype=np.int64)
+    hexahedra = computed(topology_of(component, fits=_has_hexahedra), "hexahedra", 8)
     if not len(hexahedra):
-        draft.refuse(component, "finds no hexahedra in a topology of its node or above")
-        return
-    if not draft.has_points(component, hexahedra, len(body.position)):
-        return
+        raise refusal(component, "finds no hexahedra in a topology of its node or above")
+    draft.check_points(component, hexahedra, len(body.position))
     try:
         tetrahedra = divided_hexahedra(body.position, hexahedra, described(component))
     except MeshError as error:
@@ -242,27 +242,21 @@ def _has_hexahedra(topology: Component) -> bool:
 def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate a law of rubber for the tetrahedra of the nearest topology, by its moduli at rest."""
     body = draft.body_of(component)
-    if body is None:
-        return
     name, values = text(component, "materialName"), numbers(component, "ParameterSet")
     if name not in MATERIALS:
-        draft.refuse(component, f"materialName '{name}'; known are: {', '.join(MATERIALS)}")
-        return
+        raise refusal(component, f"materialName '{name}'; known are: {', '.join(MATERIALS)}")
     count, make = MATERIALS[name]
     if len(values) != count:
-        draft.refuse(component, f"ParameterSet = {values.tolist()}; {name} has {count} parameters")
-        return
+        raise refusal(component, f"ParameterSet = {values.tolist()}; {name} has {count} parameters")
     made = make(*values.tolist())
     if not -1.0 < made.ratio < 0.5:
-        draft.refuse(
+        raise refusal(
             component,
             f"ParameterSet = {values.tolist()} makes a shear modulus of {made.shear:.3g} kPa, and a Poisson's ratio of "
             f"{made.ratio:.3g}",
         )
-        return
-    tetrahedra = _tetrahedra_of(component, draft)
-    if not len(tetrahedra) or not draft.has_points(component, tetrahedra, len(body.position)):
-        return
+    tetrahedra = _tetrahedra_of(component)
+    draft.check_points(component, tetrahedra, len(body.position))
     more = 100.0 * (made.pull_ratio() - 1.0)
     if abs(more) > EQUAL:
         draft.depart(
@@ -274,17 +268,16 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
     body.materials.append(DraftMaterial(component, tetrahedra, *moduli, "polar", made.law, made.coefficients))
 
 
-def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
+def _tetrahedra_of(component: Component) -> np.ndarray:
     """Tetrahedra of the nearest topology with tetrahedra or hexahedra, shape (count, 4); without one, it is refused."""
-    link = text(component, "topology")
-    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
-    tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
+    topology = topology_of(component, fits=_has_tetrahedra)
+    tetrahedra = computed(topology, "tetrahedra", 4)
     if not len(tetrahedra):
         with_cells = topology or nearest(node_of(component), TOPOLOGIES, lambda one: len(hexahedra_of(one)[0]) > 0)
         if with_cells is not None:
             tetrahedra = divided(*hexahedra_of(with_cells), alternating=True)
     if not len(tetrahedra):
-        draft.refuse(component, "finds no tetrahedra in a topology container of its node or above")
+        raise refusal(component, "finds no tetrahedra in a topology container of its node or above")
     return tetrahedra
 
 

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from taichisoft_sofa.components.meshes import TRANSFORMED, TURNED_AGAIN
-from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of, numbers
+from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of, numbers, refusal
 from taichisoft_sofa.components.states import (
     FramePoses,
     index_pairs,
@@ -114,12 +114,10 @@ def articulated_mapping(component: "Component", draft: "SceneDraft") -> None:
     """Turn and shift frames by angles that springs hold to their rest position; soft bodies follow the frames."""
     state = in_node(node_of(component), {STATE})
     if state is None or not is_rigid(state):
-        draft.refuse(component, "turns nothing: there is no MechanicalObject of Rigid3 in its node")
-        return
+        raise refusal(component, "turns nothing: there is no MechanicalObject of Rigid3 in its node")
     joint = next((draft.joint_of(angles) for angles in inputs_of(component)[:1]), None)
     if joint is None:
-        draft.refuse(component, "input1 must be a MechanicalObject of Vec1")
-        return
+        raise refusal(component, "input1 must be a MechanicalObject of Vec1")
     FramePoses(start_values).of(state)
     joint.is_used = True
 

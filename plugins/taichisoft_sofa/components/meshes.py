@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.errors import MeshError, SceneError
+from taichisoft.errors import MeshError
 from taichisoft.mesh import existing_file, read_msh, unreadable
-from taichisoft_sofa.components.reading import LOADERS, described, node_of, number, text, vector
+from taichisoft_sofa.components.reading import LOADERS, node_of, number, refusal, text, vector
 from taichisoft_sofa.tree.component import component, derived, unused, without_effect
 from taichisoft_sofa.tree.modules import running
 from taichisoft_sofa.tree.value_kinds import SCALAR, TEXT, Declared, fixed, index_rows, vectors
@@ -361,11 +361,11 @@ def read_loader(loader: "Component") -> LoadedMesh:
     """The mesh of a loader, as in the file."""
     name = text(loader, "filename", "fileMesh", "fileTopology")
     if not name:
-        raise SceneError(f"{described(loader)}: filename is missing; name a mesh")
+        raise refusal(loader, "filename is missing; name a mesh")
     try:
         return read_mesh(find_mesh(name, file_finder(loader)))
     except MeshError as error:
-        raise SceneError(f"{described(loader)}: {error}") from error
+        raise refusal(loader, f"{error}") from error
 
 
 def file_finder(component: "Component") -> Callable[[str], Path | None]:

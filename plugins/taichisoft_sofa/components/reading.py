@@ -40,14 +40,14 @@ def numbers(component: "Component", *names: str, default: Sequence[float] | None
     try:
         return np.zeros(0) if value is None else parse_numbers(value, bools=True)
     except WrongValue as error:
-        raise SceneError(f"{described(component)}: {names[0]}: {error}") from error
+        raise refusal(component, f"{names[0]}: {error}") from error
 
 
 def number(component: "Component", *names: str, default: float | None = None) -> float:
     """The first number of a data."""
     values = numbers(component, *names, default=None if default is None else [default])
     if not len(values):
-        raise SceneError(f"{described(component)}: {names[0]} is empty; a number is needed")
+        raise refusal(component, f"{names[0]} is empty; a number is needed")
     return float(values[0])
 
 
@@ -55,7 +55,7 @@ def vector(component: "Component", *names: str, default: Sequence[float] | None 
     """Three numbers of a data; a default replaces the declared one."""
     values = numbers(component, *names, default=default)
     if len(values) != 3:
-        raise SceneError(f"{described(component)}: {names[0]} has {len(values)} numbers; 3 are needed")
+        raise refusal(component, f"{names[0]} has {len(values)} numbers; 3 are needed")
     return values
 
 
@@ -64,7 +64,7 @@ def flag(component: "Component", name: str) -> bool:
     value = value_of(component, name)
     if isinstance(value, str):
         if value.strip().lower() not in TRUE | FALSE:
-            raise SceneError(f"{described(component)}: {name} = '{value}'; must be true or false")
+            raise refusal(component, f"{name} = '{value}'; must be true or false")
         return value.strip().lower() in TRUE
     return value is not None and bool(np.ravel(value)[0])
 
@@ -75,10 +75,10 @@ def text(component: "Component", *names: str) -> str:
     return "" if value is None else str(value).strip()
 
 
-def computed(component: "Component", name: str, width: int) -> np.ndarray:
-    """Rows of `width` numbers, written by the scene or computed; no rows if the component has no such data."""
-    data = component.findData(name)
-    value = None if data is None else data.read_value()
+def computed(component: "Component | None", name: str, width: int) -> np.ndarray:
+    """Rows of `width` numbers, written by the scene or computed; no rows without a component that has such data."""
+    data = None if component is None else component.findData(name)
+    value = None if data is None or not (data.is_declared() or data.is_set()) else data.read_value()
     dtype = np.float64 if name in ("position", "rest_position") else np.int64
     if value is None:
         return np.zeros((0, width), dtype=dtype)
@@ -155,6 +155,22 @@ def nearest(
     return None
 
 
+def topology_of(
+    component: "Component", link: str = "topology", fits: "Callable[[Component], bool]" = lambda topology: True
+) -> "Component | None":
+    """The topology to which a data links, else the nearest one that fits, or None."""
+    linked: Component | None = component.linked(link)
+    return linked if text(component, link) else nearest(node_of(component), TOPOLOGIES, fits)
+
+
+def mesh_of(component: "Component") -> "Component | None":
+    """The component to which `src` links, else the topology or the loader in the node, or None."""
+    if text(component, "src"):
+        linked: Component | None = component.linked("src")
+        return linked
+    return in_node(node_of(component), TOPOLOGIES) or in_node(node_of(component), LOADERS)
+
+
 def mapping_of(state: "Component") -> "Component | None":
     """The mapping by which a mechanical object follows others, or None."""
     for component in node_of(state).objects:
@@ -200,3 +216,8 @@ def independent_state(node: "Node") -> "Component | None":
             return state
         state = next(iter(inputs_of(mapping)), None)
     return state
+
+
+def refusal(component: "Component", why: str) -> SceneError:
+    """Error that a component cannot be translated, and why."""
+    return SceneError(f"{described(component)}: {why}")

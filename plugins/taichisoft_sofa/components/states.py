@@ -12,21 +12,20 @@ from scipy.spatial.transform import Rotation
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.meshes import multiply_quaternions, placed, quaternion
 from taichisoft_sofa.components.reading import (
-    LOADERS,
     STATE,
-    TOPOLOGIES,
     computed,
-    described,
     flag,
     in_node,
     inputs_of,
     is_given,
     linked_state,
     mapping_of,
+    mesh_of,
     nearest,
     node_of,
     number,
     numbers,
+    refusal,
     text,
     upwards,
     vector,
@@ -71,7 +70,7 @@ def start_position(state: "Component") -> np.ndarray:
         return kept
     width = width_of(state)
     if width not in WIDTHS:
-        raise SceneError(f"{described(state)}: template '{text(state, 'template')}'; known are Vec3 and Rigid3")
+        raise refusal(state, f"template '{text(state, 'template')}'; known are Vec3 and Rigid3")
     found = _source(state, width)
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
@@ -98,18 +97,16 @@ def _source(state: "Component", width: int) -> np.ndarray:
         if is_given(state, name):
             found = numbers(state, name)
             if found.size % width:
-                raise SceneError(f"{described(state)}: {name} has {found.size} numbers; they are not rows of {width}")
+                raise refusal(state, f"{name} has {found.size} numbers; they are not rows of {width}")
             return found.reshape(-1, width)
     if width == 7:
         return np.zeros((0, 7))
-    link = text(state, "src")
-    source = state.linked("src") if link else in_node(node_of(state), TOPOLOGIES) or in_node(node_of(state), LOADERS)
-    if source is not None and (points := computed(source, "position", 3)).size:
+    if (points := computed(mesh_of(state), "position", 3)).size:
         return points
     if (subset := in_node(node_of(state), {"SubsetMapping"})) is not None and inputs_of(subset):
         whole, chosen = start_position(inputs_of(subset)[0]), numbers(subset, "indices").astype(np.int64)
         if len(chosen) and chosen.max() >= len(whole):
-            raise SceneError(f"{described(subset)}: names point {int(chosen.max())}; there are {len(whole)}, from 0 on")
+            raise refusal(subset, f"names point {int(chosen.max())}; there are {len(whole)}, from 0 on")
         return whole[chosen]
     if in_node(node_of(state), {"IdentityMapping"}) is not None:
         above = next((nearest(parent, {STATE}) for parent in node_of(state).parents), None)
@@ -126,9 +123,10 @@ def start_velocity(state: "Component") -> np.ndarray:
         return np.zeros(width)
     rows, count = rows.reshape(-1, width), len(start_position(state))
     if len(rows) != count or not (rows == rows[0]).all():
-        raise SceneError(
-            f"{described(state)}: velocity has {len(rows)} rows, not all alike or not one for each of {count} points; "
-            "a body here begins with one velocity of all its points"
+        raise refusal(
+            state,
+            f"velocity has {len(rows)} rows, not all alike or not one for each of {count} points; "
+            "a body here begins with one velocity of all its points",
         )
     found: np.ndarray = rows[0]
     return found
@@ -203,14 +201,12 @@ class FramePoses:
             return composed(frames, local)
         if not is_rigid(state):  # points that follow a body, whose values are known
             return self._values(state)
-        raise SceneError(f"{described(mapping)}: frames that follow others by {kind} are not known here")
+        raise refusal(mapping, f"frames that follow others by {kind} are not known here")
 
     def _frame(self, mapping: "Component", state: "Component", index: int) -> np.ndarray:
         frames = self.of(state)
         if not 0 <= index < len(frames):
-            raise SceneError(
-                f"{described(mapping)}: names frame {index} of {state.getPathName()}, which has {len(frames)}"
-            )
+            raise refusal(mapping, f"names frame {index} of {state.getPathName()}, which has {len(frames)}")
         frame: np.ndarray = frames[index]
         return frame
 
@@ -228,13 +224,13 @@ class FramePoses:
         for centre in centres_of(mapping):
             parent, child = (int(number(centre, name)) for name in ("parentIndex", "childIndex"))
             if not (0 <= parent < len(poses) and 0 <= child < len(poses)):
-                raise SceneError(f"{described(centre)}: parentIndex and childIndex must be among {len(poses)} frames")
+                raise refusal(centre, f"parentIndex and childIndex must be among {len(poses)} frames")
             turn = Rotation.from_quat(poses[parent, 3:])
             place = poses[parent, :3] + turn.apply(vector(centre, "posOnParent"))
             for joint in (one for one in node_of(centre).walk_components() if one.type_name == "Articulation"):
                 index = int(number(joint, "articulationIndex"))
                 if not 0 <= index < len(angles):
-                    raise SceneError(f"{described(joint)}: articulationIndex {index}; there are {len(angles)} angles")
+                    raise refusal(joint, f"articulationIndex {index}; there are {len(angles)} angles")
                 axis = vector(joint, "rotationAxis")
                 axis = axis / (np.linalg.norm(axis) or 1.0)
                 if flag(joint, "rotation"):
@@ -251,14 +247,14 @@ def centres_of(mapping: "Component") -> "list[Component]":
     for above in upwards(node_of(mapping)):
         if any(one.type_name == "ArticulatedHierarchyContainer" for one in above.objects):
             return [one for one in above.walk_components() if one.type_name == "ArticulationCenter"]
-    raise SceneError(f"{described(mapping)}: finds no ArticulatedHierarchyContainer in its node or above")
+    raise refusal(mapping, "finds no ArticulatedHierarchyContainer in its node or above")
 
 
 def index_pairs(mapping: "Component", inputs: int) -> np.ndarray:
     """Input and index in it of each point or frame of a SubsetMultiMapping, shape (count, 2)."""
     pairs = numbers(mapping, "indexPairs").astype(np.int64)
     if len(pairs) % 2 or (len(pairs) and not 0 <= pairs[::2].min() <= pairs[::2].max() < inputs):
-        raise SceneError(f"{described(mapping)}: indexPairs must be pairs of one of {inputs} inputs and an index in it")
+        raise refusal(mapping, f"indexPairs must be pairs of one of {inputs} inputs and an index in it")
     return pairs.reshape(-1, 2)
 
 
@@ -292,7 +288,7 @@ def frame_carrying(component: "Component") -> "tuple[Component, int] | None":
         return None
     each = np.unique(rigid_indices(mapping, len(start_position(state))))
     if len(each) != 1:
-        raise SceneError(f"{described(component)}: follows {len(each)} frames; a surface follows one here")
+        raise refusal(component, f"follows {len(each)} frames; a surface follows one here")
     return inputs_of(mapping)[0], int(each[0])
 
 
@@ -375,11 +371,9 @@ class DrivenFrameTarget:
         return cls(state, index, relative(np.repeat(frame, len(places), axis=0), places))
 
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
-        """Places of points on the frame [mm]."""
         return composed(np.repeat(poses.of(self.state)[[self.index]], len(rows), axis=0), self.local[rows])
 
     def sources(self) -> "Sequence[Component]":
-        """The independent frames and angles."""
         return [base for base, _ in base_frames(self.state, self.index)]
 
 
@@ -391,11 +385,9 @@ class PointsTarget:
     indices: np.ndarray
 
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
-        """Present places of the points, or of the origins of frames [mm]."""
         return poses.of(self.state)[self.indices[rows], :3]
 
     def sources(self) -> "Sequence[Component]":
-        """The mechanical object."""
         return [self.state]
 
     def frame_of(self, row: int) -> "tuple[Component, int]":
@@ -418,10 +410,8 @@ class MotionTarget:
     shifts: np.ndarray
 
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
-        """Shifted places [mm]."""
         shift = [np.interp(time, self.times, column) for column in self.shifts.T]
         return self.start[rows] + np.array(shift)
 
     def sources(self) -> "Sequence[Component]":
-        """None."""
         return []

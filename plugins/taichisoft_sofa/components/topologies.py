@@ -6,7 +6,6 @@ import numpy as np
 import trimesh
 from scipy import ndimage
 
-from taichisoft.errors import SceneError
 from taichisoft.mesh import SIX_TETRAHEDRA, boundary_quads, boundary_triangles
 from taichisoft_sofa.components.meshes import (
     CORNERS,
@@ -22,7 +21,6 @@ from taichisoft_sofa.components.reading import (
     LOADERS,
     TOPOLOGIES,
     computed,
-    described,
     flag,
     in_node,
     is_given,
@@ -30,6 +28,7 @@ from taichisoft_sofa.components.reading import (
     node_of,
     number,
     numbers,
+    refusal,
     text,
     vector,
 )
@@ -90,8 +89,8 @@ def container_cells(container: "Component", kind: str) -> np.ndarray:
     return getattr(read_loader(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
 
 
-def surface_triangles(topology: "Component") -> np.ndarray:
-    """Triangles of a container, with quads split in two, shape (count, 3)."""
+def surface_triangles(topology: "Component | None") -> np.ndarray:
+    """Triangles of a container, with quads split in two, shape (count, 3); none without a container."""
     return np.vstack([computed(topology, "triangles", 3), split_quads(computed(topology, "quads", 4))])
 
 
@@ -156,7 +155,7 @@ def input_of(mapping: "Component") -> "Component":
     if getattr(found, "type_name", "") == "Node":
         found = in_node(found, TOPOLOGIES)
     if found is None or canonical(found.type_name) not in TOPOLOGIES:
-        raise SceneError(f"{described(mapping)}: input '{link}' is not a container of cells")
+        raise refusal(mapping, f"input '{link}' is not a container of cells")
     return found
 
 
@@ -181,9 +180,7 @@ def grid_size(grid: "Component") -> tuple[int, int, int]:
     if not is_given(grid, "n"):
         size = np.array([int(number(grid, name)) for name in ("nx", "ny", "nz")])
     if len(size) != 3 or (size < 1).any() or np.prod(size.astype(float)) > MOST_POINTS:
-        raise SceneError(
-            f"{described(grid)}: n = {size.tolist()}: three numbers of 1 or more, of at most {MOST_POINTS} points"
-        )
+        raise refusal(grid, f"n = {size.tolist()}: three numbers of 1 or more, of at most {MOST_POINTS} points")
     return int(size[0]), int(size[1]), int(size[2])
 
 
@@ -313,7 +310,7 @@ def _surface(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
 def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
     points, triangles = _surface(grid)
     if not len(triangles):
-        raise SceneError(f"{described(grid)}: has no surface of triangles; name a file with fileTopology, or a source")
+        raise refusal(grid, "has no surface of triangles; name a file with fileTopology, or a source")
     low, high = (vector(grid, end) for end in ("min", "max"))
     if not low.any() and not high.any():
         size = np.ptp(points, axis=0)
@@ -322,9 +319,7 @@ def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
     if (width := number(grid, "cellWidth")) > 0.0:
         count = np.ceil((high - low) / width).astype(int) + 1
     if (count < 2).any() or np.prod(count.astype(float)) > MOST_POINTS:
-        raise SceneError(
-            f"{described(grid)}: n = {count.tolist()}: 2 points or more along each axis, {MOST_POINTS} at most"
-        )
+        raise refusal(grid, f"n = {count.tolist()}: 2 points or more along each axis, {MOST_POINTS} at most")
     cell = (high - low) / (count - 1)
     samples, _ = trimesh.remesh.subdivide_to_size(points, triangles, PITCH * cell.min(), max_iter=30)
     touched = np.zeros(count - 1, dtype=bool)

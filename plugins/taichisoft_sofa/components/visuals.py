@@ -10,13 +10,11 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.meshes import placed, read_loader, split_quads
 from taichisoft_sofa.components.reading import (
-    LOADERS,
-    TOPOLOGIES,
     computed,
     described,
     flag,
-    in_node,
     independent_state,
+    mesh_of,
     node_of,
     number,
     text,
@@ -88,12 +86,7 @@ def _shape(component: "Component") -> tuple[np.ndarray, np.ndarray]:
         mesh = read_loader(component)
         points, triangles = mesh.points, np.vstack([mesh.triangles, split_quads(mesh.quads)])
     else:
-        node = node_of(component)
-        source = (
-            component.linked("src") if text(component, "src") else in_node(node, TOPOLOGIES) or in_node(node, LOADERS)
-        )
-        if source is None:
-            return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+        source = mesh_of(component)
         points, triangles = computed(source, "position", 3), surface_triangles(source)
     scale = vector(component, "scale3d", default=[number(component, "scale", default=1.0)] * 3)
     turn, shift = (vector(component, name, default=(0.0, 0.0, 0.0)) for name in ("rotation", "translation"))

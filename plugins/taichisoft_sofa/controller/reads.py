@@ -13,7 +13,14 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.mechanics import State, embed
 from taichisoft_sofa.components.contact import CONSTRAINT_SOLVERS
-from taichisoft_sofa.components.reading import STATE, described, independent_state, inputs_of, mapping_of, node_of
+from taichisoft_sofa.components.reading import (
+    STATE,
+    independent_state,
+    inputs_of,
+    mapping_of,
+    node_of,
+    refusal,
+)
 from taichisoft_sofa.components.states import base_frames, composed, index_pairs, is_rigid, relative, start_position
 from taichisoft_sofa.controller.writes import DrivenFrames, JointMotion
 from taichisoft_sofa.loading import SceneTree
@@ -225,7 +232,7 @@ def _column(joint: JointMotion, name: str) -> np.ndarray:
 
 def _no_force(state: Component) -> np.ndarray:
     """Refuse to read a force, which is not computed; an empty array would be misleading."""
-    raise SceneError(f"{described(state)}: force is not known in a run; cables have force, cavities have pressure")
+    raise refusal(state, "force is not known in a run; cables have force, cavities have pressure")
 
 
 def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force
 from taichisoft_sofa.components.draft import DraftMaterial
 from taichisoft_sofa.components.force_fields import young_modulus
 from taichisoft_sofa.components.known_components import is_without_effect
-from taichisoft_sofa.components.reading import STATE, described, flag, is_given, mapping_of, number, numbers
+from taichisoft_sofa.components.reading import STATE, described, flag, is_given, mapping_of, number, numbers, refusal
 from taichisoft_sofa.components.states import FramePoses, base_frames, bases_of, is_rigid, start_values, width_of
 from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation
@@ -79,10 +79,10 @@ class JointMotion:
         chosen = points if len(points) else np.arange(len(self.angle))
         stiffness = np.zeros(len(self.angle))
         if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(self.angle)):
-            raise SceneError(f"{described(springs)}: names an angle outside 0..{len(self.angle) - 1}")
+            raise refusal(springs, f"names an angle outside 0..{len(self.angle) - 1}")
         stiffness[chosen] = given if len(given) == len(chosen) else given[0]
         if (stiffness <= 0.0).any():
-            raise SceneError(f"{described(springs)}: stiffness = 0: an angle that nothing holds is not known here")
+            raise refusal(springs, "stiffness = 0: an angle that nothing holds is not known here")
         return stiffness
 
     def _rest(self) -> np.ndarray:
@@ -404,7 +404,7 @@ def _present(component: Component) -> float:
     values = parse_numbers(data.read_value()) if data is not None and data.is_set() else np.zeros(1)
     index = int(number(component, "valueIndex"))
     if index >= len(values):
-        raise SceneError(f"{described(component)}: value has {len(values)} numbers; number {index} is needed")
+        raise refusal(component, f"value has {len(values)} numbers; number {index} is needed")
     return float(values[index])
 
 

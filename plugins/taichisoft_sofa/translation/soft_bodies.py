@@ -31,9 +31,9 @@ LARGEST = 1e30
 
 def body_tetrahedra(body: DraftBody) -> np.ndarray:
     """Tetrahedra of a body: from its topology, then additional ones from force fields, shape (count, 4)."""
-    topology = _topology(body)
-    own = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
-    rows = np.vstack([own, *(material.tetrahedra for material in body.materials)])
+    rows = np.vstack(
+        [computed(_topology(body), "tetrahedra", 4), *(material.tetrahedra for material in body.materials)]
+    )
     _, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
     return rows[np.sort(first)]
 
@@ -48,14 +48,16 @@ def add_soft_body(
     """Add a soft body to a translation; without a solver it stands still."""
     moves = solver is not None
     tetrahedra = body_tetrahedra(body)
-    if not draft.has_points(_topology(body) or body.state, tetrahedra, len(body.position)):
-        return
+    draft.check_points(_topology(body) or body.state, tetrahedra, len(body.position))
     young, poisson = add_moduli(tetrahedra, body.materials)
     if moves and not body.materials:
         draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
         return
     if moves and body.mass is None:
         draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
+        return
+    if moves and (young <= 0.0).all():
+        draft.refuse(body.state, "moves, but youngModulus = 0 leaves its tetrahedra without stiffness")
         return
     if moves and (young <= 0.0).any():
         count = int((young <= 0.0).sum())

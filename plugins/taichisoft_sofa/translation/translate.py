@@ -434,6 +434,9 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
         try:
             known.translate(component, draft)
+        except SceneError as error:
+            draft.refused.append(str(error))
+        try:
             _note_data(component, draft, translation)
         except SceneError as error:
             draft.refused.append(str(error))

@@ -425,11 +425,9 @@ class Component(TreeObject):
         self.set_all(data or {})
 
     def declared_data(self, name: str) -> Declared | None:
-        """Declaration of a data of this type, or None."""
         return declared(self.type_name).get(name) or OF_COMPONENTS.get(name)
 
     def has_known_data(self) -> bool:
-        """Whether the type is declared."""
         return canonical(self.type_name) in TYPES
 
     def findData(self, name: str) -> Data | None:
@@ -446,29 +444,20 @@ class Component(TreeObject):
         )
 
     def known_names(self) -> list[str]:
-        """Names of the declared data of the type."""
         return list(declared(self.type_name))
 
     def link_start(self) -> Any:
-        """The node of the component."""
         return self._context if self._context is not None else NOWHERE
 
     def getPathName(self) -> str:
-        """Path from the root, such as /finger/loader."""
         return f"{self._context.getPathName().rstrip('/') if self._context is not None else ''}/{self.getName()}"
 
     def getContext(self) -> Any:
-        """The node of the component."""
         return self._context
 
     def getTemplateName(self) -> str:
-        """Template, such as Vec3."""
         template = self.findData("template")
         return "" if template is None else str(template.read_value())
-
-    def getCategories(self) -> list[str]:
-        """Categories, which are not recorded."""
-        return []
 
     def reinit(self) -> None:
         """Request an update after changes of data, such as of the stiffness by Young's modulus."""

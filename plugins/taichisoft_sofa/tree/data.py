@@ -365,9 +365,6 @@ class Data(Arithmetic):
     getValueTypeString, toList = typeName, tolist
 
     def updateIfDirty(self) -> None: ...
-    def setPersistent(self, _persistent: bool) -> None: ...
-    def isDirty(self) -> bool:
-        return False
 
     def __call__(self, *_arguments: Any, **_named: Any) -> Any:
         raise AttributeError(

@@ -100,7 +100,7 @@ class Node(TreeObject):
         """Add a new child node by name, or an existing node, which may also have other parents."""
         if isinstance(child, str):
             child = Node(child, **data)
-        child = getattr(child, "node", child) if not isinstance(child, Node) else child
+        child = getattr(child, "node", child) if not isinstance(child, TreeObject) else child
         if not isinstance(child, Node):
             raise TypeError(f"{self.described()}.addChild: {child!r} is neither a name nor a node")
         if child is self or child in self._above():
@@ -255,7 +255,6 @@ class Node(TreeObject):
     # Description.
 
     def declared_data(self, name: str) -> Declared | None:
-        """Declaration of a data of nodes, or None."""
         return OF_NODES.get(name)
 
     def has_known_data(self) -> bool:
@@ -270,7 +269,6 @@ class Node(TreeObject):
         return [*(item.getName() for item in (*self._objects, *self._children)), *OF_NODES]
 
     def getPathName(self) -> str:
-        """Path from the root, such as /finger; the root's is /."""
         return f"{self._parents[0].getPathName().rstrip('/')}/{self.getName()}" if self._parents else "/"
 
     def getRootPath(self) -> str:

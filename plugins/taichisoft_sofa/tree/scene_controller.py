@@ -81,11 +81,9 @@ class SceneController(PythonComponent):
     """A controller of SofaPython3, with methods such as onKeypressedEvent for a pressed key."""
 
     def handles_event(self, event: str) -> bool:
-        """Whether a method for an event is defined."""
         return hasattr(type(self), f"on{event}") or hasattr(type(self), "onEvent")
 
     def handle_event(self, event: str, content: dict[str, Any]) -> None:
-        """Call the method for an event, if defined."""
         method = getattr(self, f"on{event}", None)
         if not callable(method):
             method = getattr(self, "onEvent", None)
@@ -120,17 +118,14 @@ class PythonScriptController(PythonComponent):
         return made
 
     def handles_event(self, event: str) -> bool:
-        """Whether a method for an event is defined."""
         return event in OLDER and hasattr(type(self), OLDER[event][0])
 
     def handle_event(self, event: str, content: dict[str, Any]) -> None:
-        """Call the method for an event, if defined."""
         if self.handles_event(event):
             method, argument = OLDER[event]
             getattr(self, method)(content[argument])
 
     def scene_is_complete(self) -> None:
-        """Initialise the controller of a complete scene, as SOFA does."""
         for method in ("createGraph", "initGraph", "bwdInitGraph"):
             if hasattr(type(self), method):
                 getattr(self, method)(self._context)
