@@ -18,6 +18,7 @@ from taichisoft_sofa.components.reading import (
     upwards,
 )
 from taichisoft_sofa.components.states import frame_carrying, is_rigid, local_position, start_position, width_of
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.states import AnchorTarget
@@ -92,11 +93,19 @@ class DraftAnchor:
 
 @dataclass(frozen=True)
 class DraftForces:
-    """Constant forces: the component, indices of points, shape (count,), and a force on each [mN], shape (count, 3)."""
+    """Constant forces on points, or on places that follow the tetrahedra.
+
+    Attributes:
+        component: the force field.
+        points: indices of points, shape (count,).
+        forces: force on each [mN], shape (count, 3).
+        places: where points are that follow the body [mm], shape (count, 3); None for points of its own.
+    """
 
     component: "Component"
     points: np.ndarray
     forces: np.ndarray
+    places: np.ndarray | None = None
 
 
 @dataclass
@@ -312,6 +321,19 @@ class SceneDraft:
             self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
 
+    def own_body_of(self, component: "Component") -> DraftBody | None:
+        """As `body_of`, of a component that acts on points by their numbers: on points that follow it is refused."""
+        state = in_node(node_of(component), {STATE})
+        mapping = None if state is None or is_assembled(state) else mapping_of(state)
+        if mapping is not None and canonical(mapping.type_name) != "IdentityMapping":
+            self.refuse(
+                component,
+                f"acts on points that follow others by {mapping.type_name}; only forces, surfaces, cavities and cables "
+                "act through a mapping here",
+            )
+            return None
+        return self.body_of(component)
+
     def carrier_of(self, component: "Component") -> DraftBody | DraftFrame | None:
         """The body, or the frame that follows others, on which a surface or visual model is; None if refused."""
         state = independent_state(node_of(component))
@@ -344,7 +366,8 @@ class SceneDraft:
         """
         outside = named[(named < 0) | (named >= count)]
         if len(outside):
-            self.refuse(component, f"names point {int(outside[0])}; there are {count}, from 0 on")
+            there = f"its points are 0 to {count - 1}" if count else "there are none"
+            self.refuse(component, f"names point {int(outside[0])}; {there}")
         return not len(outside)
 
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":

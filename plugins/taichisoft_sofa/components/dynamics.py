@@ -15,6 +15,7 @@ from taichisoft_sofa.components.reading import (
     computed,
     described,
     flag,
+    in_node,
     inputs_of,
     is_given,
     linked_state,
@@ -45,9 +46,11 @@ from taichisoft_sofa.tree.value_kinds import (
     INTEGER,
     LINK,
     SCALAR,
+    TEXT,
     VECTOR,
     ValueKind,
     canonical,
+    fixed,
     vectors,
 )
 
@@ -117,6 +120,9 @@ def constraint_correction(component: Component, draft: "SceneDraft") -> None:
     totalMass=(SCALAR, 1.0, FROM_0),
     vertexMass=VECTOR,
     mass=VECTOR,
+    filename=TEXT,
+    indices=(INDICES, (), FROM_0),
+    localRange=INDICES,
     rayleighMass=unused(0.0),
     compliance=unused(0.0),
     handleTopologicalChanges=unused(False),
@@ -126,8 +132,15 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     if (joint := draft.joint_of(component)) is not None:
         weigh_joint(component, joint)
         return
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body is None:
+        return
+    if text(component, "filename"):
+        draft.refuse(component, f"filename '{text(component, 'filename')}' is not read; give vertexMass")
+        return
+    chosen = np.unique(numbers(component, "indices"))
+    if (len(chosen) and len(chosen) < len(body.position)) or (numbers(component, "localRange") >= 0).any():
+        draft.refuse(component, "gives some of the points a mass; all points of a body have the same here")
         return
     total = number(component, "totalMass")
     each = numbers(component, "vertexMass", "mass")
@@ -151,6 +164,8 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
 
 BY_VOLUME = {
     "totalMass": (SCALAR, 1.0, ABOVE_0),
+    "vertexMass": (VECTOR, (), ABOVE_0),
+    "filename": TEXT,
     "massDensity": (VECTOR, (1.0,), ABOVE_0),
     "rayleighMass": unused(0.0),
 }
@@ -159,11 +174,20 @@ BY_VOLUME = {
 @component("MeshMatrixMass", **BY_VOLUME, lumping=BOOL)
 @component("DiagonalMass", **BY_VOLUME)
 def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
-    """Translate a mass by volume, which each element distributes to its corners."""
-    body = draft.body_of(component)
+    """Translate a mass by volume, which each element distributes to its corners, or one mass for all points."""
+    body = draft.own_body_of(component)
     if body is None:
         return
-    if is_given(component, "totalMass"):
+    each = numbers(component, "vertexMass")
+    if text(component, "filename"):
+        draft.refuse(component, f"filename '{text(component, 'filename')}' is not read; give totalMass or massDensity")
+        return
+    if len(each) and (len(each) != len(body.position) or (each != each[0]).any()):
+        draft.refuse(component, f"vertexMass has {len(each)} numbers, not one for all of {len(body.position)} points")
+        return
+    if len(each):
+        body.mass = Mass(component, each=float(each[0]))
+    elif is_given(component, "totalMass"):
         body.mass = Mass(component, total=number(component, "totalMass"), density=0.0)
     else:
         density = numbers(component, "massDensity")
@@ -207,7 +231,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     if (joint := draft.joint_of(component)) is not None:
         joint.springs = component
         return
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body is None:
         return
     points = numbers(component, "points", "indices").astype(np.int64)
@@ -248,9 +272,18 @@ def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget |
 
 def _forces(component: Component) -> ValueKind:
     """Forces on points, or with torques on frames."""
+    return vectors(_width(component))
+
+
+def _force(component: Component) -> ValueKind:
+    """A force on a point, or with a torque on a frame."""
+    return fixed(_width(component))
+
+
+def _width(component: Component) -> int:
     state = nearest(node_of(component), {STATE}) if component.getContext() is not None else None
     rigid = text(component, "template").startswith("Rigid") or (state is not None and is_rigid(state))
-    return vectors(6 if rigid else 3)
+    return 6 if rigid else 3
 
 
 @component(
@@ -259,17 +292,24 @@ def _forces(component: Component) -> ValueKind:
     points=(INDICES, (), FROM_0),
     force=_forces,
     forces=_forces,
-    totalForce=_forces,
+    totalForce=_force,
+    indexFromEnd=BOOL,
 )
 def constant_forces(component: Component, draft: "SceneDraft") -> None:
     """Translate constant forces on points: one for each, the same for all, or shares of `totalForce`."""
-    body = draft.body_of(component)
+    state = in_node(node_of(component), {STATE})
+    mapping = None if state is None or is_rigid(state) else mapping_of(state)
+    follows = mapping is not None and canonical(mapping.type_name) == "BarycentricMapping"
+    body = draft.body_of(component) if follows else draft.own_body_of(component)
     if body is None:
         return
     width = 6 if body.rigid else 3
+    places = draft.points_of(component) if follows else body.position
     points = numbers(component, "indices", "points").astype(np.int64)
-    points = points if len(points) else np.arange(len(body.position))
-    if not draft.has_points(component, points, len(body.position)):
+    points = points if len(points) else np.arange(len(places))
+    if flag(component, "indexFromEnd"):
+        points = len(places) - 1 - points
+    if not draft.has_points(component, points, len(places)):
         return
     if is_given(component, "totalForce"):
         each = numbers(component, "totalForce").reshape(-1, width)[:1] / max(len(points), 1)
@@ -285,7 +325,7 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     if forces[:, 3:].any():
         draft.refuse(component, "has a torque on a rigid body; forces alone act on rigid bodies here")
         return
-    body.forces.append(DraftForces(component, points, forces[:, :3]))
+    body.forces.append(DraftForces(component, points, forces[:, :3], places[points] if follows else None))
 
 
 @component(
@@ -297,7 +337,7 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
 )
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     """Translate points that are shifted in time from key to key, linearly."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body is None:
         return
     if body.rigid:
@@ -326,19 +366,19 @@ FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": BOOL, "fixedDirections": 
 @component("PartialFixedProjectiveConstraint", **FIXED, projectVelocity=unused(False))
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
     """Translate points fixed along all or some axes."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body is None:
         return
-    fixed = numbers(component, "fixedDirections").astype(bool)
-    if body.rigid and len(fixed) == 6:
-        if not fixed.all():
+    held = numbers(component, "fixedDirections").astype(bool)
+    if body.rigid and len(held) == 6:
+        if not held.all():
             draft.refuse(component, "holds a rigid body along some axes; all of it is held here, or nothing")
             return
-        fixed = fixed[:3]
-    if len(fixed) != 3:
-        draft.refuse(component, f"fixedDirections has {len(fixed)} numbers; three are needed, for x, y and z")
+        held = held[:3]
+    if len(held) != 3:
+        draft.refuse(component, f"fixedDirections has {len(held)} numbers; three are needed, for x, y and z")
         return
-    directions = "".join(np.array(["x", "y", "z"])[fixed])
+    directions = "".join(np.array(["x", "y", "z"])[held])
     all_points = flag(component, "fixAll")
     points = numbers(component, "indices").astype(np.int64)
     chosen = np.arange(len(body.position)) if all_points else points
@@ -398,12 +438,10 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
         first, second = (numbers(component, f"indices{end}").astype(np.int64) for end in (1, 2))
         if len(first) != len(second):
             raise SceneError(f"{described(component)}: indices1 has {len(first)} points, indices2 {len(second)}")
-        lengths = numbers(component, "lengths", "length")
-        if len(lengths) not in (len(first), 1):
-            lengths = np.array([]) if not len(lengths) else lengths[:1]
-        given = np.broadcast_to(lengths, len(first)) if len(lengths) else np.full(len(first), np.nan)
-        each = (number(component, "stiffness"), number(component, "damping"))
-        rows = np.column_stack([first, second, *(np.full(len(first), value) for value in each), given])
+        # As in SOFA: a list that has not one number for each spring has its first, or 0, for all of them.
+        lists = (numbers(component, *names) for names in (("stiffness",), ("damping",), ("lengths", "length")))
+        each = [one if len(one) == len(first) else np.full(len(first), [*one, 0.0][0]) for one in lists]
+        rows = np.column_stack([first, second, *each])
     damped = False
     for one, other, stiffness, damping, length in rows.tolist():
         damped |= damping > 0.0

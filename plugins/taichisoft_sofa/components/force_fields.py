@@ -11,7 +11,7 @@ from taichisoft.errors import MeshError, SceneError
 from taichisoft.mesh import divided_hexahedra
 from taichisoft_sofa.components.draft import DraftMaterial
 from taichisoft_sofa.components.reading import TOPOLOGIES, computed, described, nearest, node_of, numbers, text
-from taichisoft_sofa.components.topologies import divided, hexahedra_of
+from taichisoft_sofa.components.topologies import divided, hexahedra_of, stiffness_factors
 from taichisoft_sofa.tree.component import Component, component, unused
 from taichisoft_sofa.tree.value_kinds import BOOL, FROM_0, LINK, RATIO, TEXT, VECTOR
 
@@ -182,7 +182,7 @@ RAYLEIGH = {"rayleighStiffness": unused(0.0), "isCompliance": unused(False)}
 @component("FastTetrahedralCorotationalForceField", "TetrahedralCorotationalFEMForceField", **ELASTICITY, **RAYLEIGH)
 def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the tetrahedra of the nearest topology."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body is None:
         return
     method = text(component, "method").lower()
@@ -200,13 +200,13 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
 @component("HexahedronFEMForceField", "ParallelHexahedronFEMForceField", **ELASTICITY)
 def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body is None:
         return
     link = text(component, "topology")
     topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_hexahedra)
     hexahedra = hexahedra_of(topology)[0] if topology is not None else np.zeros((0, 8), dtype=np.int64)
-    if not len(hexahedra):
+    if topology is None or not len(hexahedra):
         draft.refuse(component, "finds no hexahedra in a topology of its node or above")
         return
     if not draft.has_points(component, hexahedra, len(body.position)):
@@ -215,10 +215,9 @@ def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
         tetrahedra = divided_hexahedra(body.position, hexahedra, described(component))
     except MeshError as error:
         raise SceneError(str(error)) from error
-    young, poisson = (
-        np.repeat(_of_cells(component, name, len(hexahedra), "hexahedra"), 6)
-        for name in ("youngModulus", "poissonRatio")
-    )
+    count = len(hexahedra)
+    young, poisson = (_of_cells(component, name, count, "hexahedra") for name in ("youngModulus", "poissonRatio"))
+    young, poisson = np.repeat(young * stiffness_factors(topology, count), 6), np.repeat(poisson, 6)
     draft.depart(
         f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
         "in SOFA it turns on the whole"
@@ -241,7 +240,7 @@ def _has_hexahedra(topology: Component) -> bool:
 )
 def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate a law of rubber for the tetrahedra of the nearest topology, by its moduli at rest."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body is None:
         return
     name, values = text(component, "materialName"), numbers(component, "ParameterSet")
