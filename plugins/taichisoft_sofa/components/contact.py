@@ -97,10 +97,15 @@ def constraint_solver(component: "Component", draft: "SceneDraft") -> None:
     """The solver of constraints, for which any stands."""
 
 
+def response_of(manager: "Component") -> str:
+    """Type of the response of a contact manager."""
+    return (text(manager, "response") or text(manager, "default") or WITHOUT_FRICTION).partition("?")[0]
+
+
 def friction_of(manager: "Component", draft: "SceneDraft") -> float:
     """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA."""
     sources = {name: text(manager, name) for name in ("responseParams", "response", "default")}
-    kind = (sources["response"] or sources["default"] or WITHOUT_FRICTION).partition("?")[0]
+    kind = response_of(manager)
     if "Friction" not in kind or kind.startswith("Frictionless"):
         draft.depart(f"{described(manager)}: response '{kind}': surfaces touch without friction, and do not give way")
         return 0.0
@@ -134,7 +139,7 @@ def distances_of(distance: "Component") -> tuple[float, float]:
 )
 def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
     """Translate a plane that pushes the points of a body out of what is behind it."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     normal = vector(component, "normal", "planeNormal")
     length = float(np.linalg.norm(normal))
     if length == 0.0:

@@ -19,6 +19,7 @@ from taichisoft_sofa.components.reading import (
     upwards,
 )
 from taichisoft_sofa.components.states import frame_carrying, is_rigid, local_position, start_position, width_of
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.states import AnchorTarget
@@ -93,11 +94,19 @@ class DraftAnchor:
 
 @dataclass(frozen=True)
 class DraftForces:
-    """Constant forces: the component, indices of points, shape (count,), and a force on each [mN], shape (count, 3)."""
+    """Constant forces on points, or on places that follow the tetrahedra.
+
+    Attributes:
+        component: the force field.
+        points: indices of points, shape (count,).
+        forces: force on each [mN], shape (count, 3).
+        places: where points are that follow the body [mm], shape (count, 3); None for points of its own.
+    """
 
     component: "Component"
     points: np.ndarray
     forces: np.ndarray
+    places: np.ndarray | None = None
 
 
 @dataclass
@@ -310,6 +319,18 @@ class SceneDraft:
             self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
 
+    def own_body_of(self, component: "Component") -> DraftBody:
+        """As `body_of`, of a component that acts on points by their numbers: on points that follow it is refused."""
+        state = in_node(node_of(component), {STATE})
+        mapping = None if state is None or is_assembled(state) else mapping_of(state)
+        if mapping is not None and canonical(mapping.type_name) != "IdentityMapping":
+            raise refusal(
+                component,
+                f"acts on points that follow others by {mapping.type_name}; only surfaces, cavities, cables and, by "
+                "BarycentricMapping, constant forces do so here",
+            )
+        return self.body_of(component)
+
     def carrier_of(self, component: "Component") -> DraftBody | DraftFrame | None:
         """The body, or the frame that follows others, on which a surface or visual model is; None on other points."""
         state = independent_state(node_of(component))
@@ -336,7 +357,8 @@ class SceneDraft:
         """Refuse a component that names a point outside the `count` points that are there; indices of any shape."""
         outside = named[(named < 0) | (named >= count)]
         if len(outside):
-            raise refusal(component, f"names point {int(outside[0])}; there are {count}, from 0 on")
+            there = f"its points are 0 to {count - 1}" if count else "there are none"
+            raise refusal(component, f"names point {int(outside[0])}; {there}")
 
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
         """The component in `by_node` of a node, or of the nearest node above it, or None."""

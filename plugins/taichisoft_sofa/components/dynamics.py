@@ -12,6 +12,7 @@ from taichisoft_sofa.components.reading import (
     STATE,
     computed,
     flag,
+    in_node,
     inputs_of,
     is_given,
     linked_state,
@@ -44,9 +45,11 @@ from taichisoft_sofa.tree.value_kinds import (
     INTEGER,
     LINK,
     SCALAR,
+    TEXT,
     VECTOR,
     ValueKind,
     canonical,
+    fixed,
     vectors,
 )
 
@@ -116,6 +119,9 @@ def constraint_correction(component: Component, draft: "SceneDraft") -> None:
     totalMass=(SCALAR, 1.0, FROM_0),
     vertexMass=VECTOR,
     mass=VECTOR,
+    filename=TEXT,
+    indices=(INDICES, (), FROM_0),
+    localRange=INDICES,
     rayleighMass=unused(0.0),
     compliance=unused(0.0),
     handleTopologicalChanges=unused(False),
@@ -125,7 +131,12 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     if (joint := draft.joint_of(component)) is not None:
         weigh_joint(component, joint)
         return
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
+    if text(component, "filename"):
+        raise refusal(component, f"filename '{text(component, 'filename')}' is not read; give vertexMass")
+    chosen = np.unique(numbers(component, "indices"))
+    if (len(chosen) and len(chosen) < len(body.position)) or (numbers(component, "localRange") >= 0).any():
+        raise refusal(component, "gives some of the points a mass; all points of a body have the same here")
     total = number(component, "totalMass")
     each = numbers(component, "vertexMass", "mass")
     if is_given(component, "totalMass") and total == 0.0 and not len(each):
@@ -146,6 +157,8 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
 
 BY_VOLUME = {
     "totalMass": (SCALAR, 1.0, ABOVE_0),
+    "vertexMass": (VECTOR, (), ABOVE_0),
+    "filename": TEXT,
     "massDensity": (VECTOR, (1.0,), ABOVE_0),
     "rayleighMass": unused(0.0),
 }
@@ -154,9 +167,16 @@ BY_VOLUME = {
 @component("MeshMatrixMass", **BY_VOLUME, lumping=BOOL)
 @component("DiagonalMass", **BY_VOLUME)
 def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
-    """Translate a mass by volume, which each element distributes to its corners."""
-    body = draft.body_of(component)
-    if is_given(component, "totalMass"):
+    """Translate a mass by volume, which each element distributes to its corners, or one mass for all points."""
+    body = draft.own_body_of(component)
+    each = numbers(component, "vertexMass")
+    if text(component, "filename"):
+        raise refusal(component, f"filename '{text(component, 'filename')}' is not read; give totalMass or massDensity")
+    if len(each) and (len(each) != len(body.position) or (each != each[0]).any()):
+        raise refusal(component, f"vertexMass has {len(each)} numbers, not one for all of {len(body.position)} points")
+    if len(each):
+        body.mass = Mass(component, each=float(each[0]))
+    elif is_given(component, "totalMass"):
         body.mass = Mass(component, total=number(component, "totalMass"), density=0.0)
     else:
         density = numbers(component, "massDensity")
@@ -199,7 +219,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     if (joint := draft.joint_of(component)) is not None:
         joint.springs = component
         return
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     points = numbers(component, "points", "indices").astype(np.int64)
     draft.check_points(component, points, len(body.position))
     stiffness = numbers(component, "stiffness", default=[SPRING])
@@ -237,9 +257,18 @@ def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget |
 
 def _forces(component: Component) -> ValueKind:
     """Forces on points, or with torques on frames."""
+    return vectors(_width(component))
+
+
+def _force(component: Component) -> ValueKind:
+    """A force on a point, or with a torque on a frame."""
+    return fixed(_width(component))
+
+
+def _width(component: Component) -> int:
     state = nearest(node_of(component), {STATE}) if component.getContext() is not None else None
     rigid = text(component, "template").startswith("Rigid") or (state is not None and is_rigid(state))
-    return vectors(6 if rigid else 3)
+    return 6 if rigid else 3
 
 
 @component(
@@ -248,15 +277,22 @@ def _forces(component: Component) -> ValueKind:
     points=(INDICES, (), FROM_0),
     force=_forces,
     forces=_forces,
-    totalForce=_forces,
+    totalForce=_force,
+    indexFromEnd=BOOL,
 )
 def constant_forces(component: Component, draft: "SceneDraft") -> None:
     """Translate constant forces on points: one for each, the same for all, or shares of `totalForce`."""
-    body = draft.body_of(component)
+    state = in_node(node_of(component), {STATE})
+    mapping = None if state is None or is_rigid(state) else mapping_of(state)
+    follows = mapping is not None and canonical(mapping.type_name) == "BarycentricMapping"
+    body = draft.body_of(component) if follows else draft.own_body_of(component)
     width = 6 if body.rigid else 3
+    places = draft.points_of(component) if follows else body.position
     points = numbers(component, "indices", "points").astype(np.int64)
-    points = points if len(points) else np.arange(len(body.position))
-    draft.check_points(component, points, len(body.position))
+    points = points if len(points) else np.arange(len(places))
+    if flag(component, "indexFromEnd"):
+        points = len(places) - 1 - points
+    draft.check_points(component, points, len(places))
     name = next((name for name in ("totalForce", "forces") if is_given(component, name)), "force")
     values = numbers(component, name, default=(0.0,) * width)
     if values.size % width:
@@ -269,7 +305,7 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     forces = each[np.minimum(np.arange(len(points)), len(each) - 1)]
     if forces[:, 3:].any():
         raise refusal(component, "has a torque on a rigid body; forces alone act on rigid bodies here")
-    body.forces.append(DraftForces(component, points, forces[:, :3]))
+    body.forces.append(DraftForces(component, points, forces[:, :3], places[points] if follows else None))
 
 
 @component(
@@ -281,7 +317,7 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
 )
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     """Translate points that are shifted in time from key to key, linearly."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     if body.rigid:
         raise refusal(component, "moves a rigid body; only points of soft bodies are moved so here")
     points = numbers(component, "indices").astype(np.int64)
@@ -305,15 +341,15 @@ FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": BOOL, "fixedDirections": 
 @component("PartialFixedProjectiveConstraint", **FIXED, projectVelocity=unused(False))
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
     """Translate points fixed along all or some axes."""
-    body = draft.body_of(component)
-    fixed = numbers(component, "fixedDirections").astype(bool)
-    if body.rigid and len(fixed) == 6:
-        if not fixed.all():
+    body = draft.own_body_of(component)
+    held = numbers(component, "fixedDirections").astype(bool)
+    if body.rigid and len(held) == 6:
+        if not held.all():
             raise refusal(component, "holds a rigid body along some axes; all of it is held here, or nothing")
-        fixed = fixed[:3]
-    if len(fixed) != 3:
-        raise refusal(component, f"fixedDirections has {len(fixed)} numbers; three are needed, for x, y and z")
-    directions = "".join(np.array(["x", "y", "z"])[fixed])
+        held = held[:3]
+    if len(held) != 3:
+        raise refusal(component, f"fixedDirections has {len(held)} numbers; three are needed, for x, y and z")
+    directions = "".join(np.array(["x", "y", "z"])[held])
     all_points = flag(component, "fixAll")
     points = numbers(component, "indices").astype(np.int64)
     chosen = np.arange(len(body.position)) if all_points else points
@@ -372,12 +408,10 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
         first, second = (numbers(component, f"indices{end}").astype(np.int64) for end in (1, 2))
         if len(first) != len(second):
             raise refusal(component, f"indices1 has {len(first)} points, indices2 {len(second)}")
-        lengths = numbers(component, "lengths", "length")
-        if len(lengths) not in (len(first), 1):
-            lengths = np.array([]) if not len(lengths) else lengths[:1]
-        given = np.broadcast_to(lengths, len(first)) if len(lengths) else np.full(len(first), np.nan)
-        each = (number(component, "stiffness"), number(component, "damping"))
-        rows = np.column_stack([first, second, *(np.full(len(first), value) for value in each), given])
+        # As in SOFA: a list that has not one number for each spring has its first, or 0, for all of them.
+        lists = (numbers(component, *names) for names in (("stiffness",), ("damping",), ("lengths", "length")))
+        each = [one if len(one) == len(first) else np.full(len(first), [*one, 0.0][0]) for one in lists]
+        rows = np.column_stack([first, second, *each])
     damped = False
     for one, other, stiffness, damping, length in rows.tolist():
         damped |= damping > 0.0

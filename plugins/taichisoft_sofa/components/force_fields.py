@@ -21,7 +21,7 @@ from taichisoft_sofa.components.reading import (
     text,
     topology_of,
 )
-from taichisoft_sofa.components.topologies import divided, hexahedra_of
+from taichisoft_sofa.components.topologies import divided, hexahedra_of, stiffness_factors
 from taichisoft_sofa.tree.component import Component, component, unused
 from taichisoft_sofa.tree.value_kinds import BOOL, FROM_0, LINK, RATIO, TEXT, VECTOR
 
@@ -192,7 +192,7 @@ RAYLEIGH = {"rayleighStiffness": unused(0.0), "isCompliance": unused(False)}
 @component("FastTetrahedralCorotationalForceField", "TetrahedralCorotationalFEMForceField", **ELASTICITY, **RAYLEIGH)
 def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the tetrahedra of the nearest topology."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     method = text(component, "method").lower()
     if method not in COROTATIONS:
         raise refusal(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
@@ -206,19 +206,19 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
 @component("HexahedronFEMForceField", "ParallelHexahedronFEMForceField", **ELASTICITY)
 def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
-    body = draft.body_of(component)
-    hexahedra = computed(topology_of(component, fits=_has_hexahedra), "hexahedra", 8)
-    if not len(hexahedra):
+    body = draft.own_body_of(component)
+    topology = topology_of(component, fits=_has_hexahedra)
+    hexahedra = computed(topology, "hexahedra", 8)
+    if topology is None or not len(hexahedra):
         raise refusal(component, "finds no hexahedra in a topology of its node or above")
     draft.check_points(component, hexahedra, len(body.position))
     try:
         tetrahedra = divided_hexahedra(body.position, hexahedra, described(component))
     except MeshError as error:
         raise SceneError(str(error)) from error
-    young, poisson = (
-        np.repeat(_of_cells(component, name, len(hexahedra), "hexahedra"), 6)
-        for name in ("youngModulus", "poissonRatio")
-    )
+    count = len(hexahedra)
+    young, poisson = (_of_cells(component, name, count, "hexahedra") for name in ("youngModulus", "poissonRatio"))
+    young, poisson = np.repeat(young * stiffness_factors(topology, count), 6), np.repeat(poisson, 6)
     draft.depart(
         f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
         "in SOFA it turns on the whole"
@@ -241,7 +241,7 @@ def _has_hexahedra(topology: Component) -> bool:
 )
 def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate a law of rubber for the tetrahedra of the nearest topology, by its moduli at rest."""
-    body = draft.body_of(component)
+    body = draft.own_body_of(component)
     name, values = text(component, "materialName"), numbers(component, "ParameterSet")
     if name not in MATERIALS:
         raise refusal(component, f"materialName '{name}'; known are: {', '.join(MATERIALS)}")

@@ -13,6 +13,7 @@ from taichisoft.errors import SceneError
 from taichisoft_sofa.components.meshes import multiply_quaternions, placed, quaternion
 from taichisoft_sofa.components.reading import (
     STATE,
+    TOPOLOGIES,
     computed,
     flag,
     in_node,
@@ -75,15 +76,18 @@ def start_position(state: "Component") -> np.ndarray:
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
     scale = vector(state, "scale3d", default=[number(state, "scale")] * 3)
-    rotation = vector(state, "rotation", "rotation2", default=_axes(state, "r"))
-    translation = vector(state, "translation", "translation2", default=_axes(state, "d"))
-    points = placed(found[:, :3], scale.tolist(), rotation.tolist(), translation.tolist())
-    if (scale == 1.0).all() and not rotation.any() and not translation.any():
-        points = found[:, :3]
-    if width == 3:
-        return points
-    turned = [multiply_quaternions(quaternion(rotation.tolist()), pose) for pose in found[:, 3:]]
-    return np.column_stack([points, turned])
+    motions = [
+        (vector(state, "rotation", default=_axes(state, "r")), vector(state, "translation", default=_axes(state, "d"))),
+        (vector(state, "rotation2"), vector(state, "translation2")),
+    ]
+    points, turns = found[:, :3], found[:, 3:]
+    for rotation, translation in motions:
+        if (scale != 1.0).any() or rotation.any() or translation.any():
+            points = placed(points, scale.tolist(), rotation.tolist(), translation.tolist())
+        if width == 7:
+            turns = np.array([multiply_quaternions(quaternion(rotation.tolist()), pose) for pose in turns])
+        scale = np.ones(3)
+    return points if width == 3 else np.column_stack([points, turns])
 
 
 def _axes(state: "Component", letter: str) -> list[float]:
@@ -98,7 +102,8 @@ def _source(state: "Component", width: int) -> np.ndarray:
             found = numbers(state, name)
             if found.size % width:
                 raise refusal(state, f"{name} has {found.size} numbers; they are not rows of {width}")
-            return found.reshape(-1, width)
+            if found.size > 3 or width == 7 or in_node(node_of(state), TOPOLOGIES) is None:
+                return found.reshape(-1, width)  # a single point gives way to a topology, as in SOFA
     if width == 7:
         return np.zeros((0, 7))
     if (points := computed(mesh_of(state), "position", 3)).size:

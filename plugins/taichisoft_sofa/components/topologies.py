@@ -287,10 +287,17 @@ def sparse_cells(grid: "Component", kind: str) -> np.ndarray:
     return no_cells({"edges": 2, "triangles": 3, "quads": 4, "tetrahedra": 4}[kind])
 
 
-def _content(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
+def stiffness_factors(topology: "Component", count: int) -> np.ndarray:
+    """Share of its stiffness that each of `count` hexahedra has: a half where a surface goes through a sparse cell."""
+    if canonical(topology.type_name) != SPARSE or not flag(topology, "fillWeighted"):
+        return np.ones(count)
+    return np.where(_content(topology)[2], 0.5, 1.0)
+
+
+def _content(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if not hasattr(grid, "_sparse"):
         grid._sparse = _make(grid)
-    found: tuple[np.ndarray, np.ndarray] = grid._sparse
+    found: tuple[np.ndarray, np.ndarray, np.ndarray] = grid._sparse
     return found
 
 
@@ -307,7 +314,8 @@ def _surface(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
     return numbers(grid, "vertices", "position").reshape(-1, 3), np.vstack([triangles, split_quads(quads)])
 
 
-def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
+def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points [mm], hexahedra, and whether the surface goes through each."""
     points, triangles = _surface(grid)
     if not len(triangles):
         raise refusal(grid, "has no surface of triangles; name a file with fileTopology, or a source")
@@ -333,7 +341,7 @@ def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
     corners = [at[k : count[2] - 1 + k, j : count[1] - 1 + j, i : count[0] - 1 + i][kept] for i, j, k in ends]
     used, hexahedra = np.unique(np.column_stack(corners), return_inverse=True)
     x, y, z = used % count[0], used // count[0] % count[1], used // (count[0] * count[1])
-    return low + np.column_stack([x, y, z]) * cell, hexahedra.reshape(-1, 8)
+    return low + np.column_stack([x, y, z]) * cell, hexahedra.reshape(-1, 8), touched.transpose(2, 1, 0)[kept]
 
 
 @component(
@@ -344,6 +352,7 @@ def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
     fileTopology=TEXT,
     fileMesh=ANY,
     src=TEXT,
+    fillWeighted=(BOOL, True),
     **TRANSFORMED,
     vertices=vectors(3),
     position=derived(vectors(3), sparse_position),

@@ -11,7 +11,7 @@ import numpy as np
 
 import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
-from taichisoft_sofa.components.contact import distances_of, friction_of
+from taichisoft_sofa.components.contact import distances_of, friction_of, response_of
 from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.components.reading import node_of, upwards
 from taichisoft_sofa.components.states import FramePoses, start_values
@@ -24,14 +24,18 @@ if TYPE_CHECKING:
 
 # The contact table of a scene.
 
+NO_TRIANGLES = "its topology has no triangles; points and lines alone do not collide here"
+"""Why a collision surface is refused."""
 NEEDED = ("pipeline", "broad phase", "response")
 SPACING = 0.8
 """Distance below which only one of two contacts is kept, as a fraction of the alarm distance [-]."""
 
 
 def collides(draft: SceneDraft) -> bool:
-    """Whether the scene detects and solves contacts."""
-    return draft.free_motion and all(role in draft.pipeline for role in NEEDED)
+    """Whether bodies touch: constraints need an animation loop that solves them, penalty forces none."""
+    if not all(role in draft.pipeline for role in NEEDED):
+        return False
+    return draft.free_motion or response_of(draft.pipeline["response"]).startswith("Penal")
 
 
 def contact_table(draft: SceneDraft) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from taichisoft_sofa.components.states import (
     start_velocity,
     width_of,
 )
-from taichisoft_sofa.translation.parts import Translation, collides
+from taichisoft_sofa.translation.parts import NO_TRIANGLES, Translation, collides
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
@@ -195,6 +195,9 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     if body.mass is None:
         draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
         return
+    for surface in body.surfaces.values():
+        if not len(surface.triangles):
+            draft.refuse(surface.component, NO_TRIANGLES)
     points, triangles = joined_surfaces(body)
     mass = body.mass.total if body.mass.total is not None else body.mass.each or 0.0
     pose = body.position[0] if body.rigid else np.array([*body.position[0], 0.0, 0.0, 0.0, 1.0])
@@ -231,6 +234,9 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     else:
         draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA assumes 1 mm^2 per mass")
     _note_lost_weight(body, float(mass), draft)
+    solver = draft.above(body.node, draft.solvers)
+    if solver is not None and number(solver, "rayleighMass") > 0.0:
+        draft.depart(f"{body.node.getPathName()}: rayleighMass does not slow a rigid body down here; in SOFA it does")
     _add_springs(name, body, table, draft, translation)
     for push in body.forces:
         one = {"body": name, "force": push.forces.sum(axis=0).tolist(), "start": 0.0, "duration": LONGEST}

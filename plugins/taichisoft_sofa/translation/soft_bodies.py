@@ -7,13 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.mechanics import embed
 from taichisoft.mesh import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scene import lame_parameters
 from taichisoft_sofa.components.air_and_cables import PRESSURE, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.reading import TOPOLOGIES, computed, flag, is_given, nearest, node_of, number, vector
-from taichisoft_sofa.components.states import DrivenFrameTarget, MotionTarget, start_velocity
-from taichisoft_sofa.translation.parts import SoftPart, Translation, actuator_names, clean, collides, unique
+from taichisoft_sofa.components.states import DrivenFrameTarget, MotionTarget, rest_position, start_velocity
+from taichisoft_sofa.translation.parts import (
+    NO_TRIANGLES,
+    SoftPart,
+    Translation,
+    actuator_names,
+    clean,
+    collides,
+    unique,
+)
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
 
@@ -25,6 +34,8 @@ VOLUME_LIMITS = {"lowest_volume_growth": ("minVolumeGrowth", 1.0), "highest_volu
 TENSION_LIMITS = {"lowest_tension": ("minForce", 1.0), "highest_tension": ("maxForce", 1.0)}
 PULL_LIMITS = {"lowest_pull": ("maxNegativeDisp", -1.0), "highest_pull": ("maxPositiveDisp", 1.0)}
 """Limits of actuators: data and sign of each."""
+SAME = 1e-9
+"""Difference of a rest position that is round-off, over the size of a body [-]."""
 LARGEST = 1e30
 """Beyond any tension [mN] and pull [mm]: scenes use the largest number as no limit."""
 
@@ -56,6 +67,11 @@ def add_soft_body(
     if moves and body.mass is None:
         draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
         return
+    rest = rest_position(body.state).reshape(-1, 3)
+    moved = np.abs(rest - body.position).max(initial=0.0) if rest.shape == body.position.shape else 0.0
+    if is_given(body.state, "rest_position") and moved > SAME * np.ptp(body.position, axis=0).max():
+        draft.refuse(body.state, "position differs from rest_position; a body begins at rest here")
+        return
     if moves and (young <= 0.0).all():
         draft.refuse(body.state, "moves, but youngModulus = 0 leaves its tetrahedra without stiffness")
         return
@@ -78,7 +94,7 @@ def add_soft_body(
         "points_outside": "extrapolated",
         "mesh": translation.files.volume(name, VolumeMesh(name, node_position, elements, {}, groups)),
         "element": body.materials[0].element if body.materials else "linear",
-        **_mass(body.mass if moves else None, len(points), len(body.position)),
+        **_mass(body.mass if moves else None, len(points), len(body.position), node_position, elements),
         "young_modulus": regions[0]["young_modulus"],
         "poisson_ratio": regions[0]["poisson_ratio"],
         "regions": [{"group": f"material{number}", **region} for number, region in enumerate(regions[1:], 1)],
@@ -111,7 +127,7 @@ def add_soft_body(
     node_of_point[points] = np.arange(len(points))
     anchors = body.anchors if moves else [DraftAnchor(body.state, np.arange(len(body.position)), STANDING, False)]
     table["anchors"] = _anchors(anchors, node_of_point)
-    if moves and (forces := _forces(body, node_of_point, draft)):
+    if moves and (forces := _forces(body, node_of_point, node_position, elements, table.get("embedding"), draft)):
         table["forces"] = forces
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, draft, translation)
@@ -178,14 +194,14 @@ def merged_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
 
 
-def _mass(mass: Mass | None, kept: int, all_points: int) -> dict[str, float]:
+def _mass(mass: Mass | None, kept: int, all_points: int, nodes: np.ndarray, elements: np.ndarray) -> dict[str, float]:
     """Mass or density, without the share of omitted points."""
     if mass is None:
         return {"mass": 1.0}
     if mass.density:
         return {"density": mass.density}
     if mass.density == 0.0 and mass.total is not None:
-        return {"total": mass.total}
+        return {"density": mass.total / float(np.abs(tetrahedron_volumes(nodes, elements)).sum())}
     each = mass.each if mass.each is not None else (mass.total or 0.0) / all_points
     return {"mass": mass.total if mass.total is not None and kept == all_points else each * kept}
 
@@ -220,10 +236,21 @@ def _part_open_surfaces(
     draft.depart(f"{name}: its {len(open_ones)} {kind} do not touch each other; in SOFA they do")
 
 
-def _forces(body: DraftBody, node_of_point: np.ndarray, draft: SceneDraft) -> list[dict[str, Any]]:
+def _forces(
+    body: DraftBody,
+    node_of_point: np.ndarray,
+    position: np.ndarray,
+    elements: np.ndarray,
+    embedding: Any,
+    draft: SceneDraft,
+) -> list[dict[str, Any]]:
     """Constant forces, those of nodes with the same force together."""
-    each = np.zeros((int(node_of_point.max()) + 1, 3))
+    each = np.zeros((len(position), 3))
     for one in body.forces:
+        if one.places is not None:
+            corners, weights = embed(one.places, position, elements, embedding or "deepest")
+            np.add.at(each, corners, weights[:, :, None] * one.forces[:, None])
+            continue
         nodes = node_of_point[one.points]
         np.add.at(each, nodes[nodes >= 0], one.forces[nodes >= 0])
         if one.forces[nodes < 0].any():
@@ -239,7 +266,7 @@ def _add_surfaces(
     surfaces = [surface for surface in body.surfaces.values() if len(surface.triangles)]
     for surface in body.surfaces.values():
         if not len(surface.triangles):
-            draft.refuse(surface.component, "its topology has no triangles; points and lines alone do not collide here")
+            draft.refuse(surface.component, NO_TRIANGLES)
         if surface.self_collision:
             table["self_contact"] = True
             draft.depart(

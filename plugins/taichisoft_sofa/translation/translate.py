@@ -357,6 +357,10 @@ BODIES = ("soft_bodies", "rigid_bodies", "obstacles")
 """Native tables of bodies."""
 
 
+NO_VACUUM = 1e12
+"""Atmosphere of a scene whose pressures may be as low as they like, as in SOFA [kPa]."""
+
+
 def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     """Make a native scene of a tree.
 
@@ -396,6 +400,8 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         draft.depart(
             "pressures and cables act, though there is no FreeMotionAnimationLoop, without which SOFA has none"
         )
+    if any(body.cavities for body in draft.bodies.values()):
+        translation.tables["atmosphere"] = NO_VACUUM
     try:
         if contact := contact_table(draft):
             translation.tables["contact"] = contact
