@@ -90,10 +90,10 @@ def particles(count: int) -> Particles:
 
 def test_a_bundle_is_taken_whole_and_changed_in_place() -> None:
     for count in (4, 2, 4):
-        some, result, masses = particles(count), particles(count), np.arange(float(count))
+        given, result, masses = particles(count), particles(count), np.arange(float(count))
         for _ in range(2):
-            double(3.0, some, result, masses)
-            np.testing.assert_array_equal(result.position, 6.0 * some.position)
+            double(3.0, given, result, masses)
+            np.testing.assert_array_equal(result.position, 6.0 * given.position)
             np.testing.assert_array_equal(result.mass, masses)
 
 
@@ -105,6 +105,36 @@ def test_something_else_than_the_bundle_is_refused() -> None:
 def test_an_array_of_another_kind_in_a_bundle_is_refused() -> None:
     with pytest.raises(TypeError, match="double, result_mass: must be a contiguous float64 array of 1 dimensions"):
         double(1.0, particles(4), particles(4)._replace(mass=np.ones(4, dtype=np.int32)), np.ones(4))
+
+
+class Cloud(NamedTuple):
+    """A bundle that holds a bundle."""
+
+    particles: Particles
+    charge: Scalars
+
+
+@func
+def total(cloud: Cloud, i: ti.i32) -> ti.f64:
+    return cloud.particles.position[i][0] * cloud.charge[i] + cloud.particles.mass[i]
+
+
+@kernel
+def charge(cloud: Cloud, result: Scalars):
+    for i in range(result.shape[0]):
+        result[i] = total(cloud, i)
+
+
+def test_a_bundle_in_a_bundle_is_taken_whole() -> None:
+    cloud, result = Cloud(particles(4), np.arange(4.0)), np.zeros(4)
+    charge(cloud, result)
+    np.testing.assert_array_equal(result, cloud.particles.position[:, 0] * cloud.charge + cloud.particles.mass)
+
+
+def test_an_array_of_another_kind_in_an_inner_bundle_is_refused() -> None:
+    inner = particles(4)._replace(mass=np.ones(4, dtype=np.int32))
+    with pytest.raises(TypeError, match="charge, cloud_particles_mass: must be a contiguous float64 array"):
+        charge(Cloud(inner, np.ones(4)), np.zeros(4))
 
 
 def test_what_is_forgotten_is_not_kept_alive() -> None:
