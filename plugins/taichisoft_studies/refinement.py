@@ -122,10 +122,6 @@ def refine(
         duration: simulated time [s]; None: the scene's.
         plugins: paths of the plug-ins that the scene needs.
         made: called with a line after each run.
-
-    Raises:
-        SceneError: a change is not valid.
-        StudyError: a run did not reach its end, or the finer mesh is not finer.
     """
     changes, remark = finer_meshes(scene) if finer is None else (list(finer), "")
     scenes = {"run": scene, "half the step": changed(scene, [f"time.step={scene.time.step / 2!r}"])}
