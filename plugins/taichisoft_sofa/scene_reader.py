@@ -156,6 +156,8 @@ def checked(scene: Path, python_path: str, exact: bool, data_path: str = "", ste
                 _build(scene, translation, python_path, data_path, exact, steps, found)
         except TaichisoftError as error:
             found.problems.append(str(error))
+        except Exception as error:  # the other scenes are checked all the same
+            found.problems.append(f"{scene}: taichisoft fails on it: {type(error).__name__}: {error}")
     found.remarks += dict.fromkeys(f"warning: {one.message}" for one in warned if issubclass(one.category, UserWarning))
     return found
 

@@ -204,7 +204,7 @@ class TimeStepper:
         return end, report
 
     def _solve(self, start: State) -> tuple[StepProblem, StepSolution]:
-        requests = request(self.model, start, self._geometry)
+        requests = self._request(start)
         self._begin_motion(start, requests)
         contacts: ContactTable | None = self._prediction.find(start)
         searches = 1
@@ -222,6 +222,9 @@ class TimeStepper:
             if contacts is not None:
                 self._begin_motion(start, requests)
         return problem, solution
+
+    def _request(self, start: State) -> ActuatorRequests:  # a phase of its own in profiles
+        return request(self.model, start, self._geometry)
 
     def _warn_of_missed(self, start: State, missed: np.ndarray) -> None:
         """Warn of bodies that may have met unseen, once of each two."""

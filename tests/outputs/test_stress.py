@@ -72,7 +72,7 @@ def test_sums_to_the_nodal_forces_of_the_engine(corotation: str) -> None:
     system.assemble()
     stress = stress_at(position, polar=corotation == "polar")
     gradients, volumes = linear_tetrahedra(MESH.nodes, MESH.elements)
-    in_world = np.einsum("eij,eaj->eai", system.rotation, gradients[:, 0])
+    in_world = np.einsum("eij,eaj->eai", system._rotation, gradients[:, 0])
     parts = -volumes[:, :, None] * np.einsum("eij,eaj->eai", stress, in_world)
     total = np.zeros_like(MESH.nodes)
     np.add.at(total, MESH.elements, parts)
