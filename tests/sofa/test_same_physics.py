@@ -1,0 +1,150 @@
+"""Values that act as in SOFA or are refused, where they once meant something else without a word."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blocks import make_block
+from scenes_of_sofa import BODY, loaded
+
+from taichisoft import Control, Simulation, make_model, write_volume_mesh
+from taichisoft.mesh import boundary_triangles, write_stl
+from taichisoft.scene import scene_from_dict
+from taichisoft_sofa.scene_reader import with_files_in
+from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.translate import translate
+
+SIZE = (20.0, 10.0, 10.0)
+CHILD = """
+child = {body}.addChild("child")
+child.addObject("MechanicalObject", position=[[10, 5, 5], [9, 1, -2]])
+child.addObject("BarycentricMapping")
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    block = make_block((2, 1, 1), SIZE)
+    write_volume_mesh(block, tmp_path / "block.vtk")
+    write_stl(block.nodes, boundary_triangles(block.elements), tmp_path / "block.stl")
+    return tmp_path
+
+
+def translated(folder: Path, create: str) -> Translation:
+    return translate(loaded(folder, create, BODY))
+
+
+def refused(folder: Path, create: str) -> str:
+    return " ".join(translated(folder, create).refused)
+
+
+def forces_on_nodes(table: dict[str, Any], count: int) -> np.ndarray:
+    total = np.zeros((count, 3))
+    for force in table["forces"]:
+        total[force["nodes"]] += np.array(force["force"]) / len(force["nodes"])
+    return total
+
+
+def test_force_on_a_mapped_point_keeps_its_sum_and_moment(folder: Path) -> None:
+    """J^T f: the nodes of the element around the point share the force by its weights."""
+    create = "body(root)\n" + CHILD.format(body='root.getChild("body")')
+    create += 'child.addObject("ConstantForceField", indices=[0], totalForce=[0, 0, 7], indexFromEnd=True)\n'
+    translation = translated(folder, create)
+    assert not translation.refused
+    nodes = make_block((2, 1, 1), SIZE).nodes
+    forces = forces_on_nodes(translation.tables["soft_bodies"]["body"], len(nodes))
+    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 7], atol=1e-12)
+    np.testing.assert_allclose(np.cross(nodes, forces).sum(axis=0), np.cross([9, 1, -2], [0, 0, 7]), atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    "component",
+    [
+        '"RestShapeSpringsForceField", points=[0], stiffness=10',
+        '"UniformMass", totalMass=0.5',
+        '"DiagonalMass", totalMass=0.5',
+        '"PlaneForceField", normal=[0, 0, 1]',
+        '"FixedProjectiveConstraint", indices=[0]',
+        '"LinearMovementProjectiveConstraint", indices=[0], keyTimes=[0, 1], movements=[[0, 0, 0], [1, 0, 0]]',
+        '"TetrahedronFEMForceField", youngModulus=5',
+    ],
+)
+def test_what_acts_by_numbers_of_mapped_points_is_refused(folder: Path, component: str) -> None:
+    create = "body(root)\n" + CHILD.format(body='root.getChild("body")') + f"child.addObject({component})\n"
+    assert "acts on points that follow others by BarycentricMapping" in refused(folder, create)
+
+
+@pytest.mark.parametrize(
+    ("mass", "expected"),
+    [
+        ('"MeshMatrixMass", totalMass=0.04, lumping=True', 0.04),
+        ('"DiagonalMass", totalMass=0.04', 0.04),
+        ('"DiagonalMass", vertexMass=[0.001] * 12', 0.012),
+        ('"DiagonalMass", vertexMass=[0.001] * 3', "vertexMass has 3 numbers, not one for all of 12 points"),
+        ('"DiagonalMass", vertexMass=[0.001] * 11 + [0.002]', "vertexMass has 12 numbers, not one for all"),
+        ('"UniformMass", totalMass=0.04, indices=[0, 1]', "gives some of the points a mass"),
+        ('"UniformMass", totalMass=0.04, localRange=[0, 3]', "gives some of the points a mass"),
+        ('"UniformMass", filename="torus.rigid"', "filename 'torus.rigid' is not read; give vertexMass"),
+        ('"DiagonalMass", filename="torus.mass"', "filename 'torus.mass' is not read; give totalMass or massDensity"),
+    ],
+)
+def test_mass_of_a_body(folder: Path, mass: str, expected: float | str) -> None:
+    create = f'node = body(root)\nnode.removeObject(node.getObject("UniformMass"))\nnode.addObject({mass})\n'
+    translation = translated(folder, create)
+    if isinstance(expected, str):
+        assert expected in " ".join(translation.refused)
+        return
+    assert not translation.refused
+    tables = with_files_in(folder, translation.tables)
+    translation.files.write(folder)
+    model = make_model(scene_from_dict(tables, "a test"))
+    assert model.soft_bodies[0].node_mass.sum() == pytest.approx(expected, rel=1e-12)
+
+
+def test_springs_without_lengths_pull_together_and_have_a_stiffness_each(folder: Path) -> None:
+    create = "node = body(root)\n"
+    create += 'node.addObject("StiffSpringForceField", indices1=[0, 1], indices2=[2, 3], stiffness=[10, 20])\n'
+    translation = translated(folder, create)
+    cables = translation.tables["soft_bodies"]["body"]["cables"]
+    lengths = [float(np.linalg.norm(np.subtract(*cable["points"]))) for cable in cables.values()]
+    stiffness = [cable["axial_stiffness"] / length for cable, length in zip(cables.values(), lengths, strict=True)]
+    assert stiffness == pytest.approx([10.0, 20.0])
+    assert list(translation.springs.values()) == pytest.approx(lengths)
+
+
+def test_second_rotation_turns_what_the_first_translation_moved(folder: Path) -> None:
+    create = 'state = body(root).getObject("dofs")\nstate.translation = [100, 0, 0]\nstate.rotation2 = [0, 0, 90]\n'
+    translation = translated(folder, create)
+    nodes = make_block((2, 1, 1), SIZE).nodes
+    moved = np.column_stack([-nodes[:, 1], nodes[:, 0] + 100.0, nodes[:, 2]])
+    assert translation.soft["body"].body.position == pytest.approx(moved, abs=1e-9)
+
+
+def test_penalty_contacts_touch_without_free_motion(folder: Path) -> None:
+    contact = 'root.addObject("CollisionPipeline")\nroot.addObject("BruteForceBroadPhase")\n'
+    contact += 'root.addObject("BVHNarrowPhase")\nroot.addObject("RuleBasedContactManager", response="{}")\n'
+    contact += 'root.addObject("DefaultAnimationLoop")\nsurface(body(root), "block.stl")\n'
+    for response, touches in (("PenalityContactForceField", True), ("FrictionContactConstraint", False)):
+        translation = translated(folder, contact.format(response))
+        assert not translation.refused
+        assert translation.tables["soft_bodies"]["body"].get("collides", True) is touches
+
+
+def test_rest_position_beside_another_position_is_refused(folder: Path) -> None:
+    create = 'state = body(root).getObject("dofs")\nstate.position = state.position.array()\n'
+    create += "state.rest_position = state.position.array() * 1.2\n"
+    assert "position differs from rest_position; a body begins at rest here" in refused(folder, create)
+
+
+def test_pressures_below_a_vacuum_act(folder: Path) -> None:
+    create = 'node = body(root)\ncavity = node.addChild("cavity")\n'
+    create += 'cavity.addObject("MeshSTLLoader", name="loader", filename="block.stl")\n'
+    create += 'cavity.addObject("MechanicalObject", src="@loader")\ncavity.addObject("BarycentricMapping")\n'
+    create += 'cavity.addObject("SurfacePressureConstraint", triangles="@loader.triangles", value=1)\n'
+    translation = translated(folder, create)
+    tables = with_files_in(folder, translation.tables)
+    translation.files.write(folder)
+    simulation = Simulation(scene_from_dict(tables, "a test"))
+    name = simulation.model.cavities.names[0]
+    assert simulation.step(Control(pressure={name: -500.0})).observation.pressures[name] == -500.0
