@@ -90,7 +90,7 @@ def outcome_and_steps(recording: Path) -> tuple[str, int]:
     import h5py
 
     with h5py.File(recording) as file:
-        return file.attrs["outcome"], len(file["steps/time"]) - 1
+        return file.attrs["outcome"].decode(), len(file["steps/time"]) - 1
 
 
 def test_geometry_is_meshed_on_first_use(command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -71,5 +71,5 @@ def test_command_refuses_a_taken_folder(falling_cube: Path, tmp_path: Path) -> N
     _, complaint = first.communicate(timeout=PATIENCE)
     assert first.returncode == 2
     assert complaint == (
-        f"taichisoft: {folder / 'recording.h5'}: was removed or replaced while the run went on; its frames are lost\n"
+        f"taichisoft: {folder / 'recording.h5'}: was removed or replaced while the run went on; its instants are lost\n"
     )

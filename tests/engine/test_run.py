@@ -64,7 +64,7 @@ def recorded(folder: Path) -> tuple[str, list[int]]:
     import h5py
 
     with h5py.File(folder / "recording.h5") as file:
-        return file["outcome"][()].decode(), file["steps/step"][:].tolist()
+        return file.attrs["outcome"].decode(), file["steps/step"][:].tolist()
 
 
 def fail() -> None:

@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,10 +21,11 @@ from PIL import Image
 
 import taichisoft
 import taichisoft_outputs
-from taichisoft import Control, Scene, Simulation
+from taichisoft import Control, Model, Scene, Simulation, State, load_scene
 from taichisoft.base import Worker, run_python
 from taichisoft.base.processes import ChildResult
 from taichisoft.errors import PluginError, TaichisoftError
+from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import RecordingError, Style, read_recording, render_pictures
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import drawn_outputs, live_renderer, video
@@ -432,11 +434,16 @@ def test_a_child_process_that_hangs_crashes_or_fails_is_reported():
 # The picture key.
 
 
+@cache
+def made_steps() -> tuple[Model, list[State]]:
+    """A model and its states after 0 to 10 steps of 10 ms."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, ["time.step=0.01"]))
+    return simulation.model, [simulation.state, *(simulation.step() and simulation.state for _ in range(10))]
+
+
 def session(folder: Path | None, step: int = 0) -> Any:
-    model = fake_run.fake_model()
-    model.body_names = ("finger", "cube")  # a state that was reached otherwise than by a step has contacts between them
-    simulation = SimpleNamespace(model=model, state=fake_run.fake_state(step))
-    return SimpleNamespace(simulation=simulation, folder=folder)
+    model, states = made_steps()
+    return SimpleNamespace(simulation=SimpleNamespace(model=model, state=states[step]), folder=folder)
 
 
 @pytest.fixture
@@ -469,12 +476,12 @@ def test_the_hooks_draw_a_picture_of_the_present_state(
 def test_each_picture_shows_the_moment_at_which_it_was_asked_for(tmp_path: Path, drawn: dict[str, np.ndarray]) -> None:
     run = session(tmp_path)
     for step in (7, 9, 3):  # the run was started anew before the last one
-        run.simulation.state = fake_run.fake_state(step)
+        run.simulation.state = made_steps()[1][step]
         take_picture(run)
     finish_pictures(run)
     assert list(drawn) == ["picture_1_at_0.07s", "picture_2_at_0.09s", "picture_3_at_0.03s"]
     for position, step in zip(drawn.values(), (7, 9, 3), strict=True):
-        np.testing.assert_array_equal(position, fake_run.fake_state(step).position)
+        np.testing.assert_array_equal(position, made_steps()[1][step].position)
 
 
 def test_the_run_does_not_wait_but_its_end_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

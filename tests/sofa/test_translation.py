@@ -492,7 +492,7 @@ def test_walls_that_face_inward_turn_a_pressure_round(folder: Path, settings: st
         (
             CUBE.format(solver=SOLVER, mass="totalMass=1")
             + "\ncube.Collision.addObject('ConstantForceField', forces=[1, 2, 3])",
-            "not rows of 6",
+            "acts on points that follow others by RigidMapping",
         ),
     ],
 )
