@@ -148,8 +148,10 @@ def run(command: Command, folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: 
         line = line.replace(("FIRST", "SECOND")[number], made.name)
     monkeypatch.setattr(sys, "argv", Command(command.page, line).words)
     if command.words[0] == "python":
-        monkeypatch.setattr(sys, "argv", [*sys.argv[1:], "drawn.svg"])
-        runpy.run_path(str(ROOT / command.words[1]), run_name="__main__")
+        monkeypatch.setattr(sys, "argv", [*sys.argv[1:], "--file", "drawn.svg"])
+        with pytest.raises(SystemExit) as left:
+            runpy.run_path(str(ROOT / command.words[1]), run_name="__main__")
+        assert left.value.code == 0
         return ""
     with plugins.separate_registry(), pytest.raises(SystemExit) as left:
         main()
