@@ -1,7 +1,7 @@
 """Plan while acting: model predictive control by the cross-entropy method, which finds out how to lift the cube.
 
 Every 0.08 s it draws plans of pressures and lifting speeds around the last one, looks at what becomes of each in
-futures of the present state (`taichisoft.rollouts`, in two processes), and makes the beginning of the mean of the best
+futures of the present state (`taichisoft.rollouts`, on two threads), and makes the beginning of the mean of the best
 ones. It knows nothing of grasping: the cost is how far the cube is from 10 mm up, and how far it hangs behind the base.
 
 `python examples/plan.py --reduced out/reduced` does the same with reduced fingers (`taichisoft reduce gripper -o

@@ -1,20 +1,21 @@
-"""Many futures of one state, for controllers that plan, made in processes that stay ready."""
+"""Many futures of one state, for controllers that plan, made on threads that stay ready."""
 
-import pickle
+import queue
 import threading
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from taichisoft.base.worker import Pool
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import ObservedFigure, find_figure
 from taichisoft.errors import SimulationDiverged, TaichisoftError, nearest
 from taichisoft.mechanics.state import State
 from taichisoft.running.simulation import Simulation, check_simulation
+from taichisoft.runtime.launch import forget_launches_of_thread
+from taichisoft.runtime.machine_code import run_loops_alone
 from taichisoft.step.divergence import EVERY
 from taichisoft.step.time_stepper import TimeStepper
 
@@ -98,35 +99,50 @@ def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Calla
     return RolloutOutcome(simulation.state, values, diverged, largest, complaint)
 
 
-PREPARE = "taichisoft.running.rollouts:prepare"
-ONE_THREAD = {"TAICHISOFT_THREADS": "1"}
-"""A process for each core is faster than threads, which wait for one another in every step."""
-
-
-def prepare(model: Model, is_cancelled: Callable[[], bool]) -> Callable[[RolloutSample], RolloutOutcome | None]:
-    """What a process of a pool does with the samples of a model."""
-    simulation = TimeStepper(model)
-    return lambda sample: roll_out(simulation, sample, is_cancelled)
-
-
-class RolloutPool(Pool):
-    """Processes that make samples; the key of a job is its receiver and the index of its sample."""
+class RolloutThreads:
+    """Threads that make samples; a launch does not hold Python's lock, so they run at once."""
 
     def __init__(self, count: int):
-        """Prepare `count` processes; each starts with its first sample."""
-        super().__init__(PREPARE, count, ONE_THREAD, done=self._hand_over)
+        """Start `count` threads."""
+        self._jobs: queue.SimpleQueue[tuple[Arrivals, int, RolloutSample, Model] | None] = queue.SimpleQueue()
+        self._arrivals: weakref.WeakSet[Arrivals] = weakref.WeakSet()  # they hold the simulation, which holds this
+        self._threads = [threading.Thread(target=self._work, name="rollouts", daemon=True) for _ in range(count)]
+        for thread in self._threads:
+            thread.start()
 
-    def _hand_over(self, key: "tuple[Arrivals, int]", answer: Any) -> None:
-        arrivals, index = key
-        if not isinstance(answer, Exception):
-            arrivals.add(index, answer)
-        elif self.closed:
-            arrivals.fail(index, TaichisoftError("the rollouts were ended by `Simulation.close`"))
-        elif isinstance(answer, TaichisoftError):
-            arrivals.fail(index, answer)
-        else:  # a lost process; a control that cannot be pickled
-            text = " ".join(str(answer).split())
-            arrivals.fail(index, TaichisoftError(f"sample {index} of the rollouts: {text}"))
+    def submit(self, arrivals: "Arrivals", samples: Sequence[RolloutSample], model: Model) -> None:
+        """Have samples of a model made, in their order."""
+        self._arrivals.add(arrivals)
+        for index, sample in enumerate(samples):
+            self._jobs.put((arrivals, index, sample, model))
+
+    def close(self) -> None:
+        """End the threads; samples that are not done are cancelled, which a later read reports."""
+        for arrivals in list(self._arrivals):
+            arrivals.stop(TaichisoftError("the rollouts were ended by `Simulation.close`"))
+        for _ in self._threads:
+            self._jobs.put(None)
+        for thread in self._threads:
+            if thread is not threading.current_thread():  # which may delete the simulation
+                thread.join()
+
+    def _work(self) -> None:
+        run_loops_alone()
+        stepper: TimeStepper | None = None
+        while (job := self._jobs.get()) is not None:
+            arrivals, index, sample, model = job
+            del job
+            try:
+                if stepper is None or stepper.model is not model:
+                    stepper = TimeStepper(model)
+                arrivals.add(index, roll_out(stepper, sample, arrivals.is_cancelled))
+            except TaichisoftError as error:
+                arrivals.fail(index, error)
+            except Exception as error:  # who reads the result must be told
+                text = " ".join(f"{type(error).__name__}: {error}".split())
+                arrivals.fail(index, TaichisoftError(f"sample {index} of the rollouts: {text}"))
+            del arrivals  # holds the simulation
+        forget_launches_of_thread()
 
 
 class Rollouts:
@@ -205,7 +221,7 @@ class Rollouts:
 
         Raises:
             ControlError: a control cannot be applied.
-            TaichisoftError: a process was lost, or the simulation was closed.
+            TaichisoftError: the simulation was closed, or a step failed.
         """
         try:
             ended = self._arrivals.wait(time_limit)
@@ -243,25 +259,28 @@ class Arrivals:
         self.stretch_over_law = np.full(len(samples), np.nan)
         self._complaints: dict[int, str] = {}
         self.cancelled = False
-        self._simulation = simulation  # which ends the processes when it is deleted
+        self._simulation = simulation  # which ends the threads when it is deleted
         self._failure: TaichisoftError | None = None
         self._change = threading.Condition()
-        self._pool: RolloutPool | None = None
 
     def make_here(self, samples: Sequence[RolloutSample]) -> None:
         """Make the samples in this process, one after the other."""
         stepper = TimeStepper(self._simulation.model)
         for index, sample in enumerate(samples):
             try:
-                self.add(index, roll_out(stepper, sample, lambda: self.cancelled))
+                self.add(index, roll_out(stepper, sample, self.is_cancelled))
             except TaichisoftError as error:
                 self.fail(index, error)
 
-    def make_in(self, pool: RolloutPool, samples: Sequence[RolloutSample]) -> None:
-        """Have the samples made by processes."""
-        self._pool, model = pool, self._simulation.model
-        for index, sample in enumerate(samples):
-            pool.submit((self, index), sample, model, is_wanted=lambda: not self.cancelled)
+    def is_cancelled(self) -> bool:
+        """Whether the samples were cancelled."""
+        return self.cancelled
+
+    def stop(self, why: TaichisoftError) -> None:
+        """Cancel what is not done, which a later read reports."""
+        if not self.ended.all():
+            self._failure = self._failure or why
+        self.cancelled = True
 
     def wait(self, time_limit: float | None) -> bool:
         """See `Rollouts.wait`."""
@@ -274,8 +293,6 @@ class Arrivals:
     def cancel(self) -> None:
         """End the samples that are being made, and skip the others."""
         self.cancelled = True
-        if self._pool is not None:
-            self._pool.cancel(lambda key: key[0] is self)
 
     def warn_beyond_law(self) -> None:
         """Warn of the first sample beyond a law, unless an earlier call has done so."""
@@ -290,7 +307,7 @@ class Arrivals:
             if outcome is not None:
                 for column, values in zip(self.values.values(), outcome.values, strict=False):  # none after no step
                     column[index, : len(values)] = values
-                self.states[index] = outcome.state.changed(**vars(outcome.state))  # read-only, also from a process
+                self.states[index] = outcome.state
                 self.errors[index] = SimulationDiverged(*outcome.diverged) if outcome.diverged else None
                 self.complete[index] = outcome.diverged is None
                 self.stretch_over_law[index] = outcome.stretch_over_law
@@ -315,15 +332,14 @@ def rollouts(
 ) -> Rollouts:
     """Make futures of the current state of a simulation, which does not change.
 
-    The first call starts the processes, which takes seconds; they stay ready until `Simulation.close`, or until the
-    simulation is deleted. The call returns at once; reading a result waits for it. The bits do not depend on the number
-    of workers.
+    The first call starts threads, which stay ready until `Simulation.close`, or until the simulation is deleted. A call
+    returns at once; reading a result waits for it. The bits do not depend on the number of workers.
 
     Args:
         simulation: the simulation.
         controls: a sequence of controls for each sample, all of the same length; requests that a control does not
             mention stay.
-        workers: number of processes, one for each free core; 0 makes the samples in this process before it returns.
+        workers: number of threads, one for each free core; 0 makes the samples in this thread before it returns.
         figures: what to keep of every step: fields of `Observation` ("tip_positions", "object_positions.cube",
             "pressures.finger1.cavity", "normal_forces.finger1|cube") and of `State` ("state.position").
         steps_per_control: number of steps with each control.
@@ -335,13 +351,13 @@ def rollouts(
     check_simulation(simulation)
     samples = _samples(simulation, controls, figures, steps_per_control)
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
-        raise TaichisoftError(f"workers = {workers!r}: must be a whole number of processes, or 0 for none")
+        raise TaichisoftError(f"workers = {workers!r}: must be a whole number of threads, or 0 for none")
     arrivals = Arrivals(simulation, samples)
     if workers == 0:
         arrivals.make_here(samples)
     else:
-        _refuse_what_cannot_be_sent(samples)
-        arrivals.make_in(simulation.keep(("rollouts", workers), lambda: RolloutPool(workers)), samples)
+        threads = simulation.keep(("rollouts", workers), lambda: RolloutThreads(workers))
+        threads.submit(arrivals, samples, simulation.model)
     steps = simulation.state.step + 1 + np.arange(len(samples[0].controls) * steps_per_control)
     return Rollouts(arrivals, steps * simulation.model.scene.time.step)
 
@@ -371,13 +387,3 @@ def _samples(
     observation, bodies = simulation.observe(), simulation.model.body_names
     figures = tuple(find_figure(name, observation, bodies) for name in names)
     return [RolloutSample(simulation.state, row, steps_per_control, figures) for row in rows]
-
-
-def _refuse_what_cannot_be_sent(samples: Sequence[RolloutSample]) -> None:
-    for number, sample in enumerate(samples):
-        try:
-            pickle.dumps(sample.controls)
-        except Exception as error:
-            raise TaichisoftError(
-                f"controls: sample {number} cannot be sent to a process: {error}; plain dictionaries and arrays can"
-            ) from error

@@ -196,7 +196,7 @@ class Simulation(TimeStepper):
         return self._kept[key]
 
     def close(self) -> None:
-        """Stop the renderers, and the processes of `rollouts`; a later call starts them again."""
+        """Stop the renderers, and the threads of `rollouts`; a later call starts them again."""
         _close_all(self._kept)
 
 

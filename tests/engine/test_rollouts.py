@@ -1,9 +1,8 @@
-"""Many futures of one state: the same bits in this process and in others, arrays, and an end when it is wanted."""
+"""Many futures of one state: the same bits in this thread and in others, arrays, and an end when it is wanted."""
 
 import gc
-import os
 import re
-import signal
+import threading
 import time
 import warnings
 from dataclasses import fields
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import PATIENCE
 
+import taichisoft.running.rollouts
 from taichisoft import Control, Observation, Simulation, load_scene, rollouts
 from taichisoft.control import FIGURES, PAIRS
 from taichisoft.errors import ControlError, SimulationDiverged, TaichisoftError
@@ -127,7 +127,7 @@ def test_cancelled_futures_keep_what_is_done(grasp):
     assert made.complete.all(), "what was done stays"
 
 
-def test_processes_take_another_model(grasp):
+def test_threads_take_another_model(grasp):
     """Friction 0: the cube slides out of the pads that rise."""
     model, figures = grasp.model, ["object_positions.cube"]
     (before,) = rollouts(grasp, lifts(2, 8)[1:], 2, figures)["object_positions.cube"]
@@ -140,28 +140,30 @@ def test_processes_take_another_model(grasp):
     assert after[0]["object_positions.cube"][1, -1, 2] < before[-1, 2] - 0.01
 
 
-def test_lost_process_is_reported_and_replaced(grasp):
-    rollouts(grasp, lifts(2, 1), 2).wait()
-    made = rollouts(grasp, [[squeeze(9.0)]] * 2, 2, steps_per_control=1_000_000)
-    assert not made.wait(0.2)
-    process = grasp._kept["rollouts", 2]._seats[0]._worker.process
-    os.kill(process.pid, signal.SIGKILL)
-    with pytest.raises(TaichisoftError, match=r"sample . of the rollouts: .*SIGKILL"):
-        made.wait()
+def test_failure_of_a_sample_is_reported(grasp, monkeypatch):
+    def fail(*_arguments):
+        raise ZeroDivisionError("by\nzero")
+
+    monkeypatch.setattr(taichisoft.running.rollouts, "roll_out", fail)
+    with pytest.raises(TaichisoftError, match=r"sample . of the rollouts: ZeroDivisionError: by zero"):
+        rollouts(grasp, lifts(2, 1), 2).wait()
+    monkeypatch.undo()
     assert rollouts(grasp, lifts(2, 1), 2).complete.all()
 
 
-def test_processes_end_with_their_simulation():
+def test_threads_end_with_their_simulation():
     simulation = Simulation(load_scene(TINY_GRIPPER))
+    before = set(threading.enumerate())
     made = rollouts(simulation, [[squeeze(1.0)]], 1)
     assert made.complete.all()
-    process = simulation._kept["rollouts", 1]._seats[0]._worker.process
+    (thread,) = set(threading.enumerate()) - before
     del simulation, made
     gc.collect()
-    assert process.wait(PATIENCE) is not None
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
 
 
-def test_closed_simulation_ends_processes():
+def test_closed_simulation_ends_threads():
     simulation = Simulation(load_scene(TINY_GRIPPER))
     made = rollouts(simulation, [[squeeze(1.0)]] * 2, 1, steps_per_control=1_000_000)
     assert not made.wait(0.2)
@@ -197,7 +199,6 @@ def test_fields_of_fixed_shape_are_figures(grasp):
         ({"controls": [[]]}, "controls: must have a sample or more, each with a control or more"),
         ({"controls": [[Control()], []]}, "controls: sample 1 has 0, sample 0 has 1"),
         ({"controls": [[{"pressure": 1.0}]]}, "controls: sample 0: {'pressure': 1.0} must be a taichisoft.Control"),
-        ({"controls": [[Control(signals={"a": lambda: 0})]], "workers": 1}, "sample 0 cannot be sent to a process: "),
         ({"controls": [Control(), Control()]}, "controls: must be a sequence of samples, each a sequence of controls"),
         (
             {"simulation": load_scene(TINY_GRIPPER)},
