@@ -404,7 +404,7 @@ def _loaded(path: Path) -> RunResult:
     return result
 
 
-def prepare(plugins: Sequence[str], _is_cancelled: Callable[[], bool]) -> Callable[[tuple[TrainingRun, Path]], str]:
+def prepare(plugins: Sequence[str]) -> Callable[[tuple[TrainingRun, Path]], str]:
     """What a process does: it loads Taichi and plug-ins, and makes runs."""
     from taichisoft.running import (
         Simulation,  # noqa: F401  # starts Taichi

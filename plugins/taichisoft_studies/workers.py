@@ -70,7 +70,7 @@ def _record(job: "Job", answer: Any) -> dict[str, Any]:
     return record
 
 
-def prepare(context: tuple[tuple[str, ...], bool], _is_cancelled: Callable[[], bool]) -> "Callable[[Job], Any]":
+def prepare(context: tuple[tuple[str, ...], bool]) -> "Callable[[Job], Any]":
     """What a process of a pool does: it loads plug-ins, and Taichi for runs, and makes jobs."""
     assert isinstance(sys.stdout, io.TextIOWrapper)
     sys.stdout.reconfigure(line_buffering=True)  # a killed run keeps all its lines

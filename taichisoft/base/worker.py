@@ -227,7 +227,6 @@ class _Job(NamedTuple):
     content: Any
     context: Any
     time_limit: float
-    is_wanted: Callable[[], bool]
 
 
 class Pool:
@@ -245,22 +244,19 @@ class Pool:
         count: int,
         environment: Mapping[str, str] | None = None,
         tries: int = 1,
-        done: Callable[[Any, Any], None] | None = None,
     ):
         """Prepare; as many processes start as there are jobs at a time.
 
         Args:
-            function: "package.module:function"; a process calls it with the context of its first job, and with a
-                function that tells whether the current job was cancelled, and gets the function that does a job.
+            function: "package.module:function"; a process calls it with the context of its first job, and gets the
+                function that does a job.
             count: largest number of processes.
             environment: additional environment variables of the processes.
             tries: how often a job is begun whose process is killed.
-            done: called with key and answer of each job, from any thread; None: `next_done` returns them.
         """
         self.function, self.environment, self.tries, self.closed = function, environment, tries, False
         self.jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._ended: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
-        self._done = done or (lambda key, answer: self._ended.put((key, answer)))
         self._count, self._pending = count, 0
         self._seats: list[_Seat] = []
         self._lock = threading.Lock()
@@ -279,23 +275,21 @@ class Pool:
         content: Any,
         context: Any = None,
         time_limit: float = threading.TIMEOUT_MAX,
-        is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         """Have a job done, after those submitted before.
 
         Args:
-            key: identifies the job in `next_done` and `cancel`.
+            key: identifies the job in `next_done`.
             content: of the job.
             context: what a process needs once for many jobs, such as plug-ins or a model; sent to it again only when
                 it is another object.
             time_limit: longest time of the job [s], without the preparation of a new process.
-            is_wanted: called when the turn of the job comes; if it returns False, the answer is None.
         """
         with self._lock:
             self._pending += 1
             if len(self._seats) < min(self._pending, self._count):
                 self._seats.append(_Seat(self))
-        self.jobs.put(_Job(key, content, context, time_limit, is_wanted))
+        self.jobs.put(_Job(key, content, context, time_limit))
 
     def next_done(self) -> tuple[Any, Any]:
         """Wait for a job to end; its key, and its value or the exception by which it failed (see `Worker.receive`)."""
@@ -305,12 +299,7 @@ class Pool:
         """Hand over the answer of a job."""
         with self._lock:
             self._pending -= 1
-        self._done(key, answer)
-
-    def cancel(self, is_meant: Callable[[Any], bool]) -> None:
-        """Tell the processes whose jobs have such keys that these are cancelled."""
-        for seat in self._seats:
-            seat.cancel(is_meant)
+        self._ended.put((key, answer))
 
     def close(self) -> None:
         """Kill the processes; jobs that are not done fail."""
@@ -328,14 +317,8 @@ class _Seat:
         self._lock = threading.Lock()
         self._worker: Worker | None = None
         self._context: Any = self  # that of no job
-        self._running: _Job | None = None
         self.thread = threading.Thread(target=self._serve, name="pool", daemon=True)
         self.thread.start()
-
-    def cancel(self, is_meant: Callable[[Any], bool]) -> None:
-        with self._lock:
-            if self._running is not None and self._worker is not None and is_meant(self._running.key):
-                self._worker.send(("cancel", id(self._running)))
 
     def kill(self) -> None:
         with self._lock:
@@ -354,7 +337,7 @@ class _Seat:
         if job is None:
             return False
         try:
-            answer = self._answer(job) if job.is_wanted() else None
+            answer = self._answer(job)
         except Exception as error:  # also of a content that cannot be pickled
             answer = error
         self._pool.end_job(job.key, answer)
@@ -373,14 +356,8 @@ class _Seat:
         worker = self._ready_worker()
         if self._context is not job.context:
             self._prepare(worker, job.context)
-        with self._lock:
-            worker.send(("job", (id(job), job.content)))
-            self._running = job
-        try:
-            return worker.receive(job.time_limit)
-        finally:
-            with self._lock:
-                self._running = None
+        worker.send(("job", job.content))
+        return worker.receive(job.time_limit)
 
     def _ready_worker(self) -> Worker:
         """The process; a new one where it was lost."""
@@ -433,11 +410,6 @@ class Link:
         if arrived is None:
             raise EOFError("the parent is gone")
         return pickle.loads(arrived)
-
-    @property
-    def has_message(self) -> bool:
-        """Whether `receive` returns without waiting."""
-        return not self._arrived.empty()
 
     def send(self, message: Any) -> None:
         """Send a message, from any thread."""
@@ -497,27 +469,18 @@ def _call(link: Link) -> None:
 
 def _do_jobs(link: Link) -> None:
     """What a process of a pool does."""
-    number = 0
     do: Callable[[Any], Any] | None = None
-
-    def is_cancelled() -> bool:
-        cancelled = False
-        while link.has_message:  # during a job nothing arrives but that it, or the one before, is cancelled
-            cancelled |= link.receive() == ("cancel", number)
-        return cancelled
-
     with suppress(EOFError):  # the parent has closed the pool
         while True:
             kind, content = link.receive()
             try:
                 if kind == "context":
                     function, context = content
-                    do = _named(function)(context, is_cancelled)
+                    do = _named(function)(context)
                     link.send(None)
-                elif kind == "job":
+                else:
                     assert do is not None
-                    number, job = content
-                    link.send(do(job))
+                    link.send(do(content))
             except Exception as error:
                 link.fail(_failure(error))
 

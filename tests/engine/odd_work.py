@@ -82,16 +82,10 @@ def add(one: Any, other: Any) -> Any:
     return one + other
 
 
-def prepare(context: Any, is_cancelled: Callable[[], bool]) -> Callable[[Any], Any]:
+def prepare(context: Any) -> Callable[[Any], Any]:
     """A pool's process, whose jobs are names of what it does, with an argument."""
     if context == "broken":
         raise MeshError("the plug-in is broken")
-
-    def wait_for_cancel(folder: Path) -> str:
-        (folder / "begun").touch()
-        while not is_cancelled():
-            time.sleep(0.01)
-        return "cancelled"
 
     def be_killed(marks: Path, times: int) -> int:
         number = len(list(marks.iterdir()))
@@ -110,6 +104,5 @@ def prepare(context: Any, is_cancelled: Callable[[], bool]) -> Callable[[Any], A
         "divide": lambda number: 1 / number,
         "exit": os._exit,
         "be killed": be_killed,
-        "wait": wait_for_cancel,
     }
     return lambda job: jobs[job[0]](*job[1:])

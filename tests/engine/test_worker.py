@@ -229,20 +229,6 @@ def test_pool_kills_a_job_at_its_time_limit() -> None:
     assert quick == 1.0
 
 
-def test_pool_cancels_running_and_waiting_jobs(tmp_path: Path) -> None:
-    wanted = True
-    with Pool("odd_work:prepare", 1) as pool:
-        for key in ("running", "waiting"):
-            pool.submit(key, ("wait", tmp_path), is_wanted=lambda: wanted)
-        while not (tmp_path / "begun").exists():
-            time.sleep(0.01)
-        wanted = False
-        pool.cancel(lambda key: key == "waiting")
-        pool.cancel(lambda key: key == "running")
-        assert dict(pool.next_done() for _ in range(2)) == {"running": "cancelled", "waiting": None}
-        assert answers(pool, ("divide", 1)) == [1.0]
-
-
 def test_closed_pool_ends_its_jobs() -> None:
     with Pool("odd_work:prepare", 1, tries=3) as pool:
         process, _ = answers(pool, ("context",))[0]
