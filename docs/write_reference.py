@@ -6,6 +6,7 @@ python docs/write_reference.py
 import ast
 import dataclasses
 import inspect
+import itertools
 import re
 import sys
 from functools import cached_property
@@ -49,6 +50,9 @@ SECTIONS = {
     ],
 }
 
+MADE_FOR_USERS = (taichisoft.Session, taichisoft.Rollouts)
+"""Classes whose objects a function or a hook gives."""
+
 HOOKS = f"""# Hooks
 
 {NOTE}
@@ -62,9 +66,8 @@ SCENES = f"""# Scenes
 {NOTE}
 
 A scene is a TOML file. Units are millimetre, kilogram and second: forces in mN, pressures and moduli in kPa.
-Files are looked for beside the scene, in the current folder, and among what ships. A soft body may say
-`like = "other"` to take over everything that it does not set itself from a soft body above it. A soft or rigid body
-with a table `pattern` stands for several in a circle. `taichisoft run` writes the
+Files are looked for beside the scene, in the current folder, and among what ships. `like = "other"` takes over
+everything that a soft body does not set itself from a soft body above it. `taichisoft run` writes the
 resolved scene, with every default filled in, to `scene.toml` in its output folder.
 """
 SOFA = f"""# Components of SOFA
@@ -107,6 +110,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "[soft_bodies.NAME]": soft_body.SoftBodySettings,
     "[soft_bodies.NAME.mesh]": soft_body.BodyMesh,
     "[[soft_bodies.NAME.collision_surface]]": soft_body.CollisionSurfaceSettings,
+    "selection of elements": soft_body.Selection,
+    "selection of nodes": soft_body.NodeSelection,
     "[[soft_bodies.NAME.regions]]": soft_body.Region,
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
     "[[soft_bodies.NAME.forces]]": soft_body.NodalForce,
@@ -168,9 +173,8 @@ def _sofa_page() -> str:
         older[new].append(old)
     kinds: dict[str, list[str]] = {}
     for name, known in known_types().items():
-        kinds.setdefault(inspect.cleandoc(known.translate.__doc__ or "").replace("\n", " "), []).extend(
-            [name, *older.get(name, [])]
-        )
+        meaning = inspect.cleandoc(known.translate.__doc__ or "").replace("\n", " ")
+        kinds.setdefault(re.sub(r"^(Translate|Accept) ", "", meaning), []).extend([name, *older.get(name, [])])
     rows = [f"| {', '.join(f'`{name}`' for name in names)} | {meaning} |" for meaning, names in kinds.items()]
     without = ", ".join(f"`{name}`" for name in sorted(IGNORED))
     table = "\n".join(["| components | what becomes of them |", "|---|---|", *rows])
@@ -221,8 +225,11 @@ def _argument(argument: inspect.Parameter) -> str:
 
 
 def _class(made: type) -> str:
-    """Heading, what the docstring says, how it is made, its attributes and methods, also those that it inherits."""
+    """Heading, what the docstring says, how it is made, its attributes and methods, but for those of a base on this page."""
     own = [base for base in made.__mro__ if base.__module__.startswith("taichisoft.") and base is not table.Table]
+    shown = next((base for base in own[1:] if _is_on_page(base)), None)
+    if shown is not None:
+        own = [base for base in own if not issubclass(shown, base)]
     text = _parse(inspect.getdoc(made) or "")[0]
     entries: dict[str, str] = {}
     types: dict[str, str] = {}
@@ -240,18 +247,30 @@ def _class(made: type) -> str:
             types[name] = _type(inspect.signature(made_by or made).return_annotation)
     if made is scene.Scene:
         text += "\n\nThe keys of [scenes.md](scenes.md) are attributes, too."
+    if shown is not None and shown is not taichisoft.errors.TaichisoftError:
+        text += f"\n\nA `{shown.__name__}`."
     lines = [f"### {made.__name__}\n", text, ""]
     makes = vars(made).get("__init__")
-    if makes is not None and makes.__doc__ and made is not taichisoft.Session:  # which hooks are given, nobody makes
+    if makes is not None and makes.__doc__ and made not in MADE_FOR_USERS:
         lines.append(_function(makes, "####", made.__name__))
-    typed = all(name in types for name in entries)
-    if entries:
-        lines.append("| attribute | type | |\n|---|---|---|" if typed else "| attribute | |\n|---|---|")
-    for name, meaning in entries.items():
-        cells = [f"`{name}`", *([f"`{types[name]}`"] if typed else []), meaning]
-        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    for (meaning, kind), names in _alike(entries, types):
+        lines.append(f"- {', '.join(f'`{name}`' for name in names)}{f' (`{kind}`)' if kind else ''}: {meaning}")
     methods = [name for name, member in members.items() if isinstance(member, FunctionType | classmethod)]
     return "\n".join([*lines, "", *(_function(getattr(made, name), "####") for name in methods)])
+
+
+def _is_on_page(thing: type) -> bool:
+    return thing in vars(taichisoft.errors).values() or thing in [
+        getattr(taichisoft, name) for names in SECTIONS.values() for name in names
+    ]
+
+
+def _alike(entries: dict[str, str], types: dict[str, str]) -> Any:
+    """Groups of names that have one meaning and type, which stand in one line."""
+    return [
+        (about, list(names))
+        for about, names in itertools.groupby(entries, lambda name: (entries[name], types.get(name, "")))
+    ]
 
 
 def _comment_below(name: str) -> str:
@@ -290,43 +309,51 @@ def _type(annotation: Any) -> str:
 
 def _scenes_page() -> str:
     parts = [SCENES]
+    titles = {made: title for title, made in TABLES.items()}
     for title, made in TABLES.items():
         meanings = key_descriptions(made)
-        rows = [_row(key, field, meanings[key]) for key, field in made.model_fields.items() if _has_row(field)]
+        base = next((base for base in made.__mro__[1:] if base in titles), None)
+        fields = {key: field for key, field in made.model_fields.items() if not base or key not in base.model_fields}
+        rows = [_row(key, field, meanings[key]) for key, field in fields.items() if _has_row(field)]
         text = " ".join((made.__doc__ or "").split())
-        parts.append("\n".join([f"## {title}\n\n{text}\n\n| key | value | default | |\n|---|---|---|---|", *rows]))
+        head = ["| key | value, default | |\n|---|---|---|"] if rows else []
+        link = [f"The keys of a [{titles[base]}](#{titles[base].replace(' ', '-')}) choose it.\n"] if base else []
+        parts.append("\n".join([f"## {title}\n\n{text}\n", *link, *head, *rows]))
     return _joined(parts)
 
 
 def _row(key: str, field: FieldInfo, meaning: str) -> str:
     if field.is_required():
-        default = "required"
-    elif field.default in (None, ""):
-        default = "" if field.default is None else "empty"
+        default = ", required"
+    elif field.default is None:
+        default = ""
     elif isinstance(field.default, bool):
-        default = f"`{field.default}`".lower()
+        default = f", `{str(field.default).lower()}`"
     else:
-        default = f"`{list(field.default) if isinstance(field.default, tuple) else field.default}`"
+        default = f", `{list(field.default) if isinstance(field.default, tuple) else field.default}`"
     text = " ".join(meaning.split()).replace("|", chr(92) + "|")
-    return f"| `{key}` | {_kind(field.annotation)} | {default} | {text} |"
+    return f"| `{key}` | {_kind(field.annotation)}{default.replace(', ``', ', empty')} | {text} |"
 
 
 def _kind(annotation: Any) -> str:
-    """A type in a reader's words."""
+    """A type in TOML's words."""
     if annotation in (float, int, str, bool):
-        return {float: "number", int: "whole number", str: "text", bool: "true or false"}[annotation]
+        return {float: "number", int: "integer", str: "string", bool: "boolean"}[annotation]
     arguments = [argument for argument in get_args(annotation) if argument is not type(None)]
     origin = get_origin(annotation)
     if origin is tuple:
-        return f"[{', '.join(_kind(argument) for argument in arguments)}]"
+        kinds = [_kind(argument) for argument in arguments]
+        alike = len(set(kinds)) == 1 and not kinds[0].startswith("[")
+        return f"[{len(kinds)} {kinds[0]}s]" if alike else f"[{', '.join(kinds)}]"
     if origin is list:
-        return f"[{_kind(arguments[0])}, ...]"
+        inner = _kind(arguments[0])
+        return f"[any of {inner}]" if inner.startswith('"') else f"[{inner}, ...]"
     if origin is dict:
         return "table"
     if origin is UnionType:
         return " or ".join(map(_kind, arguments))
     if arguments and all(isinstance(argument, str) for argument in arguments):
-        return " or ".join(f'"{argument}"' for argument in arguments)
+        return ", ".join(f'"{argument}"' for argument in arguments)
     return _kind(arguments[0]) if arguments else "table"
 
 

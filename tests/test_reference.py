@@ -58,4 +58,4 @@ def test_every_attribute_of_a_session_is_in_its_docstring() -> None:
     page = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
     section = page.partition("\n### Session\n")[2].partition("\n## ")[0]
     for name in vars(session):
-        assert name.startswith("_") or f"\n| `{name}` |" in section, name
+        assert name.startswith("_") or f"\n- `{name}`" in section, name

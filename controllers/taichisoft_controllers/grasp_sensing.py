@@ -17,7 +17,7 @@ from taichisoft_controllers.settings import PRESSURE, PULL, ControllerSettings, 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
 
-# The tuning of the controller "closed-loop": docs/notes/experiments.md says how each number was found.
+# The tuning of the controller "closed-loop": docs/notes/experiments.md says how the gains were found.
 
 
 class GraspSettings(ControllerSettings):
