@@ -1,7 +1,7 @@
 # make grasp   mesh the tutorial's finger and let the gripper grasp; the results are in out/grasp
 # make test    ruff and mypy, then every test
 # make bench   time the engine on this machine; the results are in out/bench. OPTIONS=--quick is passed on
-# make scoreboard  friction: problems of FCLIB and Siconos in the folder DATA=..., creep beside other programs
+# make scoreboard  friction: problems of FCLIB and Siconos in the folder DATA=...
 # make site    the documents as a site in out/site, which opens from the disk
 # make wheel   the packages to publish, with the kernels' machine code, in out/wheel
 # make clean   remove what these made
@@ -30,8 +30,6 @@ bench: system-libraries .venv/test-tools
 	.venv/bin/python -m taichisoft_benchmarks --output out/bench $(OPTIONS)
 
 scoreboard: system-libraries .venv/test-tools
-	$(pip_install) '.[peers]'
-	.venv/bin/python -m taichisoft_benchmarks.wall_creep
 	.venv/bin/python -m taichisoft_benchmarks.friction_problems $(DATA)
 
 site: .venv/test-tools

@@ -225,7 +225,7 @@ def _argument(argument: inspect.Parameter) -> str:
 
 
 def _class(made: type) -> str:
-    """Heading, what the docstring says, how it is made, its attributes and methods, but for those of a base on this page."""
+    """Heading, docstring, how it is made, attributes and methods, without those of a base that is on this page."""
     own = [base for base in made.__mro__ if base.__module__.startswith("taichisoft.") and base is not table.Table]
     shown = next((base for base in own[1:] if _is_on_page(base)), None)
     if shown is not None:
@@ -317,7 +317,7 @@ def _scenes_page() -> str:
         rows = [_row(key, field, meanings[key]) for key, field in fields.items() if _has_row(field)]
         text = " ".join((made.__doc__ or "").split())
         head = ["| key | value, default | |\n|---|---|---|"] if rows else []
-        link = [f"The keys of a [{titles[base]}](#{titles[base].replace(' ', '-')}) choose it.\n"] if base else []
+        link = [f"Has the keys of a [{titles[base]}](#{titles[base].replace(' ', '-')}), too.\n"] if base else []
         parts.append("\n".join([f"## {title}\n\n{text}\n", *link, *head, *rows]))
     return _joined(parts)
 

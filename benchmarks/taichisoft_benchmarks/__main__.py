@@ -14,7 +14,6 @@ from taichisoft_benchmarks.case_scenes import Meshes
 from taichisoft_benchmarks.cases import SHIPPED, NamedCase, choose, read_cases
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.pages import run_program
-from taichisoft_benchmarks.performance_page import NOTHING, OURS, draw_plots, targets_of
 from taichisoft_benchmarks.results import CaseResult, Results, compare, read_results, require_writable, write_results
 from taichisoft_benchmarks.runner import run_cases
 
@@ -35,7 +34,7 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="One run of few steps, to see that everything works.")] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="DIR", help="Folder for results.json and the plots of growth."),
+        typer.Option("--output", "-o", metavar="DIR", help="Folder for results.json."),
     ] = None,
     compare_: Annotated[
         Path | None,
@@ -66,11 +65,11 @@ def bench(
     made.mkdir(exist_ok=True)
     meshes = Meshes(tutorial_meshes.resolve() if tutorial_meshes is not None else None, made)
     results = _measure(chosen, meshes, 1 if quick else repeat, quick)
-    for line in _closing_lines(results):
-        say(line)
+    for name, value in results.derived.items():
+        say(f"{name} {value:.4g}")
+    say(f"# load at the end {results.load['end']:.2f}")
     if output is not None:
-        for path in (write_results(results, output), *draw_plots(results, output)):
-            say(f"# {path}")
+        say(f"# {write_results(results, output)}")
     if results.interrupted:
         raise KeyboardInterrupt
     worse = _compare(results, old) if old is not None else 0
@@ -143,17 +142,6 @@ def _case_lines(name: str, case: CaseResult) -> Iterator[str]:
         )
     for phase, milliseconds in case.phases.items():
         yield f"{name}.phases.{phase.replace(' ', '_')}_ms {milliseconds:.4g}"
-
-
-def _closing_lines(results: Results) -> Iterator[str]:
-    """Figures of whole groups, figures beside their targets and other programs, and the load at the end."""
-    for name, value in results.derived.items():
-        yield f"{name} {value:.4g}"
-    for label, name, columns in targets_of(results):
-        if columns[OURS] != NOTHING:
-            known = [f"{column} {value}" for column, value in columns.items() if value != NOTHING]
-            yield f"# {name}, {label}: {', '.join(known)}"
-    yield f"# load at the end {results.load['end']:.2f}"
 
 
 if __name__ == "__main__":

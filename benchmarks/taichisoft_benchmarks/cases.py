@@ -96,10 +96,6 @@ class PeerCase(StepsCase):
     peer: Peer
 
 
-class PluginsCase(Simulated, SceneCase):
-    """Time that hooks and the controller's observation add to a step of a scene."""
-
-
 class ContactsCase(Simulated, Case):
     """Time per step of a soft mat that stands on a foot of `foot` x `foot` vertices; the mesh is always the same."""
 
@@ -152,28 +148,16 @@ class RenderingCase(SceneCase):
     """Number of steps from one frame to the next."""
 
 
-class PairedCase(SceneCase):
-    """A case whose runs alternate between without and with an output."""
+class RecordingCase(SceneCase):
+    """Time that recording adds to the steps of a scene; runs alternate between without and with it."""
 
     steps: Count
     pairs: Count
-
-
-class RecordingCase(PairedCase):
-    """Time that recording adds to the steps of a scene."""
-
     quick: ClassVar[dict[str, int]] = {"steps": QUICK_STEPS, "pairs": 1}
-
-
-class WebCase(PairedCase):
-    """A web page beside a scene that runs at the speed of real time."""
-
-    quick: ClassVar[dict[str, int]] = {"pairs": 1}
 
 
 KINDS: dict[str, type[Case]] = {
     "steps": StepsCase,
-    "plugins": PluginsCase,
     "contacts": ContactsCase,
     "fingers": FingersCase,
     "factorisation": FactorisationCase,
@@ -182,7 +166,6 @@ KINDS: dict[str, type[Case]] = {
     "meshing": MeshingCase,
     "rendering": RenderingCase,
     "recording": RecordingCase,
-    "web": WebCase,
 }
 
 

@@ -1,4 +1,4 @@
-"""The measurement of each kind of case but those of outputs; each runs in its own process (runner.py)."""
+"""The measurement of each kind of case; each runs in its own process (runner.py)."""
 
 import multiprocessing
 import subprocess
@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from queue import Queue
+from tempfile import TemporaryDirectory
 from threading import Barrier
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +17,6 @@ import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft import Scene
-from taichisoft.running import hookimpl
 from taichisoft.runtime import available_cores
 from taichisoft.scene import find_file
 from taichisoft_benchmarks import machine
@@ -24,7 +25,8 @@ from taichisoft_benchmarks.cases import (
     FactorisationCase,
     MeshingCase,
     PeerCase,
-    PluginsCase,
+    RecordingCase,
+    RenderingCase,
     Simulated,
     StartCase,
     ThroughputCase,
@@ -158,52 +160,6 @@ def window_medians(case: Simulated, seconds: Sequence[float]) -> dict[str, float
         for metric, (first, last) in case.windows.items()
         if last <= len(seconds)
     }
-
-
-class Listener:
-    """A plug-in that is called after every step and does nothing."""
-
-    @hookimpl
-    def taichisoft_step_done(self, session: Any, report: Any) -> None:
-        """Do nothing."""
-
-
-def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
-    """Median times around the steps of each window; a step in between leaves the caches as cold as in a run.
-
-    The figures by part are of the last window. The summary of the contacts is counted apart: the report of a step
-    needs it in any case, and the observation reuses it.
-    """
-    from taichisoft.control import summarise_contacts
-    from taichisoft.running import Simulation, make_controller, notify, register_plugin, unregister_plugin
-
-    simulation = Simulation(scene)
-    controller = make_controller(scene)
-    controller.reset(simulation.model)
-    parts = ("contact_summary", "observation", "hook", "hook_unused")
-    times = np.zeros((case.steps, len(parts)))
-    for index in range(case.steps):
-        started = time.perf_counter()
-        summarise_contacts(simulation.model, simulation.state)
-        summarised = time.perf_counter()
-        observation = simulation.observe()
-        observed = time.perf_counter()
-        report = simulation.step(controller.control(observation))
-        name = register_plugin(Listener())
-        stepped = time.perf_counter()
-        notify("taichisoft_step_done", session=None, report=report)
-        notified = time.perf_counter()
-        unregister_plugin(name)
-        idle = time.perf_counter()
-        notify("taichisoft_step_done", session=None, report=report)
-        unused = time.perf_counter() - idle
-        times[index] = summarised - started, observed - summarised, notified - stepped, unused
-    figures = window_medians(case, times[:, 1:3].sum(axis=1).tolist())
-    first, last = list(case.windows.values())[-1]
-    for part, seconds in zip(parts, np.median(times[first:last], axis=0).tolist(), strict=True):
-        figures[f"{part}_ms"] = 1e3 * seconds
-    figures["peak_mb"] = peak_memory()
-    return Measured(figures, {"nodes": simulation.model.node_count, "contacts": report.contact_count})
 
 
 def measure_peer(case: PeerCase, scene: Scene) -> Measured:
@@ -363,3 +319,108 @@ def _run(prepare: Prepare, scene: Scene, steps: int, barrier: Barrier, answers: 
     except Exception as error:
         barrier.abort()
         answers.put(BenchmarkError(f"a process of several at once failed: {type(error).__name__}: {error}"))
+
+
+PICTURE_SIZE = (1280, 720)
+LONG_VIDEO = 20 * 30
+"""Number of pictures of a run of 20 s at 30 a second."""
+
+
+def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
+    """Wall time of the same steps without and with the recording, alternating in one process.
+
+    The order within a pair changes, so that a machine that gets slower or faster favours neither; the median of the
+    pairs is taken. The time with the output includes the writing of its last frames. `output_ms` is the time within the
+    output: it leaves out the effect on the caches of the steps, and scatters far less on a busy machine.
+    """
+    from taichisoft.running import Simulation
+
+    simulation = Simulation(scene)
+    start = simulation.state
+    _recorded_run(simulation, scene, case.steps, None)  # compiles, and fills caches
+    plain: list[float] = []
+    recorded: list[float] = []
+    within: list[float] = []
+    with TemporaryDirectory(prefix="taichisoft-recording-") as name:
+        folder = Path(name)
+        for number in range(2 * case.pairs):
+            with_output = number % 4 in (1, 2)
+            simulation.restore(start)
+            seconds, in_output = _recorded_run(simulation, scene, case.steps, folder if with_output else None)
+            (recorded if with_output else plain).append(seconds)
+            if with_output:
+                within.append(in_output)
+        size = (folder / "recording.h5").stat().st_size
+    cost = np.median(np.array(recorded) - np.array(plain))
+    figures = {
+        "step_ms": 1e3 * float(np.median(plain)) / case.steps,
+        "cost_ms": 1e3 * float(cost) / case.steps,
+        "output_ms": 1e3 * float(np.median(within)) / case.steps,
+        "cost_percent": 100.0 * float(cost / np.median(plain)),
+        "kb_per_step": size / 1e3 / case.steps,
+        "peak_mb": peak_memory(),
+    }
+    return Measured(figures, {"nodes": simulation.model.node_count})
+
+
+def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
+    """Record a run and draw all its frames into an MP4, as `taichisoft render --video` does.
+
+    The start of the renderer, up to the first picture, is a separate figure. That of a picture includes its encoding,
+    which runs beside the drawing of the next one. The figure of the long video follows from the two.
+    """
+    from taichisoft.running import Simulation
+    from taichisoft_outputs.drawing.style import Style
+    from taichisoft_outputs.rendering.video import render_video
+
+    drawn: list[float] = []
+    with TemporaryDirectory(prefix="taichisoft-rendering-") as name:
+        folder = Path(name)
+        simulation = Simulation(scene)
+        _recorded_run(simulation, scene, case.steps, folder, case.every)
+        started = time.perf_counter()
+        render_video(
+            folder / "recording.h5",
+            folder / "video.mp4",
+            Style(size=PICTURE_SIZE),
+            1.0 / (case.every * scene.time.step),
+            on_picture=lambda *_: drawn.append(time.perf_counter()),
+        )
+        ended = time.perf_counter()
+    between = np.diff(drawn)
+    start, end = drawn[0] - started, ended - drawn[-1]
+    figures = {
+        "frame_ms": 1e3 * float(np.median(between)),
+        "start_s": start,
+        "video_20s_s": start + float(between.mean()) * (LONG_VIDEO - 1) + end,
+    }
+    return Measured(figures, {"nodes": simulation.model.node_count, "frames": len(drawn)})
+
+
+def _recorded_run(
+    simulation: "Simulation", scene: Scene, steps: int, folder: Path | None, every: int = 1
+) -> tuple[float, float]:
+    """Make steps and record them into the folder, if there is one.
+
+    Returns:
+        Wall time [s], and the part of it in the output [s].
+    """
+    from taichisoft_outputs.recording.recording_output import RecordingOutput
+
+    step = controlled_step(simulation, scene)
+    output = None if folder is None else RecordingOutput(folder, every=every)
+    if output is not None:
+        output.begin(simulation.model, simulation.state)
+    in_output = 0.0
+    started = time.perf_counter()
+    for _ in range(steps):
+        report = step()
+        if output is not None:
+            stepped = time.perf_counter()
+            output.record(simulation.state, report)
+            in_output += time.perf_counter() - stepped
+    stepped = time.perf_counter()
+    if output is not None:
+        output.end("completed")
+        in_output += time.perf_counter() - stepped
+    return time.perf_counter() - started, in_output

@@ -1,4 +1,4 @@
-"""The results of a benchmark, as JSON: read back for comparisons, plots and the page of results."""
+"""The results of a benchmark, as JSON, read back for comparisons."""
 
 import json
 import statistics
@@ -78,12 +78,24 @@ class Results(Table):
     """Load at the start and at the end."""
     cases: dict[str, CaseResult] = Field(default_factory=dict)
     derived: dict[str, Number] = Field(default_factory=dict)
-    """Figures of a whole group: gains by threads, memory per finger."""
+    """Figures of several cases: gains by threads, memory per finger, times over those of other programs."""
 
 
 def derive(cases: Mapping[str, CaseResult]) -> dict[str, float]:
-    """Gains by threads and memory per finger, where their cases were measured."""
+    """Gains by threads, memory per finger and our times over those of other programs, where these were measured.
+
+    A ratio to another program is the median over the rounds, in each of which the two ran one after the other.
+    """
     found = {}
+    for name, case in cases.items():
+        for peer, theirs in (
+            (other, cases[other]) for other in cases if other.startswith(f"{name}_") and cases[other].does_not
+        ):
+            for metric in case.figures.keys() & theirs.figures.keys():
+                if metric.endswith("_ms"):
+                    # A run that was stopped in between has one value more of ours.
+                    pairs = zip(case.figures[metric].values, theirs.figures[metric].values, strict=False)
+                    found[f"{peer}.{metric}_ratio"] = float(f"{median(ours / other for ours, other in pairs):.4g}")
     groups: dict[str, list[CaseResult]] = {}
     for case in cases.values():
         if case.figures:

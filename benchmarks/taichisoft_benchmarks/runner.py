@@ -155,7 +155,7 @@ def environment_of(case: Case, folder: Path) -> dict[str, str]:
 
 
 def _measure(case: Case, meshes: Meshes) -> Measured:
-    from taichisoft_benchmarks import measures, output_costs
+    from taichisoft_benchmarks import measures
 
     if isinstance(case, MeshingCase):
         return measures.measure_meshing(case)
@@ -165,12 +165,10 @@ def _measure(case: Case, meshes: Meshes) -> Measured:
         cases.StepsCase: measures.measure_steps,
         cases.ContactsCase: measures.measure_steps,
         cases.FingersCase: measures.measure_steps,
-        cases.PluginsCase: measures.measure_plugins,
         cases.PeerCase: measures.measure_peer,
         cases.FactorisationCase: measures.measure_factorisation,
-        cases.RecordingCase: output_costs.measure_recording,
-        cases.RenderingCase: output_costs.measure_rendering,
-        cases.WebCase: output_costs.measure_web,
+        cases.RecordingCase: measures.measure_recording,
+        cases.RenderingCase: measures.measure_rendering,
         cases.ThroughputCase: measures.measure_throughput,
     }
     return kinds[type(case)](case, scene_of(case, meshes))

@@ -10,11 +10,9 @@ import scipy.sparse as sparse
 
 from taichisoft import Control, Scene, Simulation, load_scene, make_model
 from taichisoft.mechanics.cholesky import Cholesky, SymbolicFactor
-from taichisoft.running import plugin_registry
 from taichisoft.scene.scene import SceneControllerSettings
-from taichisoft_benchmarks import measures, output_costs
-from taichisoft_benchmarks.case_scenes import Meshes, scene_of
-from taichisoft_benchmarks.cases import RecordingCase, cases_from_dict, read_cases
+from taichisoft_benchmarks import measures
+from taichisoft_benchmarks.cases import RecordingCase
 from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing
 from taichisoft_benchmarks.peers import DrakePeer, MujocoPeer, prepare_cholmod, prepare_superlu, pressure_forces
 
@@ -65,9 +63,9 @@ def test_cost_of_recording_is_median_of_pairs(taichisoft_scene: Scene, monkeypat
             (folder / "recording.h5").write_bytes(bytes(40_000))
         return next(seconds), 0.02
 
-    monkeypatch.setattr(output_costs, "_recorded_run", run)
+    monkeypatch.setattr(measures, "_recorded_run", run)
     case = RecordingCase(kind="recording", title="", scene="", finger="", steps=10, pairs=3)
-    figures = output_costs.measure_recording(case, taichisoft_scene).figures
+    figures = measures.measure_recording(case, taichisoft_scene).figures
     assert figures["cost_ms"] == pytest.approx(1e3 * 0.5 / 10)  # 0.5, 1.0 and 0.1 s
     assert figures["cost_percent"] == pytest.approx(100.0 * 0.5 / 2.0)
     assert figures["output_ms"] == pytest.approx(1e3 * 0.02 / 10)
@@ -78,25 +76,8 @@ def test_cost_of_recording_is_median_of_pairs(taichisoft_scene: Scene, monkeypat
 def test_recording_is_written_and_measured(taichisoft_scene: Scene) -> None:
     case = RecordingCase(kind="recording", title="", scene="", finger="", steps=4, pairs=1)
     scene = taichisoft_scene.model_copy(update={"controller": SceneControllerSettings(name="keyboard")})
-    figures = output_costs.measure_recording(case, scene).figures
+    figures = measures.measure_recording(case, scene).figures
     assert min(figures["step_ms"], figures["output_ms"]) > 0.0 and figures["kb_per_step"] > 1.0
-
-
-def test_hooks_and_observation_are_measured_by_part(tmp_path: Path) -> None:
-    table = {"title": "", "kind": "plugins", "scene": "finger-inflated", "finger": "finger", "steps": 4}
-    (named,) = cases_from_dict({"plugins": {**table, "windows": {"hooks_and_observation_ms": [3, 4]}}})
-    before = list(plugin_registry().origins)
-    figures = measures.measure_plugins(named.case, scene_of(named.case, Meshes(None, tmp_path))).figures
-    parts = [figures[f"{part}_ms"] for part in ("observation", "hook")]
-    assert min(*parts, figures["hook_unused_ms"]) > 0.0
-    assert figures["hooks_and_observation_ms"] == pytest.approx(sum(parts))  # of the one step of the window
-    assert list(plugin_registry().origins) == before
-
-
-def test_cases_with_targets_are_shipped() -> None:
-    shipped = {named.name: named.case for named in read_cases()}
-    assert shipped["recording"].shortened().pairs == 1
-    assert "hooks_and_observation_ms" in shipped["plugins"].windows  # type: ignore[attr-defined]
 
 
 # The steps alone take a third of the time to get ready, so that a busy machine may take three times as long.

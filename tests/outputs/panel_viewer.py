@@ -1,35 +1,90 @@
 """A viewer of a web page that presses its keys, moves its sliders and sees where the surfaces are."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import conftest
+import msgspec
 import numpy as np
-
-from taichisoft_benchmarks.output_costs import HEADER, Viewer
+import zstandard
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 PATIENCE = 30.0
 """Longest time until something appears on the page [s]; usually it does so at once."""
 
 
-class PanelViewer(Viewer):
-    """A viewer that knows the panel and the surfaces of the page.
+HEADER = 16
+"""Bytes of a packet before its messages: two lengths."""
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": [1.0, 0.0, 0.0, 0.0],
+    "position": [0.0, 0.0, 5.0],
+    "fov": 0.5,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 600,
+    "image_width": 800,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 0.0, 1.0],
+}
+
+
+class PanelViewer:
+    """Reads a page in a thread, as a browser does that has loaded it; use it in a `with` statement.
 
     Attributes:
         elements: label, value and other properties of each element of the panel, by its identifier.
         commands: identifiers of hotkeys, by key ("arrowup").
         vertices: newest vertices of each surface, and ends of lines, in the page's unit, shape (vertex_count, 3), by
             name ("/finger1").
+        moments: when each surface of the scene has moved, on the clock of `time.monotonic` [s], by name ("/finger1").
     """
 
     def __init__(self, url: str):
+        import viser
+
         self.elements: dict[str, dict[str, Any]] = {}
         self.commands: dict[str, str] = {}
         self.vertices: dict[str, np.ndarray] = {}
-        super().__init__(url)
+        self.moments: dict[str, list[float]] = {}
+        protocol: Any = f"viser-v{viser.__version__}"
+        self._socket = connect(
+            url.replace("http", "ws"), subprotocols=[protocol], compression=None, max_size=None, proxy=None
+        )
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self.send(CAMERA)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._thread.join()
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send the page a message, as its browser part would."""
+        self._socket.send(msgspec.msgpack.encode(message))
+
+    def watch(self) -> None:
+        """Return when the page has gone away."""
+        self._thread.join()
+
+    def _read(self) -> None:
+        """Read until the page goes away; a packet is two lengths, then packed messages, then arrays."""
+        while True:
+            try:
+                packet = self._socket.recv()
+            except ConnectionClosed:
+                return
+            assert isinstance(packet, bytes)
+            end = HEADER + int.from_bytes(packet[HEADER // 2 : HEADER], "little")
+            self.take(msgspec.msgpack.decode(zstandard.decompress(packet[HEADER:end])), packet)
 
     def find(self, label: str) -> str:
         """Identifier of the element with a label; waits until there is one."""
@@ -54,7 +109,7 @@ class PanelViewer(Viewer):
         return self.elements[self.find(label)]["value"]
 
     def take(self, content: dict[str, Any], packet: bytes) -> None:
-        super().take(content, packet)
+        """Take note of the messages in the content of a packet; the arrays that they refer to end the packet."""
         starts, end = [], HEADER + int.from_bytes(packet[HEADER // 2 : HEADER], "little")
         for length in content["binaryBufferLengths"]:
             starts.append(end + (-end) % 8)
@@ -82,6 +137,7 @@ class PanelViewer(Viewer):
             elif kind == "SceneNodeUpdateMessage" and "points" in message["updates"]:
                 self.vertices[message["name"]] = array(message["updates"]["points"])
             elif kind == "SceneNodeUpdateMessage" and "vertices" in message["updates"]:
+                self.moments.setdefault(message["name"], []).append(time.monotonic())
                 self.vertices[message["name"]] = array(message["updates"]["vertices"])
 
 
