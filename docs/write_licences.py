@@ -1,4 +1,6 @@
-"""Writes docs/licences.md: the licences of all packages that taichisoft and its extras bring, as their metadata say.
+"""Prints the licences of all packages that taichisoft and its extras bring, as their metadata say.
+
+docs/licences.md gets those that need attention.
 
 Versions are left out, so that the page is wrong only when a package comes, goes, or changes its licence. It is about
 the packages that pip installs on Linux with Python 3.11 or 3.12; run it in the environment of `make test`.
@@ -15,6 +17,7 @@ from packaging.utils import canonicalize_name
 PAGE = Path(__file__).with_name("licences.md")
 BEGIN, END = "<!-- written by write_licences.py -->\n", "<!-- to here -->\n"
 EXTRAS = ("web", "gym", "sofa", "studies", "arm")
+NOT_NAMED = "not named"
 COPYLEFT = re.compile("GPL|General Public|MPL|Mozilla")
 LINUX = {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "x86_64", "python_version": "3.12"}
 
@@ -51,7 +54,7 @@ def licence(one: Distribution) -> str:
     named = [name for name in classifiers if name != "OSI Approved"]
     text = " ".join((metadata.get("License") or "").split())
     short = text if 0 < len(text) <= 60 and text.upper() != "UNKNOWN" else ""
-    return metadata.get("License-Expression") or short or ", ".join(sorted(named)) or "not named"
+    return metadata.get("License-Expression") or short or ", ".join(sorted(named)) or NOT_NAMED
 
 
 def all_brought() -> dict[str, str]:
@@ -63,14 +66,21 @@ def all_brought() -> dict[str, str]:
     return part
 
 
+def by_licence() -> dict[str, list[str]]:
+    """The packages of each licence, those of the extras marked; copyleft ones first."""
+    packages: dict[str, list[str]] = {}
+    for name, mark in sorted(all_brought().items()):
+        packages.setdefault(licence(distribution(name)), []).append(f"{name}{mark}")
+    return dict(sorted(packages.items(), key=lambda item: (not COPYLEFT.search(item[0]), item[0].lower())))
+
+
 def table() -> str:
-    """A row for each licence, with its packages, those of the extras marked; copyleft ones first."""
-    part = all_brought()
-    by_licence: dict[str, list[str]] = {}
-    for name in sorted(part):
-        by_licence.setdefault(licence(distribution(name)), []).append(f"{name}{part[name]}")
-    order = sorted(by_licence, key=lambda text: (not COPYLEFT.search(text), text.lower()))
-    rows = [f"| {text.replace('|', '/')} | {', '.join(by_licence[text])} |" for text in order]
+    """A row for each copyleft licence, and one of the packages that name none."""
+    rows = [
+        f"| {text.replace('|', '/')} | {', '.join(names)} |"
+        for text, names in by_licence().items()
+        if COPYLEFT.search(text) or text == NOT_NAMED
+    ]
     return "\n".join(["| licence | packages |", "|---|---|", *rows]) + "\n"
 
 
@@ -81,5 +91,6 @@ def page() -> str:
 
 
 if __name__ == "__main__":
+    for text, names in by_licence().items():
+        print(f"{text}: {', '.join(names)}")
     PAGE.write_text(page(), encoding="utf-8")
-    print(PAGE)

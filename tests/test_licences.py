@@ -2,7 +2,6 @@
 
 import importlib.util
 import re
-import tomllib
 from importlib.metadata import distribution
 from pathlib import Path
 from types import ModuleType
@@ -10,7 +9,6 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FAMILIES = ("Apache", "BSD", "GPL", "ISC", "MIT", "MPL", "PSF|Python Software Foundation")
 
 
 @pytest.fixture(scope="module")
@@ -28,22 +26,12 @@ def listed(page: str) -> dict[str, str]:
     return {name: licence for licence, packages in rows for name in packages.split(", ")}
 
 
-def families(licence: str) -> set[str]:
-    return {family for family in FAMILIES if re.search(family, licence)}
-
-
-def test_named_packages_have_licences_in_the_table(program: ModuleType) -> None:
-    """The wording, and what other packages bring, change with their versions; the family of a licence does not."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    table = listed(program.PAGE.read_text(encoding="utf-8"))
-    extras = {"": project["dependencies"], **{name: project["optional-dependencies"][name] for name in program.EXTRAS}}
-    bare = {key.partition(" ")[0]: licence for key, licence in table.items()}
-    for extra, required in extras.items():
-        for name in (re.split("[<>=;]", line)[0] for line in required):
-            if not program.is_installed(name):
-                continue  # Open3D for other machines
-            assert name in table or f"{name} [{extra}]" in table, name
-            assert families(program.licence(distribution(name))) & families(bare[name]), name
+def test_other_packages_are_permissive(program: ModuleType) -> None:
+    """The table is what the installed packages say, and what it leaves out is under a licence that the page names."""
+    assert listed(program.PAGE.read_text(encoding="utf-8")).keys() >= {"gmsh", "certifi"}
+    for text, names in program.by_licence().items():
+        if not program.COPYLEFT.search(text) and text != program.NOT_NAMED:
+            assert re.search("Apache|BSD|ISC|MIT|PSF|Python Software Foundation", text), (text, names)
 
 
 def test_no_copyleft_licence_is_left_out(program: ModuleType) -> None:

@@ -16,4 +16,3 @@ from .observation import find_figure as find_figure
 from .observer import Fingertips as Fingertips
 from .observer import Observer as Observer
 from .observer import SensorChain as SensorChain
-from .observer import summarise_contacts as summarise_contacts

@@ -5,7 +5,6 @@ from .hooks import provided_by_plugin as provided_by_plugin
 from .hookspecs import RunOption as RunOption
 from .hookspecs import hookimpl as hookimpl
 from .loop import run as run
-from .loop import run_session as run_session
 from .plugin_commands import FILE_OPTION as FILE_OPTION
 from .plugin_commands import GoalOption as GoalOption
 from .plugin_commands import OutputsOption as OutputsOption

@@ -80,9 +80,8 @@ def test_the_paths_of_bodies_and_cables(file: Any) -> None:
 @pytest.mark.parametrize(
     ("heading", "group"),
     [
-        ("Frames", "steps"),
+        ("Instants", "steps"),
         ("States", "states"),
-        ("Controls", "controls"),
         ("Controllers", "controllers"),
         ("Contacts", "contacts"),
     ],
@@ -105,3 +104,11 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
     assert len(set(sizes.values())) == len(sizes), "equal sizes would tell nothing"
     described = {name: (unit, eval(shape, sizes)) for name, unit, shape, _ in rows(heading)}
     assert described == {name: (values.attrs["unit"], values.shape[1:]) for name, values in file[group].items()}
+
+
+def test_controls_are_datasets_of_steps(file: Any) -> None:
+    section = PAGE.partition("\n## Controls\n")[2].partition("\n## ")[0]
+    assert set(re.findall(r"`(\w+)`", section)) == {"controls", "steps", *file["controls"]}
+    for name, values in file["controls"].items():
+        same = file["steps"][name]
+        assert (values.attrs["unit"], values.shape[1:]) == (same.attrs["unit"], same.shape[1:])

@@ -18,8 +18,7 @@ from taichisoft import Control, Controller, KeyEvent, Session, Simulation, hooki
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running import run_session
-from taichisoft.running.loop import saved_as_json
+from taichisoft.running.loop import run_session, saved_as_json
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs import read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput

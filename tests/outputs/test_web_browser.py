@@ -13,7 +13,7 @@ from conftest import PATIENCE
 
 from taichisoft import Session, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running import run_session
+from taichisoft.running.loop import run_session
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs.web.web_output import WebOutput
 

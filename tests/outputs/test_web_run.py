@@ -15,7 +15,7 @@ import pytest
 from panel_viewer import PanelViewer
 
 from taichisoft import Control, Controller, KeyEvent, Scene, Session, Simulation
-from taichisoft.running import run_session
+from taichisoft.running.loop import run_session
 from taichisoft.running.session import KeyReplay
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs.web.web_output import WebOutput
