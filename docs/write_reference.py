@@ -184,7 +184,7 @@ def _sofa_page() -> str:
 
 
 def _figures_page() -> str:
-    head = ("name", "in brackets", "unit", "in a condition", "in", "plotted as", "attribute")
+    head = ("name", "in brackets", "unit", "in a condition", "in", "attribute")
     further = {one.name: QuantityKind(one.unit, "", "", one) for one in FIGURES if not one.meaning}
     rows = [head, ("---",) * len(head), *(_figure_row(name, kind) for name, kind in {**QUANTITIES, **further}.items())]
     return _joined([FIGURES_PAGE, "\n".join(f"| {' | '.join(cells)} |" for cells in rows)])
@@ -193,9 +193,9 @@ def _figures_page() -> str:
 def _figure_row(name: str, kind: QuantityKind) -> tuple[str, ...]:
     figure, cells = kind.figure, (f"`{name}`", kind.key, kind.unit, kind.meaning)
     if figure is None or name != figure.name:
-        return *cells, "", "", ""
+        return *cells, "", ""
     where = ", ".join(WHERE[part] for part in figure.recorded)
-    return *cells, where, figure.drawn, "" if figure.in_model else f"`{figure.field}`"
+    return *cells, where, "" if figure.in_model else f"`{figure.field}`"
 
 
 def _joined(parts: list[str]) -> str:

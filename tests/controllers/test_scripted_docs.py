@@ -32,8 +32,12 @@ def controller(folder: Path, content: str, name: str = "script.toml", **settings
 
 @pytest.mark.parametrize("table", [ScriptSettings, Keyframe, Step])
 def test_every_key_has_its_row(table: type[BaseModel]) -> None:
-    rows = "\n".join(f"| `{key}` | {meaning} |" for key, meaning in key_descriptions(table).items())
-    assert f"|---|---|\n{rows}\n\n" in SECTION
+    """A row has the docstring of its key, or stands for several keys."""
+    joined = {
+        key for row in re.findall(r"^\| (`\w+`, [^|]*) \|", SECTION, re.MULTILINE) for key in re.findall(r"\w+", row)
+    }
+    for key, meaning in key_descriptions(table).items():
+        assert key in joined or f"| `{key}` | {meaning} |\n" in SECTION, key
 
 
 def test_every_toml_is_a_script(tmp_path: Path) -> None:
