@@ -1,7 +1,6 @@
-"""The scenes of the cases: shipped ones with another mesh, fingers on a circle, a mat on a foot."""
+"""The scenes of the cases: shipped ones with another mesh, a mat on a foot."""
 
 import hashlib
-import math
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from taichisoft import Scene
 from taichisoft.mesh import VolumeMesh, write_volume_mesh
 from taichisoft.running import load_scene, with_reduced_bodies
 from taichisoft.scene import find_file, scene_from_dict, scene_to_toml
-from taichisoft_benchmarks.cases import Case, ContactsCase, Fingers, FingersCase, SceneCase, StepsCase
+from taichisoft_benchmarks.cases import Case, ContactsCase, SceneCase, StepsCase
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.regular_meshes import bar
 from taichisoft_meshing.scene_meshes import mesh_for_scene
@@ -24,9 +23,6 @@ TUTORIAL_MESHES = {"tutorial-coarse": "pneunetCutCoarse.vtk", "tutorial-medium":
 
 FINGER = "tutorial.toml"
 """Geometry of the fingers whose elements a case gives a size."""
-
-CIRCLE = 140.0
-"""Radius on which the fingers stand [mm]: twelve of them, 20 mm wide, do not touch when they bend inwards."""
 
 CELL = 2.0
 """Edge of a cell of the mat [mm]."""
@@ -50,8 +46,6 @@ class Meshes:
 
 def scene_of(case: Case, meshes: Meshes) -> Scene:
     """The scene that a case is about."""
-    if isinstance(case, FingersCase):
-        return _circle_of_fingers(case, meshes)
     if isinstance(case, ContactsCase):
         return _mat(case, meshes)
     if isinstance(case, SceneCase):
@@ -63,7 +57,7 @@ def scene_of(case: Case, meshes: Meshes) -> Scene:
     raise BenchmarkError(f"cases of kind '{case.kind}' have no scene")
 
 
-def finger_files(case: Fingers, meshes: Meshes) -> dict[str, Any]:
+def finger_files(case: SceneCase, meshes: Meshes) -> dict[str, Any]:
     """The keys of a finger that name files: its mesh, and the surfaces that belong to it."""
     if case.element_size is not None:
         mesh_for_scene(find_file(FINGER, "fingers", ()), size=case.element_size)  # now, before any clock runs
@@ -104,20 +98,6 @@ def _as_toml(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {_as_toml(inner)}" for key, inner in value.items()) + "}"
     return f"'{value}'" if isinstance(value, str) else str(value)
-
-
-def _circle_of_fingers(case: FingersCase, meshes: Meshes) -> Scene:
-    """The finger of the inflated scene, `count` times around the x axis, each bending towards it."""
-    first = load_scene("finger-inflated").model_dump(mode="json", exclude_none=True)
-    cavities = {"cavities": {"cavity": {"group": "cavity"}}}
-    finger = {**first["soft_bodies"]["finger"], **cavities, **finger_files(case, meshes)}
-    fingers = {}
-    for index in range(case.count):
-        degrees = 360.0 * index / case.count
-        angle = math.radians(degrees)
-        shift = [0.0, -CIRCLE * math.cos(angle), -CIRCLE * math.sin(angle)]
-        fingers[f"finger{index + 1}"] = {**finger, "rotation": [degrees, 0.0, 0.0], "translation": shift}
-    return scene_from_dict({**first, "soft_bodies": fingers}, "benchmark fingers")
 
 
 def _mat(case: ContactsCase, meshes: Meshes) -> Scene:

@@ -18,7 +18,7 @@ QUICK_STEPS = 10
 
 Count = Annotated[int, Field(strict=True, gt=0)]
 Window = tuple[Annotated[int, Field(strict=True, ge=0)], Count]
-Peer = Literal["mujoco", "mujoco_1000", "drake"]
+Peer = Literal["mujoco", "mujoco_1000"]
 
 
 class Case(Table):
@@ -39,22 +39,17 @@ class Case(Table):
         return self.model_copy(update={key: min(getattr(self, key), most) for key, most in self.quick.items()})
 
 
-class Fingers(Table):
-    """The mesh of the fingers."""
-
-    mesh: str = "tutorial-coarse"
-    """Name of a shipped mesh; --tutorial-meshes replaces the shipped meshes of the tutorial by the originals."""
-    element_size: Positive | None = None
-    """Largest element [mm] of a mesh by the project's own mesher, which takes the place of `mesh`."""
-
-
-class SceneCase(Case, Fingers):
+class SceneCase(Case):
     """A case about a shipped scene."""
 
     scene: str
     """Name of a shipped scene."""
     finger: str
     """Name of the scene's soft body with the mesh; the others are like it."""
+    mesh: str = "tutorial-coarse"
+    """Name of a shipped mesh; --tutorial-meshes replaces the shipped meshes of the tutorial by the originals."""
+    element_size: Positive | None = None
+    """Largest element [mm] of a mesh by the project's own mesher, which takes the place of `mesh`."""
     overrides: list[str] = Field(default_factory=list)
     """Changes to the scene, written as for `taichisoft run --set`."""
 
@@ -102,12 +97,6 @@ class ContactsCase(Simulated, Case):
     foot: Annotated[int, Field(strict=True, ge=2, le=28)]
 
 
-class FingersCase(Simulated, Case, Fingers):
-    """Time per step of `count` fingers on a circle."""
-
-    count: Count
-
-
 class FactorisationCase(SceneCase):
     """The sparse Cholesky alone, alternating with CHOLMOD and SuperLU on the same matrix."""
 
@@ -122,30 +111,11 @@ class StartCase(SceneCase):
     """Whether the cache of compiled kernels is empty."""
 
 
-class ThroughputCase(SceneCase):
-    """Runs of a scene, one process on each core, and MuJoCo's after them."""
-
-    threads: Annotated[int, Field(strict=True, ge=1, le=1)] = 1
-    """Threads of each process."""
-    steps: Count
-    """Steps of a run; MuJoCo's base does not move."""
-    quick: ClassVar[dict[str, int]] = {"steps": QUICK_STEPS}
-
-
 class MeshingCase(Case):
     """Time that gmsh takes for the tutorial's finger."""
 
     preset: str
     """Name of one of the finger's sizes."""
-
-
-class RenderingCase(SceneCase):
-    """A video of the scene, drawn without a display."""
-
-    quick: ClassVar[dict[str, int]] = {"steps": 4 * QUICK_STEPS}
-    steps: Count
-    every: Count
-    """Number of steps from one frame to the next."""
 
 
 class RecordingCase(SceneCase):
@@ -159,12 +129,9 @@ class RecordingCase(SceneCase):
 KINDS: dict[str, type[Case]] = {
     "steps": StepsCase,
     "contacts": ContactsCase,
-    "fingers": FingersCase,
     "factorisation": FactorisationCase,
     "start": StartCase,
-    "throughput": ThroughputCase,
     "meshing": MeshingCase,
-    "rendering": RenderingCase,
     "recording": RecordingCase,
 }
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from taichisoft.base import call_apart
 
-PACKAGES = ("taichisoft", "taichi", "numpy", "scipy", "gmsh", "open3d-cpu", "cvxopt", "mujoco", "drake")
+PACKAGES = ("taichisoft", "taichi", "numpy", "scipy", "gmsh", "open3d-cpu", "cvxopt", "mujoco")
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 DENSE_SIZE = 384
 GRID = 12

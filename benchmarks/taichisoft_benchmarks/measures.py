@@ -1,6 +1,5 @@
 """The measurement of each kind of case; each runs in its own process (runner.py)."""
 
-import multiprocessing
 import subprocess
 import sys
 import time
@@ -8,16 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from queue import Queue
 from tempfile import TemporaryDirectory
-from threading import Barrier
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft import Scene
-from taichisoft.runtime import available_cores
 from taichisoft.scene import find_file
 from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.case_scenes import FINGER, Meshes, scene_of
@@ -26,12 +22,10 @@ from taichisoft_benchmarks.cases import (
     MeshingCase,
     PeerCase,
     RecordingCase,
-    RenderingCase,
     Simulated,
     StartCase,
-    ThroughputCase,
 )
-from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing
+from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.peers import controlled_peer_step, prepare_cholmod, prepare_superlu, set_up_peer
 
 if TYPE_CHECKING:
@@ -252,80 +246,6 @@ def _in_turns(contestants: dict[str, Callable[[], Any]], rounds: int) -> dict[st
     return {name: float(np.median(measured[WARM_UP:])) for name, measured in times.items()}
 
 
-PATIENCE = 300.0
-"""Longest time that one process waits for the others to be ready [s]: the first may have kernels to compile."""
-
-
-def measure_throughput(case: ThroughputCase, scene: Scene) -> Measured:
-    """Make as many runs at once as there are cores, ours and then MuJoCo's; the clock runs from when all are ready.
-
-    A run begins at the scene's start, and its first step is made before: the cost of a start is in the cases of
-    kind "start". MuJoCo does a part of the job, see `MujocoPeer.does_not`.
-    """
-    cores = available_cores()
-    figures = {"ours_per_s": _steps_per_second(prepare_ours, scene, case.steps, cores)}
-    facts: dict[str, Any] = {"processes": cores, "steps": case.steps}
-    try:
-        figures["mujoco_per_s"] = _steps_per_second(prepare_mujoco, scene, case.steps, cores)
-        figures["over_mujoco"] = figures["ours_per_s"] / figures["mujoco_per_s"]
-    except PeerMissing as missing:
-        facts["mujoco_skipped"] = str(missing)
-    return Measured(figures, facts)
-
-
-def prepare_ours(scene: Scene) -> Callable[[], Any]:
-    from taichisoft.running import Simulation
-
-    return controlled_step(Simulation(scene), scene)
-
-
-def prepare_mujoco(scene: Scene) -> Callable[[], Any]:
-    return controlled_peer_step(scene, *set_up_peer(scene, "mujoco"))
-
-
-Prepare = Callable[[Scene], Callable[[], Any]]
-
-
-def _steps_per_second(prepare: Prepare, scene: Scene, steps: int, processes: int) -> float:
-    """Steps of all processes over the time of the slowest."""
-    context = multiprocessing.get_context("spawn")
-    barrier, answers = context.Barrier(processes), context.Queue()
-    children = [context.Process(target=_run, args=(prepare, scene, steps, barrier, answers)) for _ in range(processes)]
-    for child in children:
-        child.start()
-    answered = [answers.get() for _ in children]
-    for child in children:
-        child.join()
-    failures = [answer for answer in answered if isinstance(answer, Exception)]
-    if failures:
-        # The processes that waited for a failed one fail with it: its error comes first.
-        raise next((failure for failure in failures if isinstance(failure, PeerMissing)), failures[0])
-    return processes * steps / max(answered)
-
-
-def _run(prepare: Prepare, scene: Scene, steps: int, barrier: Barrier, answers: "Queue[float | Exception]") -> None:
-    """Answer with the seconds of the steps, or with the error."""
-    try:
-        step = prepare(scene)
-        step()
-        barrier.wait(PATIENCE)
-        started = time.perf_counter()
-        for _ in range(steps):
-            step()
-        answers.put(time.perf_counter() - started)
-    except PeerMissing as missing:
-        barrier.abort()
-        answers.put(missing)
-    except Exception as error:
-        barrier.abort()
-        answers.put(BenchmarkError(f"a process of several at once failed: {type(error).__name__}: {error}"))
-
-
-PICTURE_SIZE = (1280, 720)
-LONG_VIDEO = 20 * 30
-"""Number of pictures of a run of 20 s at 30 a second."""
-
-
 def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
     """Wall time of the same steps without and with the recording, alternating in one process.
 
@@ -363,43 +283,7 @@ def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
     return Measured(figures, {"nodes": simulation.model.node_count})
 
 
-def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
-    """Record a run and draw all its frames into an MP4, as `taichisoft render --video` does.
-
-    The start of the renderer, up to the first picture, is a separate figure. That of a picture includes its encoding,
-    which runs beside the drawing of the next one. The figure of the long video follows from the two.
-    """
-    from taichisoft.running import Simulation
-    from taichisoft_outputs.drawing.style import Style
-    from taichisoft_outputs.rendering.video import render_video
-
-    drawn: list[float] = []
-    with TemporaryDirectory(prefix="taichisoft-rendering-") as name:
-        folder = Path(name)
-        simulation = Simulation(scene)
-        _recorded_run(simulation, scene, case.steps, folder, case.every)
-        started = time.perf_counter()
-        render_video(
-            folder / "recording.h5",
-            folder / "video.mp4",
-            Style(size=PICTURE_SIZE),
-            1.0 / (case.every * scene.time.step),
-            on_picture=lambda *_: drawn.append(time.perf_counter()),
-        )
-        ended = time.perf_counter()
-    between = np.diff(drawn)
-    start, end = drawn[0] - started, ended - drawn[-1]
-    figures = {
-        "frame_ms": 1e3 * float(np.median(between)),
-        "start_s": start,
-        "video_20s_s": start + float(between.mean()) * (LONG_VIDEO - 1) + end,
-    }
-    return Measured(figures, {"nodes": simulation.model.node_count, "frames": len(drawn)})
-
-
-def _recorded_run(
-    simulation: "Simulation", scene: Scene, steps: int, folder: Path | None, every: int = 1
-) -> tuple[float, float]:
+def _recorded_run(simulation: "Simulation", scene: Scene, steps: int, folder: Path | None) -> tuple[float, float]:
     """Make steps and record them into the folder, if there is one.
 
     Returns:
@@ -408,7 +292,7 @@ def _recorded_run(
     from taichisoft_outputs.recording.recording_output import RecordingOutput
 
     step = controlled_step(simulation, scene)
-    output = None if folder is None else RecordingOutput(folder, every=every)
+    output = None if folder is None else RecordingOutput(folder)
     if output is not None:
         output.begin(simulation.model, simulation.state)
     in_output = 0.0

@@ -78,11 +78,11 @@ class Results(Table):
     """Load at the start and at the end."""
     cases: dict[str, CaseResult] = Field(default_factory=dict)
     derived: dict[str, Number] = Field(default_factory=dict)
-    """Figures of several cases: gains by threads, memory per finger, times over those of other programs."""
+    """Figures of several cases: gains by threads, times over those of other programs."""
 
 
 def derive(cases: Mapping[str, CaseResult]) -> dict[str, float]:
-    """Gains by threads, memory per finger and our times over those of other programs, where these were measured.
+    """Gains by threads, and our times over those of other programs, where these were measured.
 
     A ratio to another program is the median over the rounds, in each of which the two ran one after the other.
     """
@@ -109,10 +109,6 @@ def derive(cases: Mapping[str, CaseResult]) -> dict[str, float]:
                 if metric.endswith("_ms") and not metric.startswith(("cholmod", "superlu", "python")):
                     gain = first.figures[metric].median / last.figures[metric].median
                     found[f"{name}.{metric.removesuffix('_ms')}_gain"] = float(f"{gain:.4g}")
-        if "count" in first.parameter and "peak_mb" in first.figures:
-            more = last.parameter["count"] - first.parameter["count"]
-            grown = last.figures["peak_mb"].minimum - first.figures["peak_mb"].minimum
-            found[f"{name}.mb_per_finger"] = float(f"{grown / more:.4g}")
     return found
 
 
@@ -150,8 +146,6 @@ LEAST_NOISE = 0.05
 """Least noise: three repetitions say little about a machine, however alike they are."""
 
 TIMES = ("_ms", "_s")
-RATES = ("_per_s",)
-"""Ends of the names of figures of which more is better; their inverses, which are times, are compared."""
 COMPARED = (*TIMES, "_mb")
 
 
@@ -161,7 +155,7 @@ class Change:
 
     Attributes:
         name: "case.metric".
-        ratio: new over old [-], times each divided by its calibration; of rates old over new.
+        ratio: new over old [-], times each divided by its calibration.
         noise: largest difference of the ratio from 1 that is not significant [-].
     """
 
@@ -203,7 +197,7 @@ def _compare_case(name: str, new: Results, old: Results) -> Iterator[Change]:
 
 
 def _compare_figure(name: str, new: RepeatedMetric, old: RepeatedMetric, now: CaseResult, before: CaseResult) -> Change:
-    ratio = old.median / new.median if name.endswith(RATES) else new.median / old.median
+    ratio = new.median / old.median
     noise = new.spread / new.median + old.spread / old.median
     if name.endswith(TIMES):
         ratio *= median(before.calibration_ms) / median(now.calibration_ms)

@@ -164,11 +164,8 @@ def _measure(case: Case, meshes: Meshes) -> Measured:
     kinds: dict[type[Case], Callable[..., Measured]] = {
         cases.StepsCase: measures.measure_steps,
         cases.ContactsCase: measures.measure_steps,
-        cases.FingersCase: measures.measure_steps,
         cases.PeerCase: measures.measure_peer,
         cases.FactorisationCase: measures.measure_factorisation,
         cases.RecordingCase: measures.measure_recording,
-        cases.RenderingCase: measures.measure_rendering,
-        cases.ThroughputCase: measures.measure_throughput,
     }
     return kinds[type(case)](case, scene_of(case, meshes))

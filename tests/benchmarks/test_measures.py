@@ -1,7 +1,6 @@
 """How cases are measured: factorisations, outputs, plug-ins, several processes, other programs."""
 
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ from taichisoft.mechanics.cholesky import Cholesky, SymbolicFactor
 from taichisoft.scene.scene import SceneControllerSettings
 from taichisoft_benchmarks import measures
 from taichisoft_benchmarks.cases import RecordingCase
-from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing
-from taichisoft_benchmarks.peers import DrakePeer, MujocoPeer, prepare_cholmod, prepare_superlu, pressure_forces
+from taichisoft_benchmarks.errors import PeerMissing
+from taichisoft_benchmarks.peers import MujocoPeer, prepare_cholmod, prepare_superlu, pressure_forces
 
 STEPS = 30
 
@@ -80,45 +79,10 @@ def test_recording_is_written_and_measured(taichisoft_scene: Scene) -> None:
     assert min(figures["step_ms"], figures["output_ms"]) > 0.0 and figures["kb_per_step"] > 1.0
 
 
-# The steps alone take a third of the time to get ready, so that a busy machine may take three times as long.
-START, PAUSE = 1.5, 0.05
-
-
-def prepare_pause(scene):
-    time.sleep(scene)  # processes are not ready at the same time
-    return lambda: time.sleep(PAUSE)
-
-
-def prepare_failure(scene):
-    raise ValueError("no such scene")
-
-
-def prepare_missing(scene):
-    raise PeerMissing("mujoco is not installed")
-
-
-def test_throughput_counts_steps_without_their_start():
-    rate = measures._steps_per_second(prepare_pause, START, 10, 2)
-    assert 2 * 10 / START < rate <= 2 / PAUSE  # with the start counted it would be below the former
-
-
-@pytest.mark.parametrize(
-    ("prepare", "error", "message"),
-    [
-        (prepare_failure, BenchmarkError, "a process of several at once failed: ValueError: no such scene"),
-        (prepare_missing, PeerMissing, "mujoco is not installed"),
-    ],
-)
-def test_failed_process_ends_others(prepare, error, message):
-    with pytest.raises(error, match=message):
-        measures._steps_per_second(prepare, 0.0, 10, 2)
-
-
 def test_missing_peer_says_what_to_install(monkeypatch):
     model = make_model(load_scene("finger-hanging"))
     for package, peer, subject in (
         ("mujoco", MujocoPeer, model),
-        ("pydrake.multibody.plant", DrakePeer, model),
         ("cvxopt", prepare_cholmod, sparse.identity(3).tocsc()),
     ):
         monkeypatch.setitem(sys.modules, package, None)
@@ -130,7 +94,6 @@ def test_missing_peer_says_what_to_install(monkeypatch):
     ("package", "peer", "overrides", "steps"),
     [
         ("mujoco", MujocoPeer, [], STEPS),
-        ("pydrake", DrakePeer, [], STEPS),
         # Eight linear parts each, which hang as far but for their own stiffness, when its solver may take its time.
         ("mujoco", lambda model: MujocoPeer(model, 1000), ["soft_bodies.finger.element=quadratic"], 10),
     ],
