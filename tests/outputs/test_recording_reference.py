@@ -45,11 +45,16 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 def rows(heading: str) -> list[list[str]]:
-    """Cells of the table below a heading, without the signs that set words as code."""
+    """Cells of the table below a heading, without the signs of code; names that share a row get one each."""
     section = re.split(r"^## ", PAGE, flags=re.MULTILINE)
     (text,) = (part for part in section if part.startswith(heading))
     lines = [line for line in text.splitlines() if line.startswith("| `")]
-    return [[cell.strip().strip("`") for cell in re.split(r"(?<!\\)\|", line.strip("|"))] for line in lines]
+    cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip("|"))] for line in lines]
+    return [
+        [name.strip("`"), *(cell.strip("`") for cell in others)]
+        for names, *others in cells
+        for name in names.split(", ")
+    ]
 
 
 def test_the_attributes_of_the_file(file: Any) -> None:
