@@ -189,7 +189,7 @@ def write_page() -> None:
     parts = [HEAD]
     for name, caption, recordings, options in PICTURES:
         lines = "\n".join(commands_of(recordings, options))
-        parts.append(f"## {caption}\n\n![{caption}](gallery/{name}.jpg)\n\n```sh\n{lines}\n```\n")
+        parts.append(f"## {caption}\n\n![](gallery/{name}.jpg)\n\n```sh\n{lines}\n```\n")
     (DOCS / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
 
 
