@@ -44,11 +44,6 @@ def test_peer_becomes_case_of_its_own():
     assert theirs.case.windows == ours.case.windows
 
 
-def test_peer_of_reduced_case_has_all_nodes():
-    ours, theirs = cases_from_dict({"finger": {**STEPS, "reduced": True, "peers": ["mujoco"]}})
-    assert (ours.case.reduced, theirs.case.reduced) == (True, False)
-
-
 def test_quick_look_keeps_starts_of_windows():
     (named,) = cases_from_dict({"finger": STEPS})
     quick = named.case.shortened()
@@ -83,13 +78,6 @@ def test_cases_with_same_name_are_refused():
     swept = {**STEPS, "sweep": {"one": {"threads": 1}}}
     with pytest.raises(BenchmarkError, match="two cases are called 'finger_one'"):
         cases_from_dict({"finger": swept, "finger_one": STEPS})
-
-
-def test_file_without_toml_is_named(tmp_path: Path):
-    path = tmp_path / "cases.toml"
-    path.write_text("[finger")
-    with pytest.raises(BenchmarkError, match=r"cases\.toml: not readable as TOML: "):
-        read_cases(path)
 
 
 def test_cases_are_chosen_by_name_group_pattern():
