@@ -22,6 +22,7 @@ import socket
 import sys
 import threading
 import time
+from typing import Any
 
 import taichisoft
 from taichisoft.errors import TaichisoftError
@@ -37,7 +38,7 @@ def answer(peer: socket.socket) -> None:
         peer.sendto(json.dumps({"time": seen["time"], "pressure": {"finger.cavity": pressure}}).encode(), sender)
 
 
-def exchange(message: dict) -> dict:
+def exchange(message: dict[str, Any]) -> dict[str, Any]:
     """Send a message, and return the answer to it, or nothing where none comes within `patience` [s]."""
     sent = time.monotonic()
     with contextlib.suppress(ConnectionError):  # nobody was there for the message before
@@ -45,7 +46,7 @@ def exchange(message: dict) -> dict:
     while (left := sent + patience - time.monotonic()) > 0.0:
         link.settimeout(left)
         try:
-            command: dict = json.loads(link.recv(65536))
+            command: dict[str, Any] = json.loads(link.recv(65536))
             if command["time"] == message["time"]:  # else it is an answer that came too late
                 latencies.append(1e3 * (time.monotonic() - sent))
                 return command

@@ -1,6 +1,7 @@
 """Construction of a simulation from a scene: meshes are read from files, or made by plug-ins from geometries."""
 
 import inspect
+import math
 import weakref
 from collections.abc import Callable, Container, Hashable, Sequence
 from pathlib import Path
@@ -12,12 +13,14 @@ from taichisoft.base.plausible import MODULUS, PRESSURE, implausible
 from taichisoft.base.text import warn_caller
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
-from taichisoft.errors import MeshError, PluginError, SceneError, TaichisoftError, nearest
+from taichisoft.errors import MeshError, PluginError, SceneError, SimulationDiverged, TaichisoftError, nearest
+from taichisoft.mechanics.cavities import CAVITIES
 from taichisoft.mechanics.state import State
 from taichisoft.mesh.mesh_files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.mesh.volume_mesh import VolumeMesh
 from taichisoft.running.hooks import find, provided
 from taichisoft.running.plausibility import (
+    MOST_HELD,
     check_plausibility,
     check_rigid_plausibility,
     say_region_volumes,
@@ -73,23 +76,53 @@ class Simulation(TimeStepper):
             SimulationDiverged: the step failed; `state` is the state before it. Of static dynamics it is
                 EquilibriumNotFound where nothing holds a body.
         """
-        report = super().step(control)
+        try:
+            report = super().step(control)
+        except SimulationDiverged as error:
+            unit = self._mistaken_unit(error.body, control or Control())
+            if unit:
+                raise type(error)(
+                    error.body, error.step, f"{error.cause}; {unit}", "kPa for pressures and moduli"
+                ) from error
+            raise
         if control is not None:
             self.warn_of_units(control)
         if self.state.step % EVERY == 0 or self._is_static:
             self.warn_beyond_law(self.state)
         return report
 
+    def __repr__(self) -> str:
+        """The scene's title, the moment, and the bodies, in one line."""
+        title, names = self.model.scene.title, ", ".join(self.model.body_names)
+        return f"Simulation({title!r} at step {self.state.step}, {self.state.time:.6g} s: {names})"
+
     def warn_of_units(self, control: Control) -> None:
         """Warn once of a pressure or modulus that was probably requested in another unit."""
         if self._has_warned_of_unit:
             return
-        pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
-        moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
-        line = next(filter(None, (implausible(*quantity) for quantity in (*pressures, *moduli))), "")
+        line = implausible_request(control)
         if line:
             self._has_warned_of_unit = True
             warn_caller(line)
+
+    def _mistaken_unit(self, body: str, control: Control) -> str:
+        """Whether a pressure or modulus of a body that diverged is probably in another unit than kPa, in one line."""
+        model, state = self.model, self.state
+        reached = model.actuators.of(CAVITIES, np.where(state.actuator_imposed, 0.0, state.actuator_target))
+        pressures = {
+            name: max(abs(float(value)), abs(control.pressure.get(name, 0.0)))
+            for name, value in zip(model.cavities.names, reached, strict=True)
+            if name.partition(".")[0] == body
+        }
+        moduli = dict(zip(model.material_names, state.young_modulus.tolist(), strict=True))
+        modulus, highest = moduli.get(body, math.inf), max(pressures.values(), default=0.0)
+        line = implausible_request(control)
+        if line or highest <= MOST_HELD * modulus:
+            return line
+        return (
+            f"a pressure of {highest:g} kPa is {highest / modulus:.3g} times its Young's modulus, {modulus:g} kPa, "
+            "more than rubber holds: is one of them in Pa or MPa?"
+        )
 
     def warn_beyond_law(self, state: State) -> None:
         """Warn where a body is stretched beyond the range of its law in a state, unless it has done so before."""
@@ -198,6 +231,13 @@ class Simulation(TimeStepper):
     def close(self) -> None:
         """Stop the renderers, and the threads of `rollouts`; a later call starts them again."""
         _close_all(self._kept)
+
+
+def implausible_request(control: Control) -> str:
+    """A line on the first pressure or modulus that was probably requested in another unit; empty without one."""
+    pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
+    moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
+    return next(filter(None, (implausible(*quantity) for quantity in (*pressures, *moduli))), "")
 
 
 def check_simulation(given: Any) -> None:
