@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import PATIENCE
 
 from taichisoft.running import hooks, plugins
 
@@ -67,6 +68,20 @@ def test_example_is_short_and_uses_public_names(program: Path) -> None:
     documented = "taichisoft_outputs"  # docs/recording.md tells users to read recordings with it
     assert "taichisoft" in imported
     assert set(imported) <= {"taichisoft", "taichisoft.errors", documented}
+
+
+def test_notebook_shows_picture_video_and_error_of_one_line() -> None:
+    nbclient = pytest.importorskip("nbclient", reason="needs the extra 'test'")
+    pytest.importorskip("ipykernel", reason="needs the extra 'notebook'")
+    nbformat = pytest.importorskip("nbformat")
+    notebook = nbformat.read(EXAMPLES / "gripper.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, timeout=PATIENCE).execute()
+    shown = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    kinds = [kind for output in shown for kind in output.get("data", {})]
+    assert "image/png" in kinds and "application/vnd.jupyter.widget-view+json" in kinds
+    assert any("video/mp4" in output.get("data", {}).get("text/html", "") for output in shown)
+    ((line,),) = [output.traceback for output in shown if output.output_type == "error"]
+    assert line.startswith("ControlError, line 1: control.pressure: no cavity is called 'finger9.cavity'; did you mean")
 
 
 def test_bridge_follows_its_peer_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,12 +5,12 @@ import math
 import weakref
 from collections.abc import Callable, Container, Hashable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from taichisoft.base.plausible import MODULUS, PRESSURE, implausible
-from taichisoft.base.text import warn_caller
+from taichisoft.base.text import require, warn_caller
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.errors import MeshError, PluginError, SceneError, SimulationDiverged, TaichisoftError, nearest
@@ -34,6 +34,9 @@ from taichisoft.step.divergence import EVERY
 from taichisoft.step.linearisation import Linearisation, linearise
 from taichisoft.step.solution import StepReport
 from taichisoft.step.time_stepper import TimeStepper
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 HIGHEST_RATIO = 0.45
 """Poisson's ratio above which linear tetrahedra lock: a finger bends 21.8 mm at 0.3, 6.7 at 0.49, 2.0 at 0.499."""
@@ -165,6 +168,17 @@ class Simulation(TimeStepper):
             lambda: find("renderer", renderer)(model=self.model, size=tuple(size), camera=place),
         )
         return drawing.picture(self.state, np.asarray(marks, np.float64).reshape(-1, 3))
+
+    def show(self, camera: str | Sequence[Sequence[float]] = "iso", size: tuple[int, int] = (640, 360)) -> "Image":
+        """The present state as a picture of Pillow, which notebooks show inline; arguments as of `render`.
+
+        Raises:
+            TaichisoftError: as of `render`.
+        """
+        require("a picture", "PIL")
+        from PIL import Image
+
+        return Image.fromarray(self.render(camera, size))
 
     def linearise(self, control: Control | None = None, controls: Sequence[str] | None = None) -> Linearisation:
         """Derivatives of what is observed after the step that `step(control)` would make; the simulation stays.
