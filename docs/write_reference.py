@@ -17,6 +17,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import taichisoft
+import taichisoft_gym
 from taichisoft.control import FIGURES, In
 from taichisoft.running import hook_names, hookspecs
 from taichisoft.scene import actuators, file, key_descriptions, rigid_body, scene, sensor_settings, soft_body, table
@@ -48,6 +49,15 @@ SECTIONS = {
         *("load_plugin", "register_plugin", "unregister_plugin"),
     ],
 }
+
+ENVIRONMENTS = f"""# Environments
+
+{NOTE}
+
+Names of `taichisoft_gym`; [environments.md](../environments.md) shows their use. `State` and `Observation` are those of
+[Python](python.md).
+"""
+ENVIRONMENT_NAMES = sorted(taichisoft_gym.__all__, key=lambda name: name != "SoftRobotEnvironment")
 
 HOOKS = f"""# Hooks
 
@@ -135,6 +145,9 @@ def pages() -> dict[str, str]:
     """Content of each page by the name of its file."""
     return {
         "python.md": _python_page(),
+        "environments.md": _joined(
+            [ENVIRONMENTS, *(_class(getattr(taichisoft_gym, one)) for one in ENVIRONMENT_NAMES)]
+        ),
         "hooks.md": _hooks_page(),
         "scenes.md": _scenes_page(),
         "figures.md": _figures_page(),
@@ -222,7 +235,11 @@ def _argument(argument: inspect.Parameter) -> str:
 
 def _class(made: type) -> str:
     """Heading, what the docstring says, how it is made, its attributes and methods, also those that it inherits."""
-    own = [base for base in made.__mro__ if base.__module__.startswith("taichisoft.") and base is not table.Table]
+    own = [
+        base
+        for base in made.__mro__
+        if base.__module__.startswith(("taichisoft.", "taichisoft_gym.")) and base is not table.Table
+    ]
     text = _parse(inspect.getdoc(made) or "")[0]
     entries: dict[str, str] = {}
     types: dict[str, str] = {}

@@ -180,7 +180,16 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
     goal_reach: float = 200.0
     goal_options: ClassVar[Sequence[str]] = ()
     tolerance: float = 1.0
+    desired_goal: np.ndarray
+    scene: Scene
+    axes: np.ndarray
+    channels: tuple[Channel, ...]
+    action_channels: tuple[Channel, ...]
+    action_change: float
+    control_period: float
+    difficulty: float
     simulation: "Simulation"
+    start_of_object: np.ndarray
 
     def __init__(
         self,
@@ -252,7 +261,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         # Hindsight changes the goal, but not an observed way to it.
         observed = [one for one in self.observations if not (goals and one == "way to the target")]
         self._quantities = [make_group(self, one) for one in observed]
-        self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
+        self.channels = tuple(one for what in self._quantities for one in what.channels)
         self._space, self._goal_space = box_of(self.channels), box_of(self.goal_channels)
         self._goals, self._noise = goals, noise
         self.observation_space = self._space if not goals else self._dictionary_space()
@@ -265,10 +274,15 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         self.action_change = 0.0
 
     def begin(self, start: State, options: dict[str, Any]) -> None:
-        """Choose the task of an episode that starts at `start`; removes the options that it uses from `options`.
+        """Choose the task of an episode with random numbers of `self.np_random`.
 
-        `self.simulation.observe()` gives the observation of the start, such as `reward` gets of later moments. Random
-        numbers come from `self.np_random`. Raises SceneError where an option makes no sense.
+        Args:
+            start: the state at the start, arrays of the whole model; figures by name, such as `reward` gets of later
+                moments, are in the `Observation` that `self.simulation.observe()` returns.
+            options: those of `reset`; the ones that the task uses are to be removed.
+
+        Raises:
+            SceneError: an option makes no sense.
         """
 
     def randomise(self) -> Drawn:
