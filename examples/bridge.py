@@ -1,10 +1,10 @@
 """Put another program in the loop: observations out and commands in as JSON by UDP, paced to real time.
 
 An observation goes out before every step, and the answer to it is what the step is driven with; without an answer in
-time, what was asked for last stays. `python examples/bridge.py HOST:PORT` talks to a program of yours, such as a ROS 2
-node or the driver of a valve terminal. Without an address a thread of this program answers: it raises the pressure by
-0.5 kPa in every step until the finger bends by 10 degrees, and then holds it; the finger swings on. How long answers
-took goes to standard error, and what was wrong with those that are not followed.
+time, what was asked for last stays. `python examples/bridge.py HOST:PORT` talks to a program of yours, such as the ROS
+2 node of docs/ros2.md or the driver of a valve terminal. Without an address a thread of this program answers: it
+raises the pressure by 0.5 kPa in every step until the finger bends by 10 degrees, and then holds it; the finger swings
+on. How long answers took goes to standard error, and what was wrong with those that are not followed.
 
 Only packets from the address that the observations go to are read, so answer from the socket that received them. UDP
 itself proves no address: keep both ends on one machine, or in a network of their own.
