@@ -11,7 +11,14 @@ from taichisoft.control.figures import FIGURES, PAIRS, Pair
 from taichisoft.errors import TaichisoftError, nearest
 from taichisoft.mechanics.state import State
 
-# Values by name that are made when somebody looks.
+# Values by name: whose errors name the nearest, and that are made when somebody looks.
+
+
+class Named(dict[Any, Any]):
+    """A dictionary whose error about a missing name has the nearest one."""
+
+    def __missing__(self, name: Any) -> Any:
+        raise KeyError(f"'{name}'; {nearest(name, list(self), 'there are')}" if isinstance(name, str) else name)
 
 
 class LazyValues(Mapping[str, Any]):

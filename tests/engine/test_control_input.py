@@ -84,6 +84,8 @@ def test_unknown_names_get_nearest_ones(simulation: Simulation) -> None:
     for use, error, message in (
         (lambda: Control(**{"presure": {}}), TypeError, "Control has no 'presure'; did you mean 'pressure'?"),
         (lambda: seen.tip_position, AttributeError, "an Observation has no 'tip_position'; did you mean 'tip_positio"),
+        (lambda: seen.pressures["left.iar"], KeyError, "'left.iar'; did you mean 'left.air'?"),
+        (lambda: seen.tip_positions["up"], KeyError, "'up'; there are: left, right"),
         (lambda: state.object_rotations, AttributeError, "a State has no 'object_rotations': simulation.observe() has"),
     ):
         with pytest.raises(error, match=re.escape(message)):
