@@ -223,8 +223,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             noise: standard deviation of the observation, relative to each channel's range [-].
             randomisation: ranges for the random draws of every reset, see `Randomisation`.
             difficulty: share of all ranges from which resets draw, from 0 to 1.
-            goals: whether observations are dictionaries with the goal, and rewards are `compute_reward` (as of
-                GoalEnv in gymnasium-robotics), for hindsight experience replay.
+            goals: whether observations are dictionaries with the goal, and rewards are `goal_reward`, which is
+                `compute_reward` as well (as of GoalEnv in gymnasium-robotics), for hindsight experience replay.
             control_period: time between two actions [s].
             render_mode: "rgb_array", or "human" for a page in the browser.
             camera: camera of pictures, see `Simulation.render`.
@@ -237,6 +237,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             raise SceneError(f"render_mode = {render_mode!r}: must be one of {self.metadata['render_modes']}, or None")
         if goals and not self.goal_channels:
             raise SceneError(f"goals = True: {type(self).__name__} has no goal; set its goal_channels")
+        if goals:  # Stable-Baselines3 takes every environment with a method of this name for one with goals
+            self.compute_reward = self.goal_reward
         scene = self.usual_scene if scene is None else scene
         read = scene if isinstance(scene, Scene) else load_scene(scene)
         if reduced is not None:
@@ -296,10 +298,10 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """Note what the task needs to know of a control period that is over; called before `reward`."""
 
     def reward(self, seen: Observation) -> float:
-        """Reward of a control period that led to `seen`; with a goal and unless overridden, `compute_reward` of it."""
+        """Reward of a control period that led to `seen`; with a goal and unless overridden, `goal_reward` of it."""
         if not self.goal_channels:
             raise NotImplementedError(f"{type(self).__name__} needs a method reward(self, seen), or goal_channels")
-        return float(self.compute_reward(self.achieved_goal(seen), self.desired_goal, {}))
+        return float(self.goal_reward(self.achieved_goal(seen), self.desired_goal, {}))
 
     def terminated(self, seen: Observation) -> bool:
         """Whether the task has failed irrecoverably, or is over for good."""
@@ -318,7 +320,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             f"{type(self).__name__} has goal_channels; it needs a method achieved_goal(self, seen)"
         )
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def goal_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """Reward of goals, shape (..., goal_count): 0 within `tolerance`, else -1, shape (...)."""
         distance = np.linalg.norm(np.asarray(achieved_goal, float) - np.asarray(desired_goal, float), axis=-1)
         return -(distance >= self.tolerance).astype(np.float64)
@@ -388,7 +390,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         info = {**self.information(seen.truth), "stretch_over_law": stretch, **diverged}
         readings = self._measure(seen)
         if isinstance(readings, dict):
-            reward = self.compute_reward(readings["achieved_goal"], readings["desired_goal"], info)
+            reward = self.goal_reward(readings["achieved_goal"], readings["desired_goal"], info)
         else:
             reward = self.reward(seen.truth)
         self._show()
