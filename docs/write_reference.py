@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import taichisoft
+import taichisoft_gym
 from taichisoft.control import FIGURES, In
 from taichisoft.running import hook_names, hookspecs
 from taichisoft.scene import actuators, file, key_descriptions, rigid_body, scene, sensor_settings, soft_body, table
@@ -52,6 +53,15 @@ SECTIONS = {
 
 MADE_FOR_USERS = (taichisoft.Session, taichisoft.Rollouts)
 """Classes whose objects a function or a hook gives."""
+
+ENVIRONMENTS = f"""# Environments
+
+{NOTE}
+
+Names of `taichisoft_gym`; [environments.md](../environments.md) shows their use. `State` and `Observation` are those of
+[Python](python.md).
+"""
+ENVIRONMENT_NAMES = sorted(taichisoft_gym.__all__, key=lambda name: name != "SoftRobotEnvironment")
 
 HOOKS = f"""# Hooks
 
@@ -140,6 +150,9 @@ def pages() -> dict[str, str]:
     """Content of each page by the name of its file."""
     return {
         "python.md": _python_page(),
+        "environments.md": _joined(
+            [ENVIRONMENTS, *(_class(getattr(taichisoft_gym, one)) for one in ENVIRONMENT_NAMES)]
+        ),
         "hooks.md": _hooks_page(),
         "scenes.md": _scenes_page(),
         "figures.md": _figures_page(),
@@ -226,7 +239,8 @@ def _argument(argument: inspect.Parameter) -> str:
 
 def _class(made: type) -> str:
     """Heading, docstring, how it is made, attributes and methods, without those of a base that is on this page."""
-    own = [base for base in made.__mro__ if base.__module__.startswith("taichisoft.") and base is not table.Table]
+    own = [base for base in made.__mro__ if base.__module__.startswith(("taichisoft.", "taichisoft_gym."))]
+    own = [base for base in own if base is not table.Table]
     shown = next((base for base in own[1:] if _is_on_page(base)), None)
     if shown is not None:
         own = [base for base in own if not issubclass(shown, base)]

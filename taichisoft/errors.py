@@ -2,10 +2,17 @@
 
 import difflib
 from collections.abc import Sequence
+from traceback import walk_tb
 
 
 class TaichisoftError(Exception):
-    """Base of all errors that a user can correct; the command line prints them without a traceback."""
+    """Base of all errors that a user can correct; the command line and notebooks show them without a traceback."""
+
+    def _render_traceback_(self) -> list[str]:
+        """What IPython shows instead of a traceback: the line of the cell, and the message."""
+        lines = [line for frame, line in walk_tb(self.__traceback__) if frame.f_globals.get("__name__") == "__main__"]
+        place = f", line {lines[-1]}" if lines else ""
+        return [f"{type(self).__name__}{place}: {' '.join(str(self).split())}"]
 
 
 class SceneError(TaichisoftError):

@@ -36,6 +36,7 @@ RUN_ELSEWHERE = {
     "docs/cables.md": "tests/test_plugin_docs.py",
     "docs/environments.md": "tests/controllers/test_environment_docs.py",
     "docs/plugins.md": "tests/test_plugin_docs.py",
+    "docs/ros2.md": "tests/test_examples.py",
     "docs/studies.md": "tests/studies/test_workers.py",
     "docs/force-control.md": "tests/test_plugin_docs.py",
 }

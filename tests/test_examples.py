@@ -21,10 +21,13 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import dedent
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import PATIENCE
+from documents import ROOT, blocks
 
 from taichisoft.running import hooks, plugins
 
@@ -69,6 +72,20 @@ def test_example_is_short_and_uses_public_names(program: Path) -> None:
     assert set(imported) <= {"taichisoft", "taichisoft.errors", documented}
 
 
+def test_notebook_shows_picture_video_and_error_of_one_line() -> None:
+    nbclient = pytest.importorskip("nbclient", reason="needs the extra 'test'")
+    pytest.importorskip("ipykernel", reason="needs the extra 'notebook'")
+    nbformat = pytest.importorskip("nbformat")
+    notebook = nbformat.read(EXAMPLES / "gripper.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, timeout=PATIENCE).execute()
+    shown = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    kinds = [kind for output in shown for kind in output.get("data", {})]
+    assert "image/png" in kinds and "application/vnd.jupyter.widget-view+json" in kinds
+    assert any("video/mp4" in output.get("data", {}).get("text/html", "") for output in shown)
+    ((line,),) = [output.traceback for output in shown if output.output_type == "error"]
+    assert line.startswith("ControlError, line 1: control.pressure: no cavity is called 'finger9.cavity'; did you mean")
+
+
 def test_bridge_follows_its_peer_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stranger answers first, with the right time; the peer's packets are broken three times out of four."""
     peer, stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
@@ -94,6 +111,64 @@ def test_bridge_follows_its_peer_alone(monkeypatch: pytest.MonkeyPatch) -> None:
         names = runpy.run_path(str(EXAMPLES / "bridge.py"))
     assert printed.getvalue().startswith("100 observations went out, ")
     assert names["seen"].pressures["finger.cavity"] <= 3.0 + 1e-9
+
+
+class StandIn(SimpleNamespace):
+    """Any node or message of ROS 2: keeps what is published, and which functions it would call."""
+
+    def __init__(self, *_: Any, **fields: Any):
+        super().__init__(header=SimpleNamespace(stamp=None), published=[], **fields)
+
+    def create_publisher(self, kind: type, topic: str, depth: int) -> "StandIn":
+        return StandIn(topic=topic)
+
+    def create_subscription(self, kind: type, topic: str, call: Any, depth: int) -> None:
+        self.subscribed = {topic: call}
+
+    def create_timer(self, period: float, call: Any) -> None:
+        self.timer = call
+
+    def publish(self, message: Any) -> None:
+        self.published.append(message)
+
+    def to_msg(self) -> float:
+        return self.seconds
+
+
+def test_node_of_ros_carries_observations_and_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """docs/ros2.md over real sockets, with stand-ins for what ROS brings."""
+    for module, name in (
+        *(("rclpy", ""), ("rclpy.node", "Node"), ("rclpy.time", "Time"), ("sensor_msgs", "")),
+        *(("sensor_msgs.msg", "JointState"), ("std_msgs", ""), ("std_msgs.msg", "Float64MultiArray")),
+    ):
+        made = ModuleType(module)
+        setattr(made, name or "nothing", StandIn)
+        monkeypatch.setitem(sys.modules, module, made)
+    ((_, code),) = [block for block in blocks(ROOT / "docs" / "ros2.md") if block[0] == "python"]
+    names: dict[str, Any] = {"__name__": "bridge_node"}
+    exec(code, names)
+    node, over = names["BridgeNode"](port=0), threading.Event()
+    node.subscribed["taichisoft/command"](StandIn(data=[3.0]))
+
+    def spin() -> None:
+        while not over.wait(0.0005):
+            node.timer()
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    monkeypatch.setattr(sys, "argv", ["bridge.py", f"127.0.0.1:{node.link.getsockname()[1]}"])
+    with redirect_stdout(io.StringIO()):
+        seen = runpy.run_path(str(EXAMPLES / "bridge.py"))["seen"]
+    over.set()
+    thread.join()
+    for _ in range(100):  # what came while the last answers were made
+        node.timer()
+    with node.link:
+        fingers, pressures = node.fingers.published, node.pressures.published
+    assert seen.pressures["finger.cavity"] == pytest.approx(3.0)
+    assert len(fingers) == len(pressures) == 100 and pressures[-1].data == pytest.approx([3.0])
+    assert fingers[-1].name == ["finger"] and fingers[-1].header.stamp == pytest.approx(0.99)
+    assert fingers[-1].position == pytest.approx([seen.bending_angles["finger"]], abs=1e-3)
 
 
 def test_forces_of_all_contacts_carry_cube() -> None:

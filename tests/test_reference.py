@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 GENERATOR = runpy.run_path(str(ROOT / "docs" / "write_reference.py"))
 
 
-@pytest.mark.parametrize("page", ["python.md", "hooks.md", "scenes.md", "figures.md"])
+@pytest.mark.parametrize("page", ["python.md", "environments.md", "hooks.md", "scenes.md", "figures.md"])
 def test_page_is_what_code_says(page: str) -> None:
     written = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
     assert written == GENERATOR["pages"]()[page], "run: python docs/write_reference.py"

@@ -1,7 +1,7 @@
 """An arm from a URDF: the chain of its joints, and the shapes of its links; yourdfpy parses the file."""
 
+import os
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -34,6 +34,9 @@ ONCE = {
 """Elements that may be in others once; yourdfpy takes the first or the last of several."""
 BESIDE = ("dynamics", "calibration", "safety_controller")
 """What else a joint may have, without effect here."""
+
+ROS_PATHS = {"AMENT_PREFIX_PATH": "share", "ROS_PACKAGE_PATH": ""}
+"""Variables in which ROS 2 and ROS 1 name folders, and what in these has a folder for each package."""
 
 Look = Literal["visual", "collision"]
 
@@ -346,16 +349,28 @@ def _shape(geometry: Any, where: str, path: Path) -> tuple[str, tuple[float, ...
 
 
 def _mesh_file(name: str, where: str, path: Path) -> Path:
-    """The file of a mesh: beside the URDF, or, for package://NAME/..., below a folder above it.
+    """The file of a mesh: beside the URDF, or, for package://NAME/..., below a folder above it, or where ROS looks.
 
     A folder above that has the package's name, or is the package itself, is where its files lie.
     """
     plain = name.split("://", 1)[-1]
-    tails: Sequence[str] = [plain]
+    folders, tails = [path.parent], [plain]
     if name.startswith("package://"):
         tails = [plain, plain.partition("/")[2]]
-    for folder in path.parents if name.startswith("package://") else path.parents[:1]:
+        folders = [*path.parents, *_ros_folders()]
+    for folder in folders:
         for tail in tails:
             if is_file(folder / tail):
                 return (folder / tail).resolve()
-    raise SceneError(f"{where}: the file of its mesh, {name}, is not there; it is looked for beside the URDF")
+    shown = f"{path.parent}{' and above' if len(folders) > 1 else ''}"
+    unset = "" if len(folders) == 1 else f"; {' and '.join(ROS_PATHS)} name no folder that has it"
+    raise SceneError(f"{where}: the file of its mesh, {name}, is not there; it is looked for in {shown}{unset}")
+
+
+def _ros_folders() -> list[Path]:
+    return [
+        Path(folder) / below
+        for variable, below in ROS_PATHS.items()
+        for folder in os.environ.get(variable, "").split(os.pathsep)
+        if folder
+    ]

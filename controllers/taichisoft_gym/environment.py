@@ -180,7 +180,16 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
     goal_reach: float = 200.0
     goal_options: ClassVar[Sequence[str]] = ()
     tolerance: float = 1.0
+    desired_goal: np.ndarray
+    scene: Scene
+    axes: np.ndarray
+    channels: tuple[Channel, ...]
+    action_channels: tuple[Channel, ...]
+    action_change: float
+    control_period: float
+    difficulty: float
     simulation: "Simulation"
+    start_of_object: np.ndarray
 
     def __init__(
         self,
@@ -214,8 +223,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             noise: standard deviation of the observation, relative to each channel's range [-].
             randomisation: ranges for the random draws of every reset, see `Randomisation`.
             difficulty: share of all ranges from which resets draw, from 0 to 1.
-            goals: whether observations are dictionaries with the goal, and rewards are `compute_reward` (as of
-                GoalEnv in gymnasium-robotics), for hindsight experience replay.
+            goals: whether observations are dictionaries with the goal, and rewards are `goal_reward`, which is
+                `compute_reward` as well (as of GoalEnv in gymnasium-robotics), for hindsight experience replay.
             control_period: time between two actions [s].
             render_mode: "rgb_array", or "human" for a page in the browser.
             camera: camera of pictures, see `Simulation.render`.
@@ -228,6 +237,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             raise SceneError(f"render_mode = {render_mode!r}: must be one of {self.metadata['render_modes']}, or None")
         if goals and not self.goal_channels:
             raise SceneError(f"goals = True: {type(self).__name__} has no goal; set its goal_channels")
+        if goals:  # Stable-Baselines3 takes every environment with a method of this name for one with goals
+            self.compute_reward = self.goal_reward
         scene = self.usual_scene if scene is None else scene
         read = scene if isinstance(scene, Scene) else load_scene(scene)
         if reduced is not None:
@@ -252,7 +263,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         # Hindsight changes the goal, but not an observed way to it.
         observed = [one for one in self.observations if not (goals and one == "way to the target")]
         self._quantities = [make_group(self, one) for one in observed]
-        self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
+        self.channels = tuple(one for what in self._quantities for one in what.channels)
         self._space, self._goal_space = box_of(self.channels), box_of(self.goal_channels)
         self._goals, self._noise = goals, noise
         self.observation_space = self._space if not goals else self._dictionary_space()
@@ -265,10 +276,15 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         self.action_change = 0.0
 
     def begin(self, start: State, options: dict[str, Any]) -> None:
-        """Choose the task of an episode that starts at `start`; removes the options that it uses from `options`.
+        """Choose the task of an episode with random numbers of `self.np_random`.
 
-        `self.simulation.observe()` gives the observation of the start, such as `reward` gets of later moments. Random
-        numbers come from `self.np_random`. Raises SceneError where an option makes no sense.
+        Args:
+            start: the state at the start, arrays of the whole model; figures by name, such as `reward` gets of later
+                moments, are in the `Observation` that `self.simulation.observe()` returns.
+            options: those of `reset`; the ones that the task uses are to be removed.
+
+        Raises:
+            SceneError: an option makes no sense.
         """
 
     def randomise(self) -> Drawn:
@@ -282,10 +298,10 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """Note what the task needs to know of a control period that is over; called before `reward`."""
 
     def reward(self, seen: Observation) -> float:
-        """Reward of a control period that led to `seen`; with a goal and unless overridden, `compute_reward` of it."""
+        """Reward of a control period that led to `seen`; with a goal and unless overridden, `goal_reward` of it."""
         if not self.goal_channels:
             raise NotImplementedError(f"{type(self).__name__} needs a method reward(self, seen), or goal_channels")
-        return float(self.compute_reward(self.achieved_goal(seen), self.desired_goal, {}))
+        return float(self.goal_reward(self.achieved_goal(seen), self.desired_goal, {}))
 
     def terminated(self, seen: Observation) -> bool:
         """Whether the task has failed irrecoverably, or is over for good."""
@@ -304,7 +320,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             f"{type(self).__name__} has goal_channels; it needs a method achieved_goal(self, seen)"
         )
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def goal_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """Reward of goals, shape (..., goal_count): 0 within `tolerance`, else -1, shape (...)."""
         distance = np.linalg.norm(np.asarray(achieved_goal, float) - np.asarray(desired_goal, float), axis=-1)
         return -(distance >= self.tolerance).astype(np.float64)
@@ -374,7 +390,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         info = {**self.information(seen.truth), "stretch_over_law": stretch, **diverged}
         readings = self._measure(seen)
         if isinstance(readings, dict):
-            reward = self.compute_reward(readings["achieved_goal"], readings["desired_goal"], info)
+            reward = self.goal_reward(readings["achieved_goal"], readings["desired_goal"], info)
         else:
             reward = self.reward(seen.truth)
         self._show()

@@ -90,21 +90,10 @@ class SoftRobotVectorEnv(SyncVectorEnv):
             thread.shutdown()
 
 
-def grasp(num_envs: int = 1, **arguments: Any) -> SoftRobotVectorEnv:
-    """Make several Grasp-v0."""
-    return _make("Grasp", num_envs, arguments)
-
-
-def reach(num_envs: int = 1, **arguments: Any) -> SoftRobotVectorEnv:
-    """Make several Reach-v0."""
-    return _make("Reach", num_envs, arguments)
-
-
-def carry(num_envs: int = 1, **arguments: Any) -> SoftRobotVectorEnv:
-    """Make several Carry-v0."""
-    return _make("Carry", num_envs, arguments)
-
-
-def _make(name: str, count: int, arguments: dict[str, Any]) -> SoftRobotVectorEnv:
+def _make(name: str, num_envs: int = 1, **arguments: Any) -> SoftRobotVectorEnv:
     make = partial(gymnasium.make, f"taichisoft_gym:taichisoft/{name}-v0", **arguments)
-    return SoftRobotVectorEnv([make] * count)
+    return SoftRobotVectorEnv([make] * num_envs)
+
+
+grasp, reach, carry = (partial(_make, name) for name in ("Grasp", "Reach", "Carry"))
+"""Make several environments of a task."""

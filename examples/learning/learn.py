@@ -16,7 +16,7 @@ import csv
 import json
 import multiprocessing
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from taichisoft_gym import Channel
 from taichisoft_gym.baselines import POLICIES
 
 FIRST_SEED = 10_000
@@ -33,7 +34,7 @@ RANGES = {"friction": (0.4, 0.8), "mass": (0.5, 2.0), "modulus": (0.9, 1.1), "pl
 """What differs between episodes of the gripper, in training and evaluation, beside what the task draws."""
 
 
-def by_name(channels, readings: np.ndarray) -> dict[str, np.ndarray]:
+def by_name(channels: Sequence[Channel], readings: np.ndarray) -> dict[str, np.ndarray]:
     """Readings by the names of their channels without the last word: "pressure" [kPa], "object" [mm]."""
     found: dict[str, list[float]] = {}
     for channel, value in zip(channels, readings.tolist(), strict=True):
@@ -44,7 +45,8 @@ def by_name(channels, readings: np.ndarray) -> dict[str, np.ndarray]:
 def reach(weights: np.ndarray, seen: dict[str, np.ndarray]) -> np.ndarray:
     """The pressure, linear in the present one, the way from tip to target, and where the tip is."""
     about = [1.0, *(seen["pressure"] / 60.0), *(seen["way to the target"] / 10.0), *(seen["tip"] / 100.0)]
-    return weights.reshape(1, 8) @ about
+    action: np.ndarray = weights.reshape(1, 8) @ about
+    return action
 
 
 def grasp(weights: np.ndarray, seen: dict[str, np.ndarray]) -> np.ndarray:
@@ -84,7 +86,11 @@ def make(task: str, **arguments: Any) -> Any:
     return gymnasium.make(f"taichisoft_gym:taichisoft/{task}-v0", **arguments)
 
 
-def play(environment: Any, seed: int, act: Callable, watch: Callable = lambda: None) -> tuple[float, dict]:
+Act = Callable[[dict[str, np.ndarray]], np.ndarray]
+Played = tuple[float, dict[str, Any]]
+
+
+def play(environment: Any, seed: int, act: Act, watch: Callable[[], Any] = lambda: None) -> Played:
     """Play an episode; `act` makes an action of readings by name. Returns the sum of the rewards and the last info."""
     readings, info = environment.reset(seed=seed)
     total, is_over = 0.0, False
@@ -130,7 +136,8 @@ def train(told: argparse.Namespace) -> np.ndarray:
             write_policy(folder / f"{task.lower()}.json", task, search.mean)
             write_rows(folder / f"{task.lower()}.csv", CURVE, rows)
     draw_curve(task, rows, folder / f"{task.lower()}.svg")
-    return search.mean
+    best: np.ndarray = search.mean
+    return best
 
 
 CURVE = ("episodes", "wall-clock time [s]", "worst return", "mean return", "best return")
@@ -146,13 +153,13 @@ def read_policy(path: Path) -> np.ndarray:
     return np.array(json.loads(path.read_text(encoding="utf-8"))["weights"])
 
 
-def write_rows(path: Path, header: tuple[str, ...], rows: list[tuple]) -> None:
+def write_rows(path: Path, header: tuple[str, ...], rows: Sequence[tuple[Any, ...]]) -> None:
     """Write a table."""
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([header, *rows])
 
 
-def draw_curve(task: str, rows: list[tuple], path: Path) -> None:
+def draw_curve(task: str, rows: Sequence[tuple[float, ...]], path: Path) -> None:
     """Draw the returns of each generation over the episodes played."""
     import matplotlib
 

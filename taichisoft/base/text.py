@@ -1,9 +1,13 @@
-"""Text for users: safe on a terminal, warnings that point to the user's line, packages that are missing."""
+"""Text for users: safe on a terminal, short for any size, warnings that point to the user's line, missing packages."""
 
+import reprlib
 import sys
+import textwrap
 import warnings
+from collections.abc import Mapping
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from itertools import islice
+from typing import TYPE_CHECKING, Any
 
 from taichisoft.errors import PackageMissing
 
@@ -73,3 +77,31 @@ def plain(text: object) -> "Text":
 def say(line: object) -> None:
     """Print a line that may contain names or paths, with control characters escaped."""
     print(printable(str(line)), flush=True)
+
+
+# What the prompt of Python and a notebook show of states, observations and reports.
+
+MOST_LINES, LINE = 10, 110
+MOST_ENTRIES = 3
+"""Numbers of an array and entries of a mapping that are shown one by one."""
+
+
+def brief(name: str, values: Mapping[str, Any]) -> str:
+    """A representation of at most ten lines, without what is empty: long arrays by their shapes."""
+    given = {key: value for key, value in values.items() if not (hasattr(value, "__len__") and len(value) == 0)}
+    lines = textwrap.wrap(", ".join(f"{key}={_brief_value(value)}" for key, value in given.items()), LINE)
+    if len(lines) > MOST_LINES:
+        lines = [*lines[: MOST_LINES - 1], "..."]
+    return f"{name}({f'{chr(10)}    '.join(lines)})"
+
+
+def _brief_value(value: Any) -> str:
+    if hasattr(value, "tolist"):
+        shape = "x".join(map(str, value.shape))
+        return _brief_value(value.tolist()) if value.size <= MOST_ENTRIES else f"array[{shape}]"
+    if isinstance(value, Mapping):
+        entries = [f"{key!r}: {_brief_value(entry)}" for key, entry in islice(value.items(), MOST_ENTRIES)]
+        return f"{{{', '.join([*entries, *['...'] * (len(value) > MOST_ENTRIES)])}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_brief_value, value))}]"
+    return f"{value:.4g}" if isinstance(value, float) else reprlib.repr(value)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.base.plausible import SIZE, likely_unit
 from taichisoft.base.rotations import matrices_from_quaternions
 from taichisoft.contact.overlap import refuse_overlap
 from taichisoft.contact.surfaces import ContactSurfaces, MovingSurfaces
@@ -282,9 +283,11 @@ class Model:
         distance = self.scene.contact.contact_distance
         size = np.where(self.surfaces.may_touch.any(axis=1), self.surfaces.body_size, np.inf)
         if distance > size.min():
+            meant = likely_unit(size.min(), SIZE) if size.min() < SIZE.lowest else ""
             raise SceneError(
                 f"contact.contact_distance = {distance:g} mm is larger than '{self.body_names[size.argmin()]}', which "
                 f"measures {size.min():.3g} mm at its thinnest; it must be smaller, such as {0.1 * size.min():.2g} mm"
+                f"{meant and '; ' + meant}"
             )
 
     def _pair_table(self, key: str) -> np.ndarray:

@@ -6,12 +6,12 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from taichisoft.control.observation import Observation
-from taichisoft.errors import PluginError
+from taichisoft.errors import PluginError, nearest
 
 if TYPE_CHECKING:
     from taichisoft.contact.model import Model
@@ -120,10 +120,17 @@ class Control:
     frame_velocity: Mapping[str, Vector] = field(default_factory=dict)
     frame_angular_velocity: Mapping[str, Vector] = field(default_factory=dict)
     frame_angle: Mapping[str, float] = field(default_factory=dict)
-    anchor_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
+    anchor_positions: Mapping[str, np.ndarray | Sequence[Vector]] = field(default_factory=dict)
     gravity: Vector | None = None
     young_modulus: Mapping[str, float] = field(default_factory=dict)
     signals: Mapping[str, float] = field(default_factory=dict)
+
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        """Refuse an unknown name with the nearest valid one."""
+        valid = list(cls.__dataclass_fields__)
+        for name in given.keys() - valid:
+            raise TypeError(f"Control has no '{name}'; {nearest(name, valid, 'there are')}")
+        return super().__new__(cls)
 
 
 # What drives a run: the base class of every controller.

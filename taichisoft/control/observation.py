@@ -6,11 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.base.text import brief
 from taichisoft.control.figures import FIGURES, PAIRS, Pair
 from taichisoft.errors import TaichisoftError, nearest
 from taichisoft.mechanics.state import State
 
-# Values by name that are made when somebody looks.
+# Values by name: whose errors name the nearest, and that are made when somebody looks.
+
+
+class Named(dict[Any, Any]):
+    """A dictionary whose error about a missing name has the nearest one."""
+
+    def __missing__(self, name: Any) -> Any:
+        raise KeyError(f"'{name}'; {nearest(name, list(self), 'there are')}" if isinstance(name, str) else name)
 
 
 class LazyValues(Mapping[str, Any]):
@@ -172,8 +180,13 @@ class Observation:
         if work_out is not None and not name.startswith("_"):
             vars(self).update({**work_out(name), **vars(self)})
         if name not in vars(self):
-            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+            valid = [*(one.name for one in fields(self)), *DERIVED]
+            raise AttributeError(f"an Observation has no '{name}'; {nearest(name, valid, 'there are')}")
         return vars(self)[name]
+
+    def __repr__(self) -> str:
+        """Its fields, but for those that are empty, in at most ten lines."""
+        return brief("Observation", {one.name: getattr(self, one.name) for one in fields(self) if one.repr})
 
     def __getstate__(self) -> dict[str, Any]:
         """All fields, for copies and other processes."""

@@ -14,7 +14,7 @@ from taichisoft.contact.model import Model
 from taichisoft.control.contact_patches import ContactPatches
 from taichisoft.control.figures import BASE, BY_NAME, Figure, Pair
 from taichisoft.control.kernels.tip_motion import observe_tips
-from taichisoft.control.observation import LazyValues, Observation
+from taichisoft.control.observation import LazyValues, Named, Observation
 from taichisoft.control.requests import clipped, observed_frames
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.actuator_kind import ActuatorFigure
@@ -407,7 +407,7 @@ class Observer:
         is_driven = actuators.takes_effort & ~state.actuator_imposed
         targets = zip(self._model.cavities.names, actuators.of(CAVITIES, state.actuator_target).tolist(), strict=True)
         driven = actuators.of(CAVITIES, is_driven).tolist()
-        return MappingProxyType(dict(one for one, is_one in zip(targets, driven, strict=True) if is_one))
+        return MappingProxyType(Named(one for one, is_one in zip(targets, driven, strict=True) if is_one))
 
     def _rates(self, state: State) -> dict[str, Any]:
         """Rates of the actuators' values [mm^3/s] or [mm/s], of the kinds that show them."""
@@ -430,7 +430,7 @@ def _made_up(known: dict[str, Any]) -> Observation:
 def _own(value: Any) -> Any:
     """A copy with arrays of its own: compiled functions, such as scipy's of rotations, need writable ones."""
     if isinstance(value, dict):
-        return MappingProxyType({key: one.copy() for key, one in value.items()})
+        return MappingProxyType(Named({key: one.copy() for key, one in value.items()}))
     return value.copy() if isinstance(value, np.ndarray) else value
 
 
@@ -439,4 +439,4 @@ def _by_name(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, np.ndar
 
 
 def _numbers(names: Sequence[Any], values: np.ndarray) -> Mapping[Any, Any]:
-    return MappingProxyType(dict(zip(names, values.tolist(), strict=True)))
+    return MappingProxyType(Named(zip(names, values.tolist(), strict=True)))

@@ -93,7 +93,8 @@ def finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | floa
     array = as_array(value, key)
     if array.shape != shape or not np.isfinite(array).all():
         wanted = f"{shape[0]} finite numbers" if shape else "one finite number"
-        raise ControlError(f"{key} = {value!r}: must be {wanted}")
+        given = f", not an array of shape {array.shape}" if array.shape != shape and array.ndim else ""
+        raise ControlError(f"{key} = {value!r}: must be {wanted}{given}")
     return array
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from taichisoft.base.files import read_arrays
-from taichisoft.errors import StateError
+from taichisoft.base.text import brief
+from taichisoft.errors import StateError, nearest
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,15 @@ class State:
     def __post_init__(self) -> None:
         """Make the arrays read-only, so that data computed from a state stay valid."""
         _make_read_only(vars(self))
+
+    def __getattr__(self, name: str) -> Any:
+        """Say what there is instead of a missing attribute."""
+        hint = nearest(name, [one.name for one in dataclasses.fields(self)], "it has")
+        raise AttributeError(f"a State has no '{name}': simulation.observe() has figures by name; {hint}")
+
+    def __repr__(self) -> str:
+        """Its fields, but for those that are empty, in at most ten lines."""
+        return brief("State", dict(_items(self)))
 
     @property
     def base_translation(self) -> np.ndarray:

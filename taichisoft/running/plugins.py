@@ -1,5 +1,6 @@
 """The plug-ins of this process: installed distributions first, then files, then objects of your code."""
 
+import difflib
 import importlib
 import importlib.util
 import inspect
@@ -164,6 +165,9 @@ def plugin_failure(what: str, error: BaseException) -> PluginError:
     if isinstance(error, TaichisoftError):
         return PluginError(f"{what}: {error}")
     message = " ".join(str(error).split())
+    if isinstance(error, AttributeError) and "did you mean" not in message:
+        near = difflib.get_close_matches(error.name or "", dir(error.obj), n=1)
+        message += f"; did you mean '{near[0]}'?" if near else ""
     return PluginFailed(f"{what}: {type(error).__name__}{': ' if message else ''}{message}{_place(error)}")
 
 

@@ -1,23 +1,26 @@
 """Construction of a simulation from a scene: meshes are read from files, or made by plug-ins from geometries."""
 
 import inspect
+import math
 import weakref
 from collections.abc import Callable, Container, Hashable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from taichisoft.base.plausible import MODULUS, PRESSURE, implausible
-from taichisoft.base.text import warn_caller
+from taichisoft.base.text import require, warn_caller
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
-from taichisoft.errors import MeshError, PluginError, SceneError, TaichisoftError, nearest
+from taichisoft.errors import MeshError, PluginError, SceneError, SimulationDiverged, TaichisoftError, nearest
+from taichisoft.mechanics.cavities import CAVITIES
 from taichisoft.mechanics.state import State
 from taichisoft.mesh.mesh_files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.mesh.volume_mesh import VolumeMesh
 from taichisoft.running.hooks import find, provided
 from taichisoft.running.plausibility import (
+    MOST_HELD,
     check_plausibility,
     check_rigid_plausibility,
     say_region_volumes,
@@ -31,6 +34,9 @@ from taichisoft.step.divergence import EVERY
 from taichisoft.step.linearisation import Linearisation, linearise
 from taichisoft.step.solution import StepReport
 from taichisoft.step.time_stepper import TimeStepper
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 HIGHEST_RATIO = 0.45
 """Poisson's ratio above which linear tetrahedra lock: a finger bends 21.8 mm at 0.3, 6.7 at 0.49, 2.0 at 0.499."""
@@ -73,23 +79,53 @@ class Simulation(TimeStepper):
             SimulationDiverged: the step failed; `state` is the state before it. Of static dynamics it is
                 EquilibriumNotFound where nothing holds a body.
         """
-        report = super().step(control)
+        try:
+            report = super().step(control)
+        except SimulationDiverged as error:
+            unit = self._mistaken_unit(error.body, control or Control())
+            if unit:
+                raise type(error)(
+                    error.body, error.step, f"{error.cause}; {unit}", "kPa for pressures and moduli"
+                ) from error
+            raise
         if control is not None:
             self.warn_of_units(control)
         if self.state.step % EVERY == 0 or self._is_static:
             self.warn_beyond_law(self.state)
         return report
 
+    def __repr__(self) -> str:
+        """The scene's title, the moment, and the bodies, in one line."""
+        title, names = self.model.scene.title, ", ".join(self.model.body_names)
+        return f"Simulation({title!r} at step {self.state.step}, {self.state.time:.6g} s: {names})"
+
     def warn_of_units(self, control: Control) -> None:
         """Warn once of a pressure or modulus that was probably requested in another unit."""
         if self._has_warned_of_unit:
             return
-        pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
-        moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
-        line = next(filter(None, (implausible(*quantity) for quantity in (*pressures, *moduli))), "")
+        line = implausible_request(control)
         if line:
             self._has_warned_of_unit = True
             warn_caller(line)
+
+    def _mistaken_unit(self, body: str, control: Control) -> str:
+        """Whether a pressure or modulus of a body that diverged is probably in another unit than kPa, in one line."""
+        model, state = self.model, self.state
+        reached = model.actuators.of(CAVITIES, np.where(state.actuator_imposed, 0.0, state.actuator_target))
+        pressures = {
+            name: max(abs(float(value)), abs(control.pressure.get(name, 0.0)))
+            for name, value in zip(model.cavities.names, reached, strict=True)
+            if name.partition(".")[0] == body
+        }
+        moduli = dict(zip(model.material_names, state.young_modulus.tolist(), strict=True))
+        modulus, highest = moduli.get(body, math.inf), max(pressures.values(), default=0.0)
+        line = implausible_request(control)
+        if line or highest <= MOST_HELD * modulus:
+            return line
+        return (
+            f"a pressure of {highest:g} kPa is {highest / modulus:.3g} times its Young's modulus, {modulus:g} kPa, "
+            "more than rubber holds: is one of them in Pa or MPa?"
+        )
 
     def warn_beyond_law(self, state: State) -> None:
         """Warn where a body is stretched beyond the range of its law in a state, unless it has done so before."""
@@ -132,6 +168,17 @@ class Simulation(TimeStepper):
             lambda: find("renderer", renderer)(model=self.model, size=tuple(size), camera=place),
         )
         return drawing.picture(self.state, np.asarray(marks, np.float64).reshape(-1, 3))
+
+    def show(self, camera: str | Sequence[Sequence[float]] = "iso", size: tuple[int, int] = (640, 360)) -> "Image":
+        """The present state as a picture of Pillow, which notebooks show inline; arguments as of `render`.
+
+        Raises:
+            TaichisoftError: as of `render`.
+        """
+        require("a picture", "PIL")
+        from PIL import Image
+
+        return Image.fromarray(self.render(camera, size))
 
     def linearise(self, control: Control | None = None, controls: Sequence[str] | None = None) -> Linearisation:
         """Derivatives of what is observed after the step that `step(control)` would make; the simulation stays.
@@ -198,6 +245,13 @@ class Simulation(TimeStepper):
     def close(self) -> None:
         """Stop the renderers, and the threads of `rollouts`; a later call starts them again."""
         _close_all(self._kept)
+
+
+def implausible_request(control: Control) -> str:
+    """A line on the first pressure or modulus that was probably requested in another unit; empty without one."""
+    pressures = ((f"control.pressure['{name}']", abs(value), PRESSURE) for name, value in control.pressure.items())
+    moduli = ((f"control.young_modulus['{of}']", value, MODULUS) for of, value in control.young_modulus.items())
+    return next(filter(None, (implausible(*quantity) for quantity in (*pressures, *moduli))), "")
 
 
 def check_simulation(given: Any) -> None:

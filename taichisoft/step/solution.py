@@ -1,11 +1,12 @@
 """The problem and the solution of a step, as values, and the report of it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
 
+from taichisoft.base.text import brief
 from taichisoft.contact.constraint_rows import ActuatorRequests
 from taichisoft.contact.detection import ContactTable
 from taichisoft.control.figures import Pair
@@ -68,6 +69,10 @@ class StepReport:
     stiffness: float | None = None
     left: float | None = None
     unchecked: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Its fields, but for those that are empty, in at most ten lines."""
+        return brief("StepReport", {one.name: getattr(self, one.name) for one in fields(self) if one.repr})
 
     @property
     def contact_count(self) -> int:

@@ -1,6 +1,7 @@
 """Arms of users: meshes in files, mounts, links beside the chain, and what of a URDF is refused."""
 
 import copy
+import os
 import warnings
 
 import numpy as np
@@ -54,6 +55,22 @@ def test_links_with_meshes_stand_where_the_joints_put_them(tmp_path):
     upper, lower = simulation.model.rigid_bodies[2], simulation.model.rigid_bodies[1]
     assert np.ptp(upper.vertices, axis=0) == pytest.approx([20.0, 20.0, 40.0], rel=1e-5)  # in single precision
     assert len(lower.triangles) == 2  # it stays open
+
+
+def test_meshes_lie_in_packages_of_ros(tmp_path, monkeypatch):
+    """Where ROS 2 installs a package, and in a workspace of ROS 1; else the error says where was looked."""
+    own = tmp_path / "own"
+    own.mkdir()
+    urdf = own_arm(own, upper=MESH.format(look="visual", file="package://maker/meshes/cube.stl", scale="1 1 1"))
+    for variable, folder in (("AMENT_PREFIX_PATH", "ros/share/maker"), ("ROS_PACKAGE_PATH", "ros/maker")):
+        monkeypatch.setenv(variable, os.pathsep.join([str(tmp_path / "nothing"), str(tmp_path / "ros")]))
+        with pytest.raises(SceneError, match="own and above; AMENT_PREFIX_PATH and ROS_PACKAGE_PATH name no folder"):
+            read_arm(urdf, "mount")
+        cube = tmp_path / folder / "meshes" / "cube.stl"
+        cube.parent.mkdir(parents=True)
+        trimesh.creation.box((0.02, 0.02, 0.02)).export(cube)
+        assert [part.file for part in read_arm(urdf, "mount").parts["visual"]] == [cube.resolve()]
+        cube.unlink()
 
 
 def test_the_gripper_hangs_on_the_mount(tmp_path):

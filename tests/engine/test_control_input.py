@@ -1,7 +1,9 @@
 """What a controller may ask for, and what it is told otherwise."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,6 +49,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
         (0, "control = 0: must be a taichisoft.Control"),
         (Control(pressure={"left.air": None}), "control.pressure['left.air'] = None: must be"),
         (Control(pressure={"left.air": [1.0, 2.0]}), "control.pressure['left.air'] = [1.0, 2.0]: must be one finite"),
+        (Control(pressure={"left.air": np.array([1.0])}), "must be one finite number, not an array of shape (1,)"),
         (Control(base_translation=np.zeros(2)), "control.base_translation = array([0., 0.]): must be 3 finite numbers"),
         (Control(base_rotation=np.array([0, 0, np.nan])), "control.base_rotation = array([ 0.,  0., nan]): must be 3"),
         (Control(gravity=np.zeros(2)), "control.gravity = array([0., 0.]): must be 3 finite numbers"),
@@ -73,6 +76,29 @@ def test_the_impossible_is_refused_and_nothing_has_changed(
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
     assert simulation.state == before
+
+
+def test_unknown_names_get_nearest_ones(simulation: Simulation) -> None:
+    seen: Any = simulation.observe()
+    state: Any = simulation.state
+    for use, error, message in (
+        (lambda: Control(**{"presure": {}}), TypeError, "Control has no 'presure'; did you mean 'pressure'?"),
+        (lambda: seen.tip_position, AttributeError, "an Observation has no 'tip_position'; did you mean 'tip_positio"),
+        (lambda: seen.pressures["left.iar"], KeyError, "'left.iar'; did you mean 'left.air'?"),
+        (lambda: seen.tip_positions["up"], KeyError, "'up'; there are: left, right"),
+        (lambda: state.object_rotations, AttributeError, "a State has no 'object_rotations': simulation.observe() has"),
+    ):
+        with pytest.raises(error, match=re.escape(message)):
+            use()
+
+
+def test_representations_have_ten_lines_at_most(simulation: Simulation) -> None:
+    report = simulation.step(Control(pressure={"left.air": 1.0}))
+    for thing in (simulation, simulation.state, report, report.observation):
+        shown = repr(thing)
+        assert shown.startswith(f"{type(thing).__name__}(") and len(shown.splitlines()) <= 10
+        assert max(map(len, shown.splitlines())) <= 130
+    assert "left.air': 1" in repr(report.observation) and "array[" in repr(simulation.state)
 
 
 def test_what_is_not_mentioned_keeps_its_last_value(simulation: Simulation) -> None:

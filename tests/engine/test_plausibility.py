@@ -1,5 +1,6 @@
 """Numbers that no soft robot has: a warning with the unit that was probably meant; far beyond, an error."""
 
+import re
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from taichisoft import Control, Simulation, VolumeMesh, equilibrium, make_model, read_volume_mesh, write_volume_mesh
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, SimulationDiverged
 from taichisoft.scene import scene_from_dict
 
 BODY = {"density": 1e-6, "young_modulus": 300.0, "poisson_ratio": 0.3}
@@ -88,6 +89,24 @@ def test_request_in_another_unit_is_told_once(block: Callable[..., str]) -> None
             equilibrium(simulation, control)
         (warning,) = (str(one.message) for one in seen)
         assert line in warning
+
+
+@pytest.mark.parametrize(
+    ("modulus", "pressure", "hint"),
+    [
+        (300.0, 3e5, "300000 kPa: soft robots have 0 to 2000; 300000 Pa are 300 kPa; try kPa"),
+        (0.6, 30.0, "50 times its"),
+    ],
+)
+def test_explosion_names_mistaken_unit(block: Callable[..., str], modulus: float, pressure: float, hint: str) -> None:
+    """A pressure in Pa, and a modulus in MPa."""
+    anchors = [{"box": [[-11, -11, -11], [11, 11, -9.99]]}]
+    mesh, cavities = block((4, 4, 4), (20.0, 20.0, 20.0), hollow=True), {"air": {"group": "cavity"}}
+    scene = soft(mesh, cavities=cavities, anchors=anchors, young_modulus=modulus)
+    simulation = Simulation(scene_from_dict(scene))
+    with pytest.raises(SimulationDiverged, match=re.escape(hint)):
+        for _ in range(20):
+            simulation.step(Control(pressure={"finger.air": pressure}))
 
 
 @pytest.mark.parametrize(

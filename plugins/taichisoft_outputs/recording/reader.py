@@ -1,10 +1,13 @@
 """Reading a recording: what was simulated, and what was in every instant."""
 
+import base64
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -28,6 +31,7 @@ from taichisoft.mechanics import (
     select_nodes,
 )
 from taichisoft.mesh import MappedSurface
+from taichisoft.running import make_output
 from taichisoft.scene import scene_from_toml
 from taichisoft_outputs.recording.bodies import (
     RecordedSoftBody,
@@ -52,6 +56,21 @@ from taichisoft_outputs.recording.recording_file import (
 
 if TYPE_CHECKING:
     from taichisoft.control import Fingertips
+
+
+@dataclass(frozen=True)
+class InlineVideo:
+    """A video that notebooks show.
+
+    Attributes:
+        mp4: content of the file.
+    """
+
+    mp4: bytes = field(repr=False)
+
+    def _repr_html_(self) -> str:
+        data = base64.b64encode(self.mp4).decode()
+        return f'<video controls loop style="max-width: 100%" src="data:video/mp4;base64,{data}"></video>'
 
 
 class Recording:
@@ -174,6 +193,18 @@ class Recording:
     def close(self) -> None:
         """Close the file, as the end of a `with` statement does."""
         self._file.close()
+
+    def video(self, **options: Any) -> "InlineVideo":
+        """Draw it into a video, which notebooks show inline; `options` are those of the output "video".
+
+        Raises:
+            TaichisoftError: an option is not valid, or this machine cannot draw.
+        """
+        with TemporaryDirectory(prefix="taichisoft-video-") as folder:
+            file = Path(folder) / "video.mp4"
+            output: Any = make_output("video", folder, file=file, **options)
+            output.draw(self.path)
+            return InlineVideo(file.read_bytes())
 
     @cached_property
     def scene(self) -> Scene:
