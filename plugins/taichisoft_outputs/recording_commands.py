@@ -29,11 +29,11 @@ def export(
     from rich.console import Console  # --help need not wait for any of these
     from rich.progress import track
 
-    from taichisoft_outputs.paraview import chosen_frames, export_vtu
+    from taichisoft_outputs.paraview import chosen_instants, export_vtu
     from taichisoft_outputs.recording.reader import read_recording
 
     with read_recording(run) as recording:
-        instants = chosen_frames(recording, every, time)
+        instants = chosen_instants(recording, every, time)
         if recording.last_start and not time:
             typer.echo(f"the run was restarted; only the {len(instants)} instants after the last start are exported")
         shown = track(instants, description=f"exporting {len(instants)} instants", console=Console(stderr=True))
