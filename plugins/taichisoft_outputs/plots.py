@@ -358,11 +358,11 @@ def stretch(run: RunCurves) -> Panel:
 
 
 def height(run: RunCurves) -> Panel:
-    """Heights of objects and base over their heights at the start."""
+    """Heights of objects and base over those of the moment before the base moves, as in metrics.json."""
     names, up = run.objects, run.recording.scene.up
     levels = run.recording.column("rigid_position") @ up
-    rises = [_since_start(run, levels[:, body]) for body in run.object_columns]
-    base = _since_start(run, run.recording.base_translation @ up)
+    rises = [_since_rest(run, levels[:, body]) for body in run.object_columns]
+    base = _since_rest(run, run.recording.base_translation @ up)
     if not names and not base.any():
         base = np.full_like(base, np.nan)  # nothing rises, so there is nothing to see
     return run.over_time("risen by [mm]", np.column_stack([*rises, base]), [*names, "base"], [*names, ""])
@@ -479,9 +479,11 @@ def _evenly_spaced(times: np.ndarray, count: int) -> np.ndarray:
     return np.unique(np.linspace(0, len(times) - 1, count).astype(int))
 
 
-def _since_start(run: RunCurves, level: np.ndarray) -> np.ndarray:
-    """Heights (instant_count,) above that at the last start."""
-    return np.concatenate([level[start:end] - level[start] for start, end in pieces(run.times)])
+def _since_rest(run: RunCurves, level: np.ndarray) -> np.ndarray:
+    """Heights (instant_count,) above that before the base moves, in each start of the run."""
+    base = run.recording.base_translation
+    starts = [(start, end, last_at_rest(base[start:end]) or 0) for start, end in pieces(run.times)]
+    return np.concatenate([level[start:end] - level[start + rest] for start, end, rest in starts])
 
 
 def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis: np.ndarray) -> Panel:

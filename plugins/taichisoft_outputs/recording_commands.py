@@ -158,6 +158,7 @@ def render(
     background: Annotated[
         str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything  \\[default: the scene's]")
     ] = None,
+    transparent: Annotated[bool, typer.Option("--transparent", help="No background but shadows.")] = False,
     colour_by: Annotated[
         str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")
     ] = STYLE.colour_by,
@@ -210,6 +211,7 @@ def render(
             target=parse_point("target", target),
             opacity=opacity,
             background=background,
+            transparent=transparent,
             colour_by=colour_by,
             cavity_pressure=cavity_pressure,
             cable_tension=cable_tension,

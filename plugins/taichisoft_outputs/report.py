@@ -205,6 +205,8 @@ def _headlines(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     for name in HEADLINES:
         if isinstance(metrics.get(name), int | float):
             words, unit, factor = _words(name)
+            if fingers := metrics.get(name.replace("force_", "forces_")) if "force_" in name else None:
+                words += f" of {', '.join(fingers)} together"
             yield words, _short(factor * metrics[name], unit), unit
 
 

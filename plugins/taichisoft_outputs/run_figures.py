@@ -116,7 +116,7 @@ class LiftFigures:
     """Where an object and the base were before the base moved and in the last steps, and what pressed the object.
 
     Attributes:
-        forces: sum of the fingers' normal forces in each of the last steps [mN].
+        forces: normal force of each finger in each of the last steps [mN], each of shape (finger_count,).
     """
 
     def __init__(self, up: np.ndarray, hold_steps: int, push: int | None, base: np.ndarray, position: np.ndarray):
@@ -138,11 +138,14 @@ class LiftFigures:
         self._now = base, position
         self._slip = self._peak_force = 0.0
         self._positions = deque([position], maxlen=hold_steps + 1)
-        self.forces: deque[float] = deque(maxlen=hold_steps)
+        self.forces: deque[np.ndarray] = deque(maxlen=hold_steps)
         self._unconverged: deque[bool] = deque(maxlen=hold_steps)
 
-    def add(self, base: np.ndarray, position: np.ndarray, slide: np.ndarray, force: float, converged: bool) -> None:
+    def add(
+        self, base: np.ndarray, position: np.ndarray, slide: np.ndarray, forces: np.ndarray, converged: bool
+    ) -> None:
         """Include a step, in which the object slid by `slide` on what holds it [mm], shape (3,)."""
+        force = float(forces.sum())
         self._now = base, position
         self._steps += 1
         self._highest = max(self._highest, float(position @ self._up))
@@ -156,11 +159,11 @@ class LiftFigures:
         self._slip -= float(slide @ self._up)
         self._peak_force = max(self._peak_force, force) if self.forces else force
         self._positions.append(position)
-        self.forces.append(force)
+        self.forces.append(forces)
         self._unconverged.append(not converged)
 
-    def metrics(self, place: Sequence[float] | None) -> dict[str, Any]:
-        """The figures for metrics.json; of the goal's place [mm] if there is one.
+    def metrics(self, place: Sequence[float] | None, fingers: Sequence[str]) -> dict[str, Any]:
+        """The figures for metrics.json, of forces by finger; of the goal's place [mm] if there is one.
 
         Lift and slip are counted from the moment before the base moved, or from the start where it did not.
         """
@@ -180,7 +183,8 @@ class LiftFigures:
         return figures | {
             "unconverged_hold_steps": sum(self._unconverged),
             "peak_normal_force_mN": self._peak_force,
-            "mean_normal_force_mN": float(np.mean(self.forces)),
+            "mean_normal_force_mN": float(np.sum(self.forces) / len(self.forces)),
+            "mean_normal_forces_mN": dict(zip(fingers, np.mean(self.forces, axis=0).tolist(), strict=True)),
         }
 
 

@@ -251,17 +251,18 @@ def nodal_mean(values: np.ndarray, elements: np.ndarray, rest_position: np.ndarr
 
     Args:
         values: values of the elements, shape (element_count,).
-        elements: node indices, shape (element_count, 4); every node belongs to one.
+        elements: node indices, shape (element_count, 4).
         rest_position: nodes at rest [mm], shape (node_count, 3).
 
     Returns:
-        Means in the unit of `values`, shape (node_count,).
+        Means in the unit of `values`, shape (node_count,); NaN of a node without elements.
     """
     _, volumes = linear_tetrahedra(rest_position, elements)
     corners, node_count = elements.ravel(), len(rest_position)
     weights = np.repeat(volumes[:, 0], elements.shape[1])
     total = np.bincount(corners, weights * np.repeat(values, elements.shape[1]), node_count)
-    return total / np.bincount(corners, weights, node_count)
+    whole = np.bincount(corners, weights, node_count)
+    return np.divide(total, whole, out=np.full(node_count, np.nan), where=whole > 0.0)
 
 
 def _frames(position: np.ndarray, elements: np.ndarray) -> np.ndarray:

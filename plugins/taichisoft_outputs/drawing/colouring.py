@@ -5,7 +5,7 @@ cavities the pressure, cables the tension. Colours that stand for numbers get no
 bar that explains them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -87,7 +87,10 @@ SEEN_THROUGH = 0.8
 """Mean brightness of silicone in the light [-], through which the pressure of a cavity is seen."""
 
 NodeValues = Callable[[int], np.ndarray]
-"""Gives the values at the nodes of all soft bodies in an instant, shape (node_count,)."""
+"""Gives the values at the nodes of all soft bodies in an instant, shape (node_count, material_count).
+
+A node where materials meet has a value in each; NaN in those that it has no part in. Displacements have one column.
+"""
 
 
 def body_colours(scene: Scene) -> dict[str, np.ndarray]:
@@ -167,14 +170,17 @@ class Colouring:
         return colours
 
     def values(self, instant: int) -> np.ndarray | None:
-        """What `values_scale` shows at the nodes of all soft bodies, shape (node_count,); None for plain colours."""
+        """What `values_scale` shows at the nodes of all soft bodies, see `NodeValues`; None for plain colours."""
         return None if self.values_scale is None else self._values(instant)
 
     def _range_of_values(self, title: str, instants: Sequence[int], style: Style) -> ColourScale:
         """A scale up to what 99.5 % of the values that are shown reach: at surfaces, or in all of the cut bodies."""
-        mapped = [one.mapping for one in self._surfaces if one.kind == "soft" and one.mapping is not None]
+        soft = [surface for surface in self._surfaces if surface.kind == "soft"]
         samples = [self._values(instant) for instant in sample_instants(instants, SAMPLES)]
-        shown = [at_vertices(one, sample) for sample in samples for one in mapped] if style.section is None else samples
+        if style.section is None:
+            shown = [at_corners(surface, sample) for sample in samples for surface in soft]
+        else:
+            shown = [sample[np.isfinite(sample)] for sample in samples]
         highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
         scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, SOFT)
         return with_ranges(
@@ -182,10 +188,19 @@ class Colouring:
         )
 
 
-def at_vertices(mapping: MappedSurface, values: np.ndarray) -> np.ndarray:
-    """Values at the vertices of a surface, shape (vertex_count,), of values at all nodes, (node_count,)."""
-    result: np.ndarray = np.einsum("vk,vk->v", mapping.weights, values[mapping.nodes])
-    return result
+def at_corners(surface: RecordedSurface, values: np.ndarray) -> np.ndarray:
+    """Values at the corners of a soft body's triangles, shape (3 * triangle_count,), of `NodeValues`.
+
+    A triangle has the values of one material, since stress jumps where materials meet, and no mean of both is anywhere.
+    """
+    assert surface.mapping is not None
+    weights, nodes = surface.mapping.weights[..., None], surface.mapping.nodes
+    parts = np.where(weights > 0.0, weights * values[nodes], 0.0)  # without what is NaN in other materials
+    corners = parts.sum(axis=1)[surface.triangles]
+    material = np.isfinite(corners).all(axis=1).argmax(axis=1)
+    of_one = np.take_along_axis(corners, material[:, None, None], axis=2)[..., 0]
+    # A triangle of a finer surface may lie in several.
+    return np.where(np.isfinite(of_one), of_one, np.nanmax(corners, axis=2)).ravel()
 
 
 def merged_ranges(all_ranges: Sequence[Mapping[str, tuple[float, float, float]]]) -> dict[str, tuple[float, ...]]:
@@ -209,37 +224,39 @@ def displacement(recording: Recording) -> NodeValues:
     def values(instant: int) -> np.ndarray:
         places = recording.frames.places(recording.row("frame_pose", instant))
         carried = [places.moved(body.rest_position, one) for body, one in zip(bodies, carriers, strict=True)]
-        return np.linalg.norm(recording.row("position", instant) - np.vstack([np.zeros((0, 3)), *carried]), axis=1)
+        moved = recording.row("position", instant) - np.vstack([np.zeros((0, 3)), *carried])
+        return np.linalg.norm(moved, axis=1, keepdims=True)
 
     return values
 
 
 def stress(recording: Recording) -> NodeValues:
-    """Von Mises stress at each node [kPa], the mean of the elements around it."""
+    """Von Mises stress at each node [kPa], see `nodal_mean`."""
     stresses = recorded_stress(recording)
-
-    def values(instant: int) -> np.ndarray:
-        of_bodies = [
-            nodal_mean(von_mises(of_body), body.tetrahedra, body.rest_position)
-            for body, of_body in zip(recording.soft_bodies, stresses(instant), strict=True)
-        ]
-        return np.concatenate([np.zeros(0), *of_bodies])
-
-    return values
+    return lambda instant: _at_nodes(recording, map(von_mises, stresses(instant)))
 
 
 def strain(recording: Recording) -> NodeValues:
-    """Largest principal strain at each node [-], the stretch less one: the mean of the elements around it."""
+    """Largest principal strain at each node [-], the stretch less one, see `nodal_mean`."""
     laws = [Stretches(body.rest_position, body.elements) for body in recording.soft_bodies]
 
     def values(instant: int) -> np.ndarray:
         position = recording.row("position", instant)
-        of_bodies = [
-            nodal_mean(law.largest(position[body.nodes]) - 1.0, body.tetrahedra, body.rest_position)
-            for law, body in zip(laws, recording.soft_bodies, strict=True)
-        ]
-        return np.concatenate([np.zeros(0), *of_bodies])
+        bodies = zip(laws, recording.soft_bodies, strict=True)
+        return _at_nodes(recording, (law.largest(position[body.nodes]) - 1.0 for law, body in bodies))
 
+    return values
+
+
+def _at_nodes(recording: Recording, of_bodies: Iterable[np.ndarray]) -> np.ndarray:
+    """`NodeValues` of those of the tetrahedra of each body."""
+    bodies = recording.soft_bodies
+    values = np.full((sum(len(body.rest_position) for body in bodies), len(recording.materials)), np.nan)
+    for body, of_body in zip(bodies, of_bodies, strict=True):
+        material = np.repeat(body.material, body.parts)
+        for number in np.unique(material):
+            own = material == number
+            values[body.nodes, number] = nodal_mean(of_body[own], body.tetrahedra[own], body.rest_position)
     return values
 
 

@@ -158,18 +158,17 @@ def _title_lines(scale: ColourScale) -> list[str]:
 
 
 def caption_parts(recording: Recording, instant: int) -> list[str]:
-    """What the caption of an instant says."""
+    """What the caption of an instant says; bodies are raised from where they were before the base moved."""
     parts = [f"{recording.times[instant]:.2f} s"]
     for kind in ACTUATOR_KINDS:
         if recording.actuators.names_of(kind):
             effort = kind.effort
             texts = [f"{value:z.{effort.digits}f}" for value in recording.row(effort.name, instant)]
             parts.append(_figures_text(effort.words, texts, effort.unit))
-    start = recording.row("rigid_position", recording.last_start if instant >= recording.last_start else 0)
-    rises = (recording.row("rigid_position", instant) - start) @ recording.scene.up
-    raised = dict(zip(recording.scene.rigid_bodies, rises, strict=True))
-    for name in recording.scene.objects[:CAPTION_BODIES]:
-        parts.append(f"{name} raised {_one_decimal(raised[name])} mm")
+    if instant >= recording.lift_start:
+        moved = recording.row("rigid_position", instant) - recording.row("rigid_position", recording.lift_start)
+        raised = dict(zip(recording.scene.rigid_bodies, moved @ recording.scene.up, strict=True))
+        parts += [f"{name} raised {raised[name]:z.1f} mm" for name in recording.scene.objects[:CAPTION_BODIES]]
     return parts
 
 
@@ -199,8 +198,3 @@ def _figures_text(name: str, texts: list[str], unit: str) -> str:
         return f"{name}s {', '.join(texts)} {unit}"
     in_order = sorted(texts, key=float)
     return f"{name}s from {in_order[0]} to {in_order[-1]} {unit}"
-
-
-def _one_decimal(value: float) -> str:
-    """The number with one decimal; what rounds to zero has no sign."""
-    return f"{round(float(value), 1) + 0.0:.1f}"

@@ -283,8 +283,8 @@ class ColourScale:
 
     @property
     def top(self) -> str:
-        """The number at the high end: with a sign where higher values are shown."""
-        return f"{'>= ' if self.highest > self.high * (1 + 1e-9) else ''}{self.high:g}"
+        """The number at the high end, and the highest value where its colour stands for all up to that."""
+        return f"{self.high:g}" + (f" to {self.highest:.3g}" if self.highest > self.high * (1 + 1e-9) else "")
 
     def colours(self, values: np.ndarray) -> np.ndarray:
         """Red, green and blue [-], shape (count, 3), of values (count,); values outside get the colour of the end."""

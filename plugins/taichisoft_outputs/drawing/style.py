@@ -45,7 +45,9 @@ class Style:
         section: a plane that cuts bodies open, see `SectionPlane.parse`; None leaves them whole.
         opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden. None for 1 where
             their colours stand for numbers, or a section shows what is inside, else for TRANSLUCENT.
-        background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; None for the scene's own.
+        background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; a floor without a colour of its own has it
+            too. None for the scene's own, and a darker floor.
+        transparent: whether pictures have no background, but for shadows: they have a fourth number, the opacity.
         colour_by: what the colours of soft bodies mean: "none", "displacement" [mm], "stress" (von Mises) [kPa]
             or "strain" (the largest principal one) [-].
         cavity_pressure: whether cavities have the colour of their pressure.
@@ -72,6 +74,7 @@ class Style:
     target: tuple[float, float, float] | None = None
     opacity: float | None = None
     background: tuple[float, float, float] | str | None = None
+    transparent: bool = False
     colour_by: str = "none"
     cavity_pressure: bool = True
     cable_tension: bool = True

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_erosion, label, uniform_filter
+from scipy.ndimage import binary_erosion, label, maximum_filter, uniform_filter
 
 from taichisoft.mesh import SectionPlane, closed_cap, cut_tetrahedra, split_triangles
 from taichisoft_outputs.drawing.camera import PictureCamera, project, seen_from_front
@@ -25,10 +25,12 @@ NORMALS = " by its normals"
 """Ends the name of what is drawn in colours that say where its normals point, so that its edges can be found."""
 LINE_ANGLE = 30.0
 """Normals of neighbouring pixels that differ by more have a line between them [degrees]."""
+LINE_PER_HEIGHT = 720
+"""A line is one pixel wide for each so many in the height of a picture, but at least one."""
 FADING = (1, 2, 3)
-"""Distances from the outline in which a line becomes darker, step by step [pixels]."""
+"""Distances from the outline in which a line becomes darker, step by step [widths of a line]."""
 SHORTEST_LINE = 8
-"""Pixels of a line: fewer are specks, where something is seen through the joint of two faces."""
+"""Length of a line [its widths]: shorter ones are specks, where something is seen through the joint of two faces."""
 LINE_BRIGHTNESS = 0.55
 """Part of its colour that a surface has in such a line [-]."""
 
@@ -100,7 +102,7 @@ class SurfacePainter:
         Args:
             picture: the background, shape (height, width, 3), dtype uint8.
             colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3); or
-                values of `scale` at its vertices, (vertex_count, 1).
+                values of `scale` at the corners of its triangles, (3 * triangle_count, 1).
             section: what is cut open; None for nothing.
         """
         for name, where in vertices.items():
@@ -135,9 +137,10 @@ class SurfacePainter:
         section: Section | None,
     ) -> None:
         corners, normals = self._normals[name](vertices)
-        at_corners = (
-            colours[self._triangles[name].ravel()] if colours.ndim == 2 else np.tile(colours, (len(corners), 1))
-        )
+        if colours.ndim == 1:
+            at_corners = np.tile(colours, (len(corners), 1))
+        else:
+            at_corners = colours if colours.shape[1] == 1 else colours[self._triangles[name].ravel()]
         soup = np.concatenate([corners, normals, at_corners], axis=1).reshape(-1, 3, 6 + at_corners.shape[1])
         if section is not None and name in section.names:
             soup, _, _ = split_triangles(soup, section.plane.height(soup[..., :3]))
@@ -211,14 +214,15 @@ def lines_between(normals: np.ndarray) -> np.ndarray:
         return lines
     part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     directions = normals[part].astype(np.float32) / 127.5 - 1.0
+    width = max(normals.shape[0] // LINE_PER_HEIGHT, 1)
     inner, edges = covered[part], np.zeros(directions.shape[:2], dtype=bool)
     for before, after in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
         cosine = np.einsum("ijk,ijk->ij", directions[before], directions[after])
         edges[after] |= (cosine < np.cos(np.radians(LINE_ANGLE))) & inner[before] & inner[after]
     pieces, _ = label(edges, np.ones((3, 3)))
-    edges &= np.bincount(pieces.ravel())[pieces] >= SHORTEST_LINE
-    depth = sum(binary_erosion(inner, iterations=step).astype(np.float32) for step in FADING)
-    soft = uniform_filter(edges * depth / len(FADING), size=2)
+    edges &= np.bincount(pieces.ravel())[pieces] >= SHORTEST_LINE * width
+    depth = sum(binary_erosion(inner, iterations=step * width).astype(np.float32) for step in FADING)
+    soft = uniform_filter(maximum_filter(edges * depth / len(FADING), size=width), size=width + 1)
     lines[part] = np.minimum(1.5 * soft, 1.0)
     return lines
 
@@ -306,16 +310,17 @@ def cut_open(
     Args:
         surfaces: its surfaces, or finer ones in their place.
         plane: the plane, whose normal points to what is left out.
-        values: values at the nodes of all soft bodies, which the section shows, shape (node_count,); or None.
+        values: values at the nodes of all soft bodies by material, which the section shows (`NodeValues`); or None.
     """
     caps = {}
     position = recording.row("position", instant)
     for body in recording.soft_bodies:
-        at_nodes = position[body.nodes]
-        height = plane.height(at_nodes)[body.tetrahedra]
+        corners = position[body.nodes][body.tetrahedra]
         if values is not None:
-            at_nodes = np.column_stack([at_nodes, values[body.nodes]])
-        caps[body.name] = cut_tetrahedra(at_nodes[body.tetrahedra], height, plane.normal)[0]
+            material = np.repeat(body.material, body.parts) if values.shape[1] > 1 else np.zeros(len(corners), int)
+            of_corners = values[body.nodes][body.tetrahedra, material[:, None]]
+            corners = np.concatenate([corners, of_corners[..., None]], axis=2)
+        caps[body.name] = cut_tetrahedra(corners, plane.height(corners[..., :3]), plane.normal)[0]
     cut = [surface for surface in surfaces if surface.kind != "line"]
     for surface in cut:
         if surface.kind != "soft":

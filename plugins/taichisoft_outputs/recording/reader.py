@@ -49,6 +49,7 @@ from taichisoft_outputs.recording.recording_file import (
     one_line,
     open_recording,
 )
+from taichisoft_outputs.run_figures import last_at_rest
 
 if TYPE_CHECKING:
     from taichisoft.control import Fingertips
@@ -199,6 +200,12 @@ class Recording:
     def last_start(self) -> int:
         """The instant with the first state of the last start: a user may have started the run again."""
         return int(np.max(np.flatnonzero(np.diff(self.times) < 0.0) + 1, initial=0))
+
+    @property
+    def lift_start(self) -> int:
+        """The instant from which lifts count, as in metrics.json: the last before the base moves; else `last_start`."""
+        rest = last_at_rest(self.base_translation[self.last_start :])
+        return self.last_start + (rest or 0)
 
     def column(self, name: str) -> np.ndarray:
         """One quantity in all instants, shape (instant_count, ...); `layout.QUANTITIES` has names and units.

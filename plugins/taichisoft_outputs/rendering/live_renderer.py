@@ -90,7 +90,7 @@ def draw_states(link: Link) -> None:
 
 
 def _checked(image: np.ndarray, style: Style) -> np.ndarray:
-    if image.shape != (style.size[1], style.size[0], 3) or image.dtype != np.uint8:
+    if image.shape != (style.size[1], style.size[0], 4 if style.transparent else 3) or image.dtype != np.uint8:
         raise RuntimeError(f"drew {image.shape} of {image.dtype}, not {style.size} pixels")
     return np.ascontiguousarray(image)
 

@@ -95,6 +95,8 @@ def _shared(
         The styles, each of its share of the width that the strip leaves; and the strip that stands to the right of the
         pictures, shape (height, strip_width, 3), dtype uint8, without width where colours mean nothing.
     """
+    if style.transparent:
+        raise StyleError("recordings side by side have a background; draw each by itself to have none")
     ranges, lengths, uprights = [], [], []
     points: dict[tuple[float, ...], list[np.ndarray]] = {}
     scales: dict[str, ColourScale] = {}

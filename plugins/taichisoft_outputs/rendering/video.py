@@ -119,10 +119,10 @@ def key_moments(recording: Recording) -> dict[str, float]:
     Where the base does not move there are only before and after.
     """
     times = recording.times[recording.last_start :]
-    grasped = last_at_rest(recording.base_translation[recording.last_start :])
-    if grasped is None:
+    if last_at_rest(recording.base_translation[recording.last_start :]) is None:
         return {"before": float(times[0]), "after": float(times[-1])}
-    return {"before": float(times[0]), "grasped": float(times[grasped]), "lifted": float(times[-1])}
+    grasped = recording.times[recording.lift_start]
+    return {"before": float(times[0]), "grasped": float(grasped), "lifted": float(times[-1])}
 
 
 def draw_frames(
@@ -355,6 +355,8 @@ def render_video(
     """
     style = style or Style()
     check_video(file, fps)
+    if style.transparent and file.suffix:
+        raise RenderError(f"{file}: a transparent video is a folder for PNG files, without a suffix")
     check_slow_motion(slow_motion)
     with read_recording(recording) as opened:
         style.check(opened.scene)

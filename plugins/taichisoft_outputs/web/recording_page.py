@@ -159,7 +159,8 @@ class RecordingPage:
         self._plotted = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
         columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
         self._rows = np.array([_plotted_row(self._recording, *values) for values in zip(*columns, strict=True)])
-        self._rows[:, -1] -= self._rows[0, -1]
+        lift_start = instant_of(self._recording, self._recording.lift_start)
+        self._rows[:, -1] -= lift_start.plotted[-1]
         signals = self._recording.column("signals")[self._plotted]
         self._signals = {name: signals[:, number] for number, name in enumerate(self._recording.signals)}
 
