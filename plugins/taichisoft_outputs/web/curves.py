@@ -22,6 +22,11 @@ DECIMALS = 4
 LABEL_WIDTH = 64
 """Width of the numbers beside a plot [pixels]: room for "-100,000"."""
 
+TICKS_APART = 20
+"""Least distance of the numbers beside a plot [pixels]: the usual 30 leaves but one where they are round thousands."""
+
+AXES = "#888888"
+"""Colour of axes, which is seen on a light and on a dark page."""
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
 ON_PAGE = [figure for figure in OF_PAIRS if In.PAGE in figure.recorded]
@@ -158,11 +163,12 @@ def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
         for index, name in enumerate(names)
     ]
     nothing = np.zeros(2)
+    grey: Any = {"stroke": AXES, "grid": {"stroke": f"{AXES}40", "width": 1}, "ticks": {"stroke": AXES, "width": 1}}
     return gui.add_uplot(
         data=(np.array([0.0, 1.0]), *(nothing for _ in names)),
         series=(uplot.Series(label="time [s]"), *lines),
         scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-        axes=(uplot.Axis(), uplot.Axis(size=LABEL_WIDTH)),
+        axes=(uplot.Axis(**grey), uplot.Axis(size=LABEL_WIDTH, space=TICKS_APART, **grey)),
         title=title,
         legend=uplot.Legend(show=len(names) > 1, live=False),
         aspect=2.2,

@@ -169,6 +169,7 @@ def _cookies(headers: Any) -> dict[str, str]:
 # What the colours and arrows of a page mean: bars of efforts of actuators, and the force of the longest arrow.
 
 TEMPLATE = Path(__file__).with_name("scales_shown.html")
+GAUGES = Path(__file__).with_name("gauges.html")
 
 
 class Scales:
@@ -477,6 +478,14 @@ KEEP_KEYS_FROM_CAMERA = (
     '<img hidden src="data:," onerror="document.documentElement.addEventListener('
     "'keydown', event => event.stopPropagation())\">"
 )
+# viser has one theme for all viewers, which does not follow what each has chosen in the browser.
+FOLLOW_DARK_MODE = """<img hidden src="data:," onerror="
+const dark = matchMedia('(prefers-color-scheme: dark)'), root = document.documentElement;
+const name = 'data-mantine-color-scheme', wanted = () => dark.matches ? 'dark' : 'light';
+const follow = () => { if (root.getAttribute(name) !== wanted()) root.setAttribute(name, wanted()); };
+dark.onchange = follow;
+new MutationObserver(follow).observe(root, {attributeFilter: [name]});
+follow()">"""
 
 
 class Page:
@@ -501,15 +510,26 @@ class Page:
         gui.set_panel_label(content.scene.title or "taichisoft")
         gui.main_panel.dock_right()
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.add_html(FOLLOW_DARK_MODE)
+        self._actuators = content.actuators
         self._text = gui.add_markdown("", order=0.0)
+        self._gauges = gui.add_html("", order=0.2)
         self.view.put_scales(gui.add_html("", order=0.5))
         with gui.add_folder("plots", order=100.0):
             self.curves = Curves(gui, content)
         self.server.on_client_connect(self._fit_window)
 
-    def set_status(self, text: str) -> None:
-        """Put a line of Markdown above everything."""
+    def set_status(self, text: str, instant: PageInstant) -> None:
+        """Put a line of Markdown above everything, and the efforts of actuators, to be read from some metres."""
         self._text.content = text
+        gauges = [
+            (f"{name.removesuffix(f'.{kind.name}')} [{kind.effort.unit}]", f"{value:z.{kind.effort.digits}f}")
+            for kind in ACTUATOR_KINDS
+            for name, value in zip(
+                self._actuators.names_of(kind), self._actuators.of(kind, instant.plotted), strict=True
+            )
+        ]
+        self._gauges.content = render(GAUGES, gauges=gauges) if gauges else ""
 
     async def _fit_window(self, client: Any) -> None:
         """In a window that is higher than wide, such as a phone's, have everything above the panel."""

@@ -86,10 +86,6 @@ def lines_shown(points: Sequence[np.ndarray], efforts: Sequence[np.ndarray]) -> 
     return LinesShown(np.concatenate([np.zeros((0, 2, 3)), *lines]), np.concatenate([np.zeros(0), *efforts]))
 
 
-SHOWN_ONLY = "actuators"
-"""Group of sliders that show something and cannot be moved."""
-
-
 @dataclass(frozen=True)
 class Snapshot:
     """A run between two steps; sent by the run.

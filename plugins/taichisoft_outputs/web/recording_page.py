@@ -127,7 +127,7 @@ class RecordingPage:
             section = cut_open(self._recording, self._recording.surfaces, number, plane)
         self.page.view.show(shown, section)
         status = f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}"
-        self.page.set_status(self._problem or status)
+        self.page.set_status(self._problem or status, shown)
         self._slider.value = self.playback.position
         past = self._plotted <= number
         signals = {name: values[past] for name, values in self._signals.items()}

@@ -3,14 +3,13 @@
 import math
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft.base import Worker, WorkerLost, extra, require, warn_caller
-from taichisoft.control import KeyEvent, Observer, Slider
+from taichisoft.control import KeyEvent, Observer
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import (
     ACTUATOR_KINDS,
@@ -25,7 +24,6 @@ from taichisoft.running import BINDINGS, Output
 from taichisoft_outputs.web.address import NOT_ENCRYPTED, Address, WebError, find_address
 from taichisoft_outputs.web.curves import ON_PAGE, plotted_row
 from taichisoft_outputs.web.page_messages import (
-    SHOWN_ONLY,
     LinesShown,
     PageInstant,
     PageScene,
@@ -157,7 +155,7 @@ def snapshot(session: "Session", state: "State", observer: Observer | None = Non
             plotted_row(model.scene, efforts, by_pair, state.frame_wrench[0], state.rigid_position),
             dict(report.signals) if report is not None else {},
         ),
-        sliders=_sliders(session, state),
+        sliders={} if session.replaying else dict(session.sliders),
         paused=session.paused,
         speed=session.pace.speed,
         real_time_factor=session.pace.real_time_factor,
@@ -169,24 +167,6 @@ def _lines(model: "Model", kind: ActuatorKind, state: "State") -> LinesShown:
     lines, actuators = model.actuators.sets[kind.name].lines, model.actuators
     effort, loss = actuators.of(kind, state.actuator_effort), actuators.losses_of(kind, state.actuator_loss)
     return lines_shown([line.points(state, model.frames) for line in lines], segment_efforts(lines, effort, loss))
-
-
-def _sliders(session: "Session", state: "State") -> dict[str, Slider]:
-    """The sliders of the session; of a controller without its own, such that show efforts, such as the pressures."""
-    model, sliders = session.simulation.model, dict(session.sliders)
-    if session.replaying:
-        sliders = {name: replace(one, group=SHOWN_ONLY) for name, one in sliders.items()}
-    if session.controller.sliders:
-        return sliders
-    for kind in ACTUATOR_KINDS:
-        if kind.always_driven:
-            effort, limits = kind.effort, model.scene.limits
-            lowest, highest = (getattr(limits, f"{end}_{effort.name}", None) for end in ("lowest", "highest"))
-            low, high = 0.0 if lowest is None else lowest, effort.furthest if highest is None else highest
-            values = model.actuators.of(kind, state.actuator_effort).tolist()
-            for name, value in zip(model.actuators.names_of(kind), values, strict=True):
-                sliders[name] = Slider(value, low, high, 0.1, effort.unit, SHOWN_ONLY)
-    return sliders
 
 
 class WebOutput(Output):
