@@ -43,6 +43,7 @@ from taichisoft_outputs.drawing.painting import (
     ColourScale,
     ForceArrows,
     arrow_colour,
+    as_bytes,
     key_light,
     round_up,
     shade,
@@ -53,7 +54,8 @@ from taichisoft_outputs.drawing.surface_painter import refuse_what_cuts_nothing
 from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.web.page import COLOURS, SceneView
+from taichisoft_outputs.web.page import FLOOR as PLAIN_FLOOR
+from taichisoft_outputs.web.page import SceneView
 from taichisoft_outputs.web.page_messages import PageInstant, PageScene, ShownPoses
 
 FRAMES = (0, 1, 2)
@@ -519,11 +521,11 @@ def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
     added = {call.args[0]: call.kwargs["color"] for call in server.scene.add_mesh_simple.call_args_list}
     backgrounds = [call.args[0].tolist() for call in server.scene.set_background_image.call_args_list]
     if coloured:
-        assert added == {"/finger": FINGER, "/finger.cavity": COLOURS["cavity"], "/cube": CUBE, "/floor": FLOOR}
+        assert added == {"/finger": FINGER, "/finger.cavity": as_bytes(PLAIN["cavity"]), "/cube": CUBE, "/floor": FLOOR}
         assert backgrounds == [[[list(BEHIND)]]]
     else:
         kinds = {"/finger": "soft", "/finger.cavity": "cavity", "/cube": "rigid", "/floor": "floor"}
-        assert added == {name: COLOURS[kind] for name, kind in kinds.items()}
+        assert added == {name: as_bytes((PLAIN | {"floor": PLAIN_FLOOR})[kind]) for name, kind in kinds.items()}
         assert not backgrounds
 
 

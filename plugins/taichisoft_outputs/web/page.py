@@ -20,7 +20,7 @@ from taichisoft.mechanics import ACTUATOR_KINDS, kind_called
 from taichisoft.mesh import split_triangles
 from taichisoft.scene import red_green_blue
 from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera, fit_camera, radius_around_mean
-from taichisoft_outputs.drawing.colouring import body_colours
+from taichisoft_outputs.drawing.colouring import PLAIN, body_colours
 from taichisoft_outputs.drawing.painting import (
     BODY_AXIS,
     LINE,
@@ -225,16 +225,8 @@ ASPECT = 1.3
 BACKWARD = 1.35
 """The camera begins so many times further off than the first instant needs, since everything is going to move [-]."""
 
-COLOURS: dict[str, tuple[int, int, int]] = {
-    "soft": (237, 229, 216),
-    "cavity": (0, 118, 128),
-    "membrane": (204, 163, 102),
-    "fibre": (158, 107, 20),
-    "rigid": (58, 92, 168),
-    "obstacle": (140, 148, 158),
-    "floor": (173, 190, 208),
-}
-"""Red, green and blue by kind, each from 0 to 255, of what has no colour of its own in the scene."""
+FLOOR = (0.68, 0.745, 0.815)
+"""Red, green and blue of a floor without a colour of its own [-]."""
 SILICONE_OPACITY = 0.55
 
 LINE_THICKNESS = 0.013
@@ -393,7 +385,7 @@ class SceneView:
             f"/{name}",
             vertices * LENGTH_UNIT,
             triangles,
-            color=COLOURS[kind] if own is None else as_bytes(own),
+            color=as_bytes((PLAIN | {"floor": FLOOR})[kind] if own is None else own),
             opacity=_opacity(kind),
             cast_shadow=kind in ("soft", "rigid"),
             receive_shadow=kind in ("floor", "obstacle"),
