@@ -35,9 +35,6 @@ def shortcomings(scene: Scene, goal: Goal, metrics: Mapping[str, Any], floor_for
     """What keeps the goal from being reached; each names the figure and its limit.
 
     Args:
-        scene: scene of the run.
-        goal: its goal.
-        metrics: figures of the run.
         floor_force: sum of the forces between object and obstacles at the end [mN].
     """
     gap = scene.contact.contact_distance

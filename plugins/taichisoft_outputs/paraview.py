@@ -175,8 +175,6 @@ def _members(
     """Whether each of `count` items belongs to a group, by "prefix_group".
 
     Args:
-        prefix: beginning of the names.
-        count: number of items of all bodies.
         groups: of each body the number of its first item, and names and items, counted from that, of its groups.
     """
     members: dict[str, np.ndarray] = {}
@@ -196,7 +194,6 @@ def _surfaces(
     """Several surfaces as triangles.
 
     Args:
-        recording: the recording of the surfaces.
         surfaces: surfaces, each with one of the names.
         kind: name of the cell data with the index of the surface's name.
         names: names in the order in which they are numbered.
@@ -260,7 +257,6 @@ def export_vtu(recording: Recording, instants: Iterable[int], folder: Path) -> l
     """Write a .vtu file per instant and grid, and for each grid the .pvd file that ParaView opens.
 
     Args:
-        recording: the recording that has the instants.
         instants: indices in the order of time; an iterator may show progress.
         folder: gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
 

@@ -253,7 +253,6 @@ class RunCurves:
     """Makes the panels of a recording.
 
     Attributes:
-        recording: the recording, which stays open.
         times: times of its frames [s], shape (instant_count,).
         objects: names of the rigid bodies that no frame carries.
         object_columns: their numbers among all rigid bodies.

@@ -75,7 +75,6 @@ def collect(recording: Recording, began: float | None = None) -> ReportContents:
     """Draw the plots of a recording, and look for what lies beside it.
 
     Args:
-        recording: the recording, which stays open.
         began: time at which its run began [s since the epoch], to mark pictures of an earlier run in the same folder;
             None later, since copying a folder changes the times of its files.
     """
@@ -153,7 +152,6 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     """The page as HTML.
 
     Args:
-        contents: what the page shows.
         folder: folder in which the page will lie, for links to what is too large to embed.
     """
     recording, metrics = contents.recording, contents.metrics
@@ -299,7 +297,6 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
     """Write the report of a recording, and return its path.
 
     Args:
-        recording: file of the recording.
         path: file of the report; report.html beside the recording when it is not given.
         began: time at which the run began, see `collect`.
     """

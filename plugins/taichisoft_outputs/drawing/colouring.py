@@ -104,9 +104,6 @@ def body_colours(scene: Scene) -> dict[str, np.ndarray]:
 class Colouring:
     """Gives every surface its colours.
 
-    Args:
-        surfaces: all surfaces that will be drawn.
-
     Attributes:
         scales: what the colours mean.
         values_scale: the scale of the values of soft bodies; None where they have plain colours.

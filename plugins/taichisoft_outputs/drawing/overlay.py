@@ -42,11 +42,7 @@ CAPTION_BODIES = 3
 
 
 class Overlay:
-    """Paints all that a style wants over a picture.
-
-    Args:
-        scales: what the colours of the surfaces mean.
-    """
+    """Paints all that a style wants over a picture."""
 
     def __init__(
         self, recording: Recording, style: Style, instants: Sequence[int], scales: Sequence[ColourScale], radius: float
@@ -173,11 +169,7 @@ def caption_parts(recording: Recording, instant: int) -> list[str]:
 
 
 def paint_caption(picture: Any, parts: list[str], ink: Colour, letters: float) -> None:
-    """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit.
-
-    Args:
-        ink: colour of the letters.
-    """
+    """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit."""
     edge = 0.03 * picture.height
     lines: list[str] = []
     for part in parts:

@@ -86,7 +86,6 @@ def face_alike(areas: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndar
 
     Args:
         areas: a vector along the normal of each triangle, of any length, shape (triangle_count, 3).
-        one, other: indices of triangles, shape (count,).
     """
     units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
     return np.einsum("ij,ij->i", units[one], units[other]) > np.cos(np.radians(CREASE_ANGLE))
@@ -111,13 +110,7 @@ def key_light(scene: Scene) -> np.ndarray:
 
 
 def shade(colours: np.ndarray, normals: np.ndarray, key: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Colours as they appear in the light, shape (count, 3).
-
-    Args:
-        colours: red, green and blue [-], shape (3,) or (count, 3).
-        normals: unit normals, shape (count, 3).
-        key: unit vector to the key light, shape (3,).
-    """
+    """Colours as they appear in the light, shape (count, 3)."""
     # Half of the light reaches around what it falls on, so that no side that is turned away looks flat.
     from_key = (0.5 + 0.5 * normals @ key) ** 1.5
     from_sky = 0.5 + 0.5 * normals @ up
@@ -183,11 +176,7 @@ def line_tubes(recording: Recording, first_frame: int) -> list[LineTube]:
 
 
 def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
-    """Vertices of a tube with beads around a polyline [mm], shape (vertex_count, 3).
-
-    Args:
-        points: points of the line [mm], shape (point_count, 3).
-    """
+    """Vertices of a tube with beads around a polyline [mm], shape (vertex_count, 3)."""
     along = np.diff(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
     # Any direction across: faces are too many and too small for anybody to see where the first of them is.
@@ -333,11 +322,7 @@ Colour = tuple[float, float, float]
 
 
 def paint_polygon(picture: Any, corners: Sequence[Sequence[float]] | np.ndarray, colour: Colour) -> None:
-    """Paint a filled polygon with smooth edges.
-
-    Args:
-        corners: pixels to the right of the left edge and below the upper edge, shape (count, 2).
-    """
+    """Paint a filled polygon with smooth edges."""
     from PIL import Image, ImageDraw
 
     corners = np.asarray(corners, dtype=float)
@@ -356,11 +341,7 @@ def paint_arrow(picture: Any, tail: np.ndarray, tip: np.ndarray, width: float, c
 
 
 def arrow_outline(tail: np.ndarray, tip: np.ndarray, width: float) -> np.ndarray:
-    """Corners of an arrow [pixels], shape (7, 2); one shorter than its head is all head, and narrower.
-
-    Args:
-        tail, tip: where the arrow begins and ends [pixels], shape (2,).
-    """
+    """Corners of an arrow [pixels], shape (7, 2); one shorter than its head is all head, and narrower."""
     length = max(float(np.linalg.norm(tip - tail)), 1e-9)
     along = (tip - tail) / length
     across = np.array([-along[1], along[0]])
@@ -394,8 +375,6 @@ def paint_text(picture: Any, place: tuple[float, float], text: str, height: floa
     """Write text into a picture.
 
     Args:
-        place: place of the anchor [pixels].
-        height: height of the letters [pixels].
         anchor: Pillow's two letters for the anchor: "la" left and top, "mm" the middle, "ls" left on the line.
     """
     from PIL import ImageDraw

@@ -55,10 +55,6 @@ class SurfacePainter:
     """Paints surfaces that deform; a process can have only one.
 
     Args:
-        triangles: vertex indices of all surfaces by their names, outward, (triangle_count, 3).
-        translucent: names of the surfaces that can be seen through.
-        opacity: opacity of the translucent surfaces [-].
-        key: unit vector to the key light, shape (3,).
         unlit: names of the surfaces whose colours stand for numbers, which get no light, and whether they get lines
             along their edges.
         scale: the colours of surfaces that have values.
@@ -100,10 +96,8 @@ class SurfacePainter:
         """The picture with all surfaces over it.
 
         Args:
-            picture: the background, shape (height, width, 3), dtype uint8.
             colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3); or
                 values of `scale` at the corners of its triangles, (3 * triangle_count, 1).
-            section: what is cut open; None for nothing.
         """
         for name, where in vertices.items():
             self._put(name, camera, where, colours[name], section)
@@ -174,7 +168,6 @@ class SurfacePainter:
         """Depth [mm], infinite where nothing is, and the number of what is seen, -1 for nothing, (height, width) both.
 
         Args:
-            vertices: vertices [mm] of the surfaces, by name.
             numbers: number of each surface that counts, from 0 to 253, by name.
         """
         for name, number in numbers.items():
@@ -231,9 +224,6 @@ def depth_layers(bodies: Sequence[np.ndarray], camera: PictureCamera, size: tupl
     """Indices of bodies from the farthest layer to the nearest; in no layer does one stand before another.
 
     Two bodies may share a layer where their rectangles in the picture do not touch, so mostly few layers are needed.
-
-    Args:
-        bodies: vertices [mm] of each body, shape (vertex_count, 3).
     """
     rectangles, distances = [], []
     for vertices in bodies:
@@ -260,9 +250,7 @@ def lay_over(below: np.ndarray, layer: np.ndarray, opacity: float) -> np.ndarray
     """A picture with a layer over it, where that shows something.
 
     Args:
-        below: picture of all that is behind the layer, shape (height, width, 3), dtype uint8.
         layer: picture of the layer, EMPTY where there is nothing in it.
-        opacity: opacity of the layer [-].
     """
     from PIL import Image
 
@@ -285,11 +273,7 @@ def lay_over(below: np.ndarray, layer: np.ndarray, opacity: float) -> np.ndarray
 
 
 def refuse_what_cuts_nothing(section: str, points: np.ndarray) -> None:
-    """Check that a plane, "y=0", has something on both sides.
-
-    Args:
-        section: the plane in words.
-    """
+    """Check that a plane, "y=0", has something on both sides."""
     height = SectionPlane.parse(section).height(points)
     if not height.min() < 0.0 < height.max():
         lower, upper = (np.round(end(points, axis=0), 1).tolist() for end in (np.min, np.max))

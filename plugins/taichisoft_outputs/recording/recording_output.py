@@ -111,7 +111,6 @@ class RowMaker:
         """The rows of a frame by the paths of `layout.QUANTITIES`: one of `steps`, any number of the other groups.
 
         Args:
-            frame: the frame.
             has_state: whether a run can go on from it without the steps before.
         """
         solver, state, actuators = frame.solver, frame.state, self._model.actuators

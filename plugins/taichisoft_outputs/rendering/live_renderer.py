@@ -108,7 +108,6 @@ class LiveRenderer(Renderer):
         """Nothing is started before the first picture.
 
         Args:
-            model: model whose states are drawn.
             size: width and height [pixels].
             camera: a view of `Style`, or the points of eye and target [mm].
         """

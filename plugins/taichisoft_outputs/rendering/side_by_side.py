@@ -26,9 +26,7 @@ def pictures_side_by_side(
     """Draw pictures `folder/NAME.png` in which the recordings stand beside each other.
 
     Args:
-        recordings: paths of the recordings.
         times: times since the last start [s] by the name of the picture; a run that ends earlier shows its end.
-        folder: folder of the pictures, which is made when it does not exist.
         style: how they are drawn; its size is that of the whole picture.
     """
     ends = {path: _end(path) for path in recordings}
@@ -60,12 +58,8 @@ def video_side_by_side(
     """Draw a video in which the recordings stand beside each other; a run that ends earlier stays at its end.
 
     Args:
-        recordings: paths of the recordings.
         file, fps, slow_motion, on_picture: as of `render_video`.
         style: how they are drawn; its size is that of the whole picture.
-
-    Returns:
-        The number of pictures.
     """
     styles, bars = _shared(recordings, style, lambda one: np.unique(shown_instants(one, fps * slow_motion)).tolist())
     with TemporaryDirectory(prefix="taichisoft-side-by-side-") as room:

@@ -135,8 +135,6 @@ def draw_frames(
     """Draw instants one after the other; a process that hangs or crashes is replaced once, and the new one goes on.
 
     Args:
-        recording: path of the recording.
-        style: how they are drawn.
         instants: indices without repetitions.
         take: is called with each image, shape (height, width, 3), dtype uint8.
         stop_if_asked: is called at least every tenth of a second, and may raise.
@@ -226,8 +224,6 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddPic
 
     Args:
         path: "NAME.mp4", "NAME.gif", or a folder that gets `frame_00000.png` and so on.
-        size: width and height of the pictures [pixels].
-        fps: frames per second.
     """
     check_video(path, fps)
     with named_os_errors(path, RenderError):

@@ -486,8 +486,6 @@ class Page:
     Attributes:
         server: server of viser, to which controls can be added.
         port: port at which it listens.
-        view: the scene.
-        curves: the plots.
     """
 
     def __init__(self, host: str, port: int, token: str, content: PageScene, first: PageInstant):

@@ -30,10 +30,7 @@ class PageScene:
     """What stays the same while a page shows one instant after the other.
 
     Attributes:
-        scene: the scene that was or is simulated.
         surfaces: everything with triangles.
-        planes: infinite obstacles.
-        actuators: names of the actuators.
         axes: by name, the axes of bodies that are shown.
     """
 

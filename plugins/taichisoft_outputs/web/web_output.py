@@ -184,7 +184,6 @@ class WebOutput(Output):
         """Find a place for the page.
 
         Args:
-            folder: folder of the run; nothing is written there.
             address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
         """
         require("a web page", "viser", install=extra("web"))
