@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.base import require
-from taichisoft.control import FIGURES, Figure, text_of
+from taichisoft.control import BASE, FIGURES, PAIRS, Figure, text_of
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
-from taichisoft_outputs.recording.layout import OF_PAIRS
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
 from taichisoft_outputs.run_figures import last_at_rest
 
@@ -297,12 +296,18 @@ class RunCurves:
         return Panel(TIME_AXIS, y_axis, curves)
 
 
-def _of_actuators(figure: Figure, run: RunCurves) -> Panel:
-    """A figure of all actuators of a kind, such as the pressures of the cavities."""
-    assert figure.per.kind is not None
-    names = run.recording.actuators.names_of(figure.per.kind)
-    values = figure.factor * run.recording.column(figure.name)
-    return run.over_time(figure.drawn, values, names, [name.partition(".")[0] for name in names])
+def _of_figure(figure: Figure, run: RunCurves) -> Panel:
+    """A figure of all actuators of a kind, of the pairs that ever touched, of the base, or amounts of frames' vectors."""
+    names, values = run.recording.figure(figure, np.arange(len(run.times)))
+    if figure.per is BASE:
+        return run.over_time(figure.drawn, values[:, 0], figure.axes, [""] * 3)
+    if figure.axes:
+        return run.over_time(figure.drawn, np.linalg.norm(values, axis=2), names, [""] * len(names))
+    if figure.per is PAIRS:
+        touching = np.flatnonzero(values.any(axis=0))
+        names, values = [names[index] for index in touching], values[:, touching]
+        return run.over_time(figure.drawn, values, [*map(text_of, names)], [first for first, _ in names])
+    return run.over_time(figure.drawn, figure.factor * values, names, [name.partition(".")[0] for name in names])
 
 
 def _over_tips(run: RunCurves, y_axis: str, values: np.ndarray) -> Panel:
@@ -390,26 +395,6 @@ def _tips_above(run: RunCurves) -> Panel:
     return _paths(run, first, along, second, across)
 
 
-def _of_pairs(figure: Figure, run: RunCurves) -> Panel:
-    """A figure of the pairs of bodies that ever touched."""
-    values = run.recording.column(figure.name)
-    touching = np.flatnonzero(values.any(axis=0))
-    pairs = [run.recording.pairs[index] for index in touching]
-    return run.over_time(figure.drawn, values[:, touching], [*map(text_of, pairs)], [first for first, _ in pairs])
-
-
-def _wrench(row: int, y_axis: str, run: RunCurves) -> Panel:
-    """Components of the force on the base, or of the torque, in world axes."""
-    return run.over_time(y_axis, run.recording.column("frame_wrench")[:, 0, row], ["x", "y", "z"], ["", "", ""])
-
-
-def frame_force(run: RunCurves) -> Panel:
-    """Amounts of the forces on the frames beside the base."""
-    names = run.recording.frames.names[1:]
-    forces = np.linalg.norm(run.recording.column("frame_wrench")[:, 1:, 0], axis=2)
-    return run.over_time("force on a frame [mN]", forces, names, [""] * len(names))
-
-
 def step_time(run: RunCurves) -> Panel:
     """Time that each step took to compute, beside the time that it simulated."""
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
@@ -427,13 +412,18 @@ def _signal(column: int, run: RunCurves) -> Panel:
 
 
 def panel_name(figure: Figure) -> str:
-    """The name of the panel of a figure of actuators or pairs."""
+    """The name of the panel of a figure."""
     other = {"peak_pressure": "contact-pressure"}
     return figure.name if figure.per.kind else other.get(figure.name, figure.name.replace("_", "-"))
 
 
+def _panels(is_one: Callable[[Figure], Any]) -> dict[str, Callable[[RunCurves], Panel]]:
+    chosen = [figure for figure in FIGURES if figure.drawn and is_one(figure)]
+    return {panel_name(figure): partial(_of_figure, figure) for figure in chosen}
+
+
 PANELS: dict[str, Callable[[RunCurves], Panel]] = {
-    **{panel_name(figure): partial(_of_actuators, figure) for figure in FIGURES if figure.per.kind and figure.drawn},
+    **_panels(lambda figure: figure.per.kind),
     "bending": bending,
     "tip-x": partial(_tip, 0),
     "tip-y": partial(_tip, 1),
@@ -442,11 +432,9 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "height": height,
     "tips-side": _tips_side,
     "tips-above": _tips_above,
-    **{panel_name(figure): partial(_of_pairs, figure) for figure in OF_PAIRS if figure.drawn},
+    **_panels(lambda figure: figure.per is PAIRS),
     "slip": slip,
-    "base-force": partial(_wrench, 0, "force on the base [mN]"),
-    "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),
-    "frame-force": frame_force,
+    **_panels(lambda figure: figure.axes),
     "step-time": step_time,
 }
 """The functions that make the panels, by name."""

@@ -141,9 +141,10 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
 
 def snapshot(session: "Session", state: "State", observer: Observer | None = None) -> Snapshot:
     """A run as it is now, in one of its states, seen by an observer of its model if there is one already."""
-    model, efforts = session.simulation.model, state.actuator_effort.tolist()
+    model = session.simulation.model
     seen, report = (observer or Observer(model)).truth(state), session.simulation.report
-    by_pair = {figure.name: figure.values(seen) for figure in ON_PAGE}
+    values = {figure.name: figure.values(seen) for figure in ON_PAGE}
+    figures = {name: (list(of), np.array([*of.values()])) for name, of in values.items()}
     lines = {kind.name: _lines(model, kind, state) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
     return Snapshot(
         PageInstant(
@@ -152,7 +153,7 @@ def snapshot(session: "Session", state: "State", observer: Observer | None = Non
             lines,
             state.contact_point,
             state.contact_impulse / model.scene.time.step,
-            plotted_row(model.scene, efforts, by_pair, state.frame_wrench[0], state.rigid_position),
+            plotted_row(model.scene, state.actuator_effort, figures, state.rigid_position),
             dict(report.signals) if report is not None else {},
         ),
         sliders={} if session.replaying else dict(session.sliders),
