@@ -297,7 +297,7 @@ class RunCurves:
 
 
 def _of_figure(figure: Figure, run: RunCurves) -> Panel:
-    """A figure of all actuators of a kind, of the pairs that ever touched, of the base, or amounts of frames' vectors."""
+    """A figure of the actuators of a kind, of pairs that ever touched, of the base, or the amount of that of frames."""
     names, values = run.recording.figure(figure, np.arange(len(run.times)))
     if figure.per is BASE:
         return run.over_time(figure.drawn, values[:, 0], figure.axes, [""] * 3)
@@ -305,7 +305,7 @@ def _of_figure(figure: Figure, run: RunCurves) -> Panel:
         return run.over_time(figure.drawn, np.linalg.norm(values, axis=2), names, [""] * len(names))
     if figure.per is PAIRS:
         touching = np.flatnonzero(values.any(axis=0))
-        names, values = [names[index] for index in touching], values[:, touching]
+        names, values = [names[index] for index in touching.tolist()], values[:, touching]
         return run.over_time(figure.drawn, values, [*map(text_of, names)], [first for first, _ in names])
     return run.over_time(figure.drawn, figure.factor * values, names, [name.partition(".")[0] for name in names])
 

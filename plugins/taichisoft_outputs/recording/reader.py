@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.control import BASE, PAIRS, Figure, Pair
+from taichisoft.control import BASE, Figure, Pair
 from taichisoft.mechanics import (
     ACTUATOR_KINDS,
     CABLES,
@@ -253,10 +253,10 @@ class Recording:
         """
         if figure.name in WRENCHES:
             frames, part = WRENCHES[figure.name]
-            names = [""] if figure.per is BASE else self.frames.names[frames]
-            return names, self.read("frame_wrench", instants)[..., frames, part, :]
-        names = self.pairs if figure.per is PAIRS else self.actuators.names_of(figure.per.kind)
-        return names, self.read(figure.name, instants)
+            carriers = [""] if figure.per is BASE else self.frames.names[frames]
+            return carriers, self.read("frame_wrench", instants)[..., frames, part, :]
+        kind = figure.per.kind
+        return self.pairs if kind is None else self.actuators.names_of(kind), self.read(figure.name, instants)
 
     def read(self, name: str, instants: Any) -> np.ndarray:
         """One quantity in an instant, or in an array of them."""
