@@ -25,32 +25,30 @@ from taichisoft.scene.scene import Appearance
 from taichisoft_outputs import Recording, Style, read_recording, render_pictures
 from taichisoft_outputs.drawing.camera import fit_camera, scene_axes
 from taichisoft_outputs.drawing.colouring import (
+    AIR,
     PLAIN,
+    SOFT,
     Colouring,
+    ColourScale,
     at_corners,
     body_colours,
     displacement,
+    round_up,
     strain,
     stress,
-    with_visual_surfaces,
 )
-from taichisoft_outputs.drawing.overlay import caption_parts, paint_caption
-from taichisoft_outputs.drawing.painting import (
-    AIR,
+from taichisoft_outputs.drawing.overlay import (
     FORCE_COLOURS,
     ON_DARK,
-    SOFT,
-    ColourScale,
     ForceArrows,
     arrow_colour,
     as_bytes,
-    key_light,
-    round_up,
-    shade,
+    caption_parts,
+    paint_caption,
 )
 from taichisoft_outputs.drawing.stage import Floor
 from taichisoft_outputs.drawing.style import BACKGROUND, StyleError
-from taichisoft_outputs.drawing.surface_painter import refuse_what_cuts_nothing
+from taichisoft_outputs.drawing.surface_painter import key_light, refuse_what_cuts_nothing, shade, with_visual_surfaces
 from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput

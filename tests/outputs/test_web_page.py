@@ -15,7 +15,7 @@ from taichisoft import Control, Scene, Session, Simulation
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs import RecordingError, read_recording
 from taichisoft_outputs.drawing.overlay import caption_parts
-from taichisoft_outputs.drawing.painting import split_creases
+from taichisoft_outputs.drawing.surface_painter import split_creases
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.curves import MOST_POINTS, WINDOW, History, plotted_row

@@ -6,65 +6,99 @@ bar that explains them.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Stretches, embed, soft_surface
-from taichisoft.mesh import MappedSurface, linear_parts, read_surface
+from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Stretches
 from taichisoft.scene import red_green_blue
-from taichisoft_outputs.drawing.painting import (
-    LINE,
-    SOFT,
-    ColourScale,
-    LineTube,
-    effort_scale,
-    round_up,
-    sample_instants,
-)
-from taichisoft_outputs.drawing.style import Style, StyleError
-from taichisoft_outputs.recording.bodies import RecordedSoftBody, RecordedSurface
+from taichisoft_outputs.drawing.style import Style
+from taichisoft_outputs.drawing.surface_painter import LineTube
+from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.reader import Recording
 from taichisoft_outputs.stress import nodal_mean, recorded_stress, von_mises
 
-# A finer surface in place of a soft body's own: it is mapped onto the elements and moves with them.
+# Scales that hold for all instants that are drawn: colours for numbers, round ends, instants to look at.
+
+SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13, 0.30), (0.33, 0.06, 0.32))
+"""Colours from silicone's own over yellow and red to violet: brightness falls all the way."""
+
+AIR = ((0.60, 0.70, 0.72), (0.24, 0.66, 0.62), (0.02, 0.50, 0.38), (0.00, 0.27, 0.22))
+"""Colours from grey to dark green: none of them is among the colours of the silicone around the air."""
+
+LINE = ((0.42, 0.43, 0.46), (0.62, 0.25, 0.55), (0.72, 0.02, 0.50), (0.36, 0.00, 0.32))
+"""Colours from grey over magenta to purple, which neither silicone nor air has."""
 
 
-def with_visual_surfaces(recording: Recording, path: Path | None) -> list[RecordedSurface]:
-    """The surfaces of a recording; a file replaces the surfaces of soft bodies.
+STEPS = (1.0, 1.2, 1.5, 1.8, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
-    Args:
-        path: file of a surface in the coordinates of the bodies' mesh files [mm]; None leaves all as they are.
+
+@dataclass(frozen=True)
+class ColourScale:
+    """Colours that run linearly from the lowest to the highest value.
+
+    Attributes:
+        title: what the values are, with their unit.
+        low, high: values of the first and the last colour; `low` < `high`.
+        steps: red, green and blue [-] of evenly spaced values.
+        highest: the highest value that is shown; above `high` it has the colour of that, and the bar says so.
     """
-    if path is None:
-        return list(recording.surfaces)
-    vertices, triangles = read_surface(path)
-    mapped: dict[bytes, MappedSurface] = {}  # often several bodies have one mesh
-    surfaces = {}
-    for body in recording.soft_bodies:
-        mesh = body.mesh_nodes.tobytes()
-        if mesh not in mapped:
-            mapped[mesh] = _map(vertices, triangles, body, path)
-        surfaces[body.name] = recording.follow(soft_surface(body.name, "soft", mapped[mesh], body.nodes))
-    return [surfaces[surface.name] if surface.kind == "soft" else surface for surface in recording.surfaces]
+
+    title: str
+    low: float
+    high: float
+    steps: Sequence[tuple[float, float, float]]
+    highest: float = -np.inf
+
+    @property
+    def stops(self) -> np.ndarray:
+        """The values between which colours run linearly, shape (step_count,)."""
+        return np.linspace(self.low, self.high, len(self.steps))
+
+    @property
+    def top(self) -> str:
+        """The number at the high end, and the highest value where its colour stands for all up to that."""
+        return f"{self.high:g}" + (f" to {self.highest:.3g}" if self.highest > self.high * (1 + 1e-9) else "")
+
+    def colours(self, values: np.ndarray) -> np.ndarray:
+        """Red, green and blue [-], shape (count, 3), of values (count,); values outside get the colour of the end."""
+        return np.stack([np.interp(values, self.stops, part) for part in np.array(self.steps).T], axis=1)
 
 
-def _map(vertices: np.ndarray, triangles: np.ndarray, body: RecordedSoftBody, path: Path) -> MappedSurface:
-    from scipy.spatial import cKDTree
+def round_up(value: float) -> float:
+    """The next of STEPS times a power of ten, for the high end of a scale: no more than a quarter above the value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    step = next(step for step in STEPS if value <= step * power * (1 + 1e-9))
+    return float(f"{step * power:.6g}")  # the decimal number, not 0.7000000000000001
 
-    corners = body.mesh_nodes[body.elements[:, :4]]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-    distance, _ = cKDTree(body.mesh_nodes).query(vertices)
-    outside = int(np.count_nonzero(distance > longest))
-    if outside:
-        raise StyleError(
-            f"{path}: {outside} of {len(vertices)} vertices lie further from the mesh of '{body.name}' than an element "
-            "is long; a surface must be in the coordinates of the body's mesh file, in mm"
-        )
-    return MappedSurface(*embed(vertices, body.mesh_nodes, linear_parts(body.elements)), triangles)
 
+def scale_of(title: str, values: np.ndarray, steps: Sequence[tuple[float, float, float]]) -> ColourScale | None:
+    """A scale from the lowest to the highest of the values, and zero, with round ends; None where all are zero."""
+    lowest, highest = np.min(values, initial=0.0), np.max(values, initial=0.0)
+    if highest == lowest:
+        return None
+    ends = [round_up(abs(end)) * np.sign(end) if end else 0.0 for end in (lowest, highest)]
+    return ColourScale(title, float(ends[0]), float(ends[1]), steps)
+
+
+def effort_scale(kind: ActuatorKind, values: np.ndarray) -> ColourScale | None:
+    """A scale for efforts of a kind of actuators, such as pressures."""
+    return scale_of(f"{kind.effort.words} [{kind.effort.unit}]", values, AIR if kind.drawn == "walls" else LINE)
+
+
+def round_down(value: float) -> float:
+    """The last of 1, 2, 5 and 10 times a power of ten, for a value that a scale shows."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-9)))
+
+
+def sample_instants(instants: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the instants, evenly spaced from the first to the last."""
+    return [instants[index] for index in np.unique(np.linspace(0, len(instants) - 1, count).astype(int))]
+
+
+# The colours of surfaces.
 
 PLAIN = {
     "soft": (0.96, 0.93, 0.88),

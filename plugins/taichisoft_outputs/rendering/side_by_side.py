@@ -9,10 +9,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera, outermost_points, radius_around_mean
-from taichisoft_outputs.drawing.colouring import Colouring, merged_ranges, with_ranges, with_visual_surfaces
-from taichisoft_outputs.drawing.overlay import colour_bars_width, letters_of, paint_colour_bars
-from taichisoft_outputs.drawing.painting import Colour, ColourScale, ForceArrows, as_bytes, sample_instants, text_colour
+from taichisoft_outputs.drawing.colouring import Colouring, ColourScale, merged_ranges, sample_instants, with_ranges
+from taichisoft_outputs.drawing.overlay import (
+    Colour,
+    ForceArrows,
+    as_bytes,
+    colour_bars_width,
+    letters_of,
+    paint_colour_bars,
+    text_colour,
+)
 from taichisoft_outputs.drawing.style import SMALLEST, Style, StyleError
+from taichisoft_outputs.drawing.surface_painter import with_visual_surfaces
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.rendering.video import open_video, render_pictures, render_video, shown_instants, write_png
 

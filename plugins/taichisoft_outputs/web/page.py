@@ -20,20 +20,11 @@ from taichisoft.mechanics import ACTUATOR_KINDS, kind_called
 from taichisoft.mesh import split_triangles
 from taichisoft.scene import red_green_blue
 from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera, fit_camera, radius_around_mean
-from taichisoft_outputs.drawing.colouring import PLAIN, body_colours
-from taichisoft_outputs.drawing.painting import (
-    BODY_AXIS,
-    LINE,
-    ColourScale,
-    arrow_colour,
-    as_bytes,
-    effort_scale,
-    key_light,
-    split_creases,
-)
+from taichisoft_outputs.drawing.colouring import LINE, PLAIN, ColourScale, body_colours, effort_scale
+from taichisoft_outputs.drawing.overlay import BODY_AXIS, arrow_colour, as_bytes
 from taichisoft_outputs.drawing.stage import square_of_plane
 from taichisoft_outputs.drawing.style import BACKGROUND
-from taichisoft_outputs.drawing.surface_painter import Section
+from taichisoft_outputs.drawing.surface_painter import Section, key_light, split_creases
 from taichisoft_outputs.html_template import render
 from taichisoft_outputs.web.address import WebError
 from taichisoft_outputs.web.curves import Curves

@@ -9,7 +9,8 @@ import numpy as np
 from taichisoft.errors import MeshError
 from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.mesh import SectionPlane
-from taichisoft_outputs.drawing.painting import SAMPLES, sample_instants
+from taichisoft_outputs.drawing.colouring import sample_instants
+from taichisoft_outputs.drawing.overlay import SAMPLES
 from taichisoft_outputs.drawing.surface_painter import cut_open
 from taichisoft_outputs.recording.layout import UNFINISHED
 from taichisoft_outputs.recording.reader import Recording, read_recording
