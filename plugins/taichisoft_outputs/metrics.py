@@ -290,7 +290,6 @@ class MetricsOutput(Output):
         }
 
     def _words(self, reached: bool | None, doubt: str, outcome: str) -> str:
-        """The verdict on the goal in words."""
         if outcome not in ENDED_BY_USER:
             return "no" if not reached else f"yes, but doubtful: {doubt}" if doubt else "yes"
         ended = f"{outcome} at {self.metrics.get('simulated_time_s', 0.0):g} s"
@@ -359,7 +358,6 @@ class MetricsOutput(Output):
         return sum(force for pair, force in report.observation.truth.normal_forces.items() if set(pair) in pairs)
 
     def _shortcomings(self) -> list[str]:
-        """What keeps the goal from being reached."""
         assert self._scene.goal is not None and self._figures.last is not None
         floor_force = self._normal_force(self._figures.last, self._scene.obstacles)
         missed = shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)
@@ -375,7 +373,6 @@ class MetricsOutput(Output):
         return max((one for name, one in pressed if self._scene.goal.object in name.split("|")), default=(0.0, 0.0))
 
     def _pressed(self) -> str:
-        """The words for the highest pressure on the goal's object."""
         highest, error = self._hardest_press()
         return (
             f"pressed with up to {highest:.3g} +- {error:.2g} kPa" if error else f"pressed with up to {highest:.3g} kPa"
@@ -383,13 +380,11 @@ class MetricsOutput(Output):
 
 
 def _sum_of(metrics: Mapping[str, Any]) -> str:
-    """The mean normal force, and that of each finger."""
     parts = ", ".join(f"{name} {force:.1f}" for name, force in metrics["mean_normal_forces_mN"].items())
     return f"{metrics['mean_normal_force_mN']:.1f} mN ({parts})"
 
 
 def _last(figure: Figure, seen: "Observation") -> dict[str, Any]:
-    """The values of a figure in an observation, for JSON."""
     values = figure.values(seen)
     return {text_of(name): np.asarray(figure.value(values, name)).tolist() for name in values}
 

@@ -235,7 +235,6 @@ def _contacts(points: np.ndarray, forces: np.ndarray) -> "Mesh":
 
 
 def _named(figure: Any) -> str:
-    """The name of a quantity of an actuator, with its unit."""
     return f"{figure.name} [{figure.unit}]"
 
 

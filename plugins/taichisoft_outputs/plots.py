@@ -206,7 +206,6 @@ def _make_logarithmic(axes: "Axes") -> None:
 
 
 def _add_legend(axes: "Axes") -> None:
-    """Put the legend above the axes, where it hides nothing."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
         columns = max(1, min(len(labels), LEGEND_CHARACTERS // (max(map(len, labels)) + 6)))
@@ -242,17 +241,17 @@ def _equal(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 TIME_AXIS = "time [s]"
-STRETCH_FRAMES = 100
-"""Most frames of a long run whose elements are looked at, evenly spaced."""
-TIP_FRAMES = 600
-"""Most frames of a long run whose fingertips are looked at, evenly spaced: each takes reading all positions."""
+STRETCH_INSTANTS = 100
+"""Most instants of a long run whose elements are looked at, evenly spaced."""
+TIP_INSTANTS = 600
+"""Most instants of a long run whose fingertips are looked at, evenly spaced: each takes reading all positions."""
 
 
 class RunCurves:
     """Makes the panels of a recording.
 
     Attributes:
-        times: times of its frames [s], shape (instant_count,).
+        times: times of its instants [s], shape (instant_count,).
         objects: names of the rigid bodies that no frame carries.
         object_columns: their numbers among all rigid bodies.
     """
@@ -266,15 +265,15 @@ class RunCurves:
 
     @cached_property
     def tips(self) -> tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]:
-        """Tips of the fingers in up to TIP_FRAMES frames, as a controller would have observed them.
+        """Tips of the fingers in up to TIP_INSTANTS instants, as a controller would have observed them.
 
         Names of the fingers, and of shape (count, ...): times [s], positions [mm] of each finger, bending angles [rad].
         """
         observer = recorded_fingertips(self.recording, self.recording.soft_bodies)
-        frames = _evenly_spaced(self.times, TIP_FRAMES)
-        observed = [observer.observe(tip_state(self.recording, frame)) for frame in frames]
+        instants = _evenly_spaced(self.times, TIP_INSTANTS)
+        observed = [observer.observe(tip_state(self.recording, instant)) for instant in instants]
         positions, _, bending_angles = (np.array(values) for values in zip(*observed, strict=True))
-        return observer.names, self.times[frames], positions, bending_angles
+        return observer.names, self.times[instants], positions, bending_angles
 
     @cached_property
     def sideways(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
@@ -311,7 +310,6 @@ def _of_figure(figure: Figure, run: RunCurves) -> Panel:
 
 
 def _over_tips(run: RunCurves, y_axis: str, values: np.ndarray) -> Panel:
-    """A panel of values of the tips, shape (count, finger_count)."""
     names, times, _, _ = run.tips
     curves = [PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, values.T, strict=True)]
     return Panel(TIME_AXIS, y_axis, curves)
@@ -350,14 +348,14 @@ def _clock(time: np.ndarray) -> np.ndarray:
 
 
 def stretch(run: RunCurves) -> Panel:
-    """Largest principal stretches of the soft bodies, in up to STRETCH_FRAMES frames."""
-    frames = _evenly_spaced(run.times, STRETCH_FRAMES)
-    rows = [run.recording.row("position", int(frame)) for frame in frames]
+    """Largest principal stretches of the soft bodies, in up to STRETCH_INSTANTS instants."""
+    instants = _evenly_spaced(run.times, STRETCH_INSTANTS)
+    rows = [run.recording.row("position", int(instant)) for instant in instants]
     curves = []
     for body in run.recording.soft_bodies:
         stretches = Stretches(body.rest_position, body.elements)
         largest = np.array([stretches.largest(row[body.nodes]).max() for row in rows])
-        curves.append(PlotCurve(body.name, body.name, run.times[frames], largest, run.times[frames]))
+        curves.append(PlotCurve(body.name, body.name, run.times[instants], largest, run.times[instants]))
     return Panel(TIME_AXIS, "largest stretch [-]", curves)
 
 
@@ -462,7 +460,7 @@ def expected(name: str, recording: Recording) -> bool:
 
 
 def _evenly_spaced(times: np.ndarray, count: int) -> np.ndarray:
-    """Indices of at most `count` frames from the first to the last."""
+    """Indices of at most `count` instants from the first to the last."""
     return np.unique(np.linspace(0, len(times) - 1, count).astype(int))
 
 
@@ -549,7 +547,6 @@ def draw_plots(
 
 
 def _with_something_in_it(panel: Panel) -> Panel:
-    """The panel without curves that have no finite value."""
     return replace(panel, curves=[curve for curve in panel.curves if np.isfinite(curve.y).any()])
 
 

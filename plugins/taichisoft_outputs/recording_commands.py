@@ -351,7 +351,6 @@ def resume(
 
 
 def _new_folder(recording: "Recording", instant: int) -> Path:
-    """A folder beside the recording's, with the time in its name."""
     folder = recording.path.resolve().parent
     return folder.with_name(f"{folder.name}-from-{recording.row('time', instant):.2f}s")
 

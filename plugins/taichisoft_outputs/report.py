@@ -188,7 +188,6 @@ def _pills(outcome: str, metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _status(recording: Recording) -> str:
-    """How long the run took, and how often it was restarted."""
     times = recording.times
     restarts = int((times[1:] < times[:-1]).sum())
     texts = [f"{times[-1]:g} s simulated"]
@@ -199,7 +198,6 @@ def _status(recording: Recording) -> str:
 
 
 def _headlines(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Words, value and unit of each headline metric."""
     for name in HEADLINES:
         if isinstance(metrics.get(name), int | float):
             words, unit, factor = _words(name)

@@ -107,7 +107,7 @@ def add_pressure(shape: np.ndarray, volume: np.ndarray) -> np.ndarray:
 
 
 class DomainStress:
-    """The stress of a body of smoothed or quadratic elements, in many frames."""
+    """The stress of a body of smoothed or quadratic elements, in many instants."""
 
     def __init__(
         self,
@@ -155,7 +155,7 @@ class DomainStress:
 
 
 class StressLaw:
-    """The stress of a body of linear tetrahedra, in many frames."""
+    """The stress of a body of linear tetrahedra, in many instants."""
 
     def __init__(
         self,
@@ -197,11 +197,11 @@ class StressLaw:
 
 
 def recorded_stress(recording: "Recording") -> Callable[[int], list[np.ndarray]]:
-    """Gives the stresses [kPa] of the `tetrahedra` of each soft body in a frame, each of shape (count, 3, 3)."""
+    """Gives the stresses [kPa] of the `tetrahedra` of each soft body in an instant, each of shape (count, 3, 3)."""
     bodies = [(body, _body_stress(recording, body)) for body in recording.soft_bodies]
 
-    def stresses(frame: int) -> list[np.ndarray]:
-        position, young_modulus = recording.row("position", frame), recording.row("young_modulus", frame)
+    def stresses(instant: int) -> list[np.ndarray]:
+        position, young_modulus = recording.row("position", instant), recording.row("young_modulus", instant)
         return [law.stress(position[body.nodes], young_modulus[body.material]) for body, law in bodies]
 
     return stresses

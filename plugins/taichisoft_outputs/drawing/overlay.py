@@ -337,7 +337,6 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, 
 
 
 def _title_lines(scale: ColourScale) -> list[str]:
-    """Words, and the unit under them."""
     words, _, unit = scale.title.rpartition(" ")
     return [words, unit]
 

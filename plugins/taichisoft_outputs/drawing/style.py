@@ -33,12 +33,12 @@ class StyleError(TaichisoftError):
 
 @dataclass(frozen=True)
 class Style:
-    """How frames are drawn.
+    """How instants are drawn.
 
     Attributes:
         size: width and height [pixels].
-        view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, over all
-            frames), or "follow:BODY" (from iso, near that body or the tip of a finger, "follow:finger.tip", and moving
+        view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, in all),
+            or "follow:BODY" (from iso, near that body or the tip of a finger, "follow:finger.tip", and moving
             with it); None for the scene's own camera, or iso.
         eye: position of the camera [mm], which takes the place of `view`.
         target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.

@@ -133,7 +133,6 @@ class LiveRenderer(Renderer):
         return CameraFrame(colour, depth, segmentation, intrinsics, camera.axes * [[1.0], [-1.0], [-1.0]], view.eye)
 
     def _drawn(self, state: "State", marks: np.ndarray, camera: PictureCamera | None) -> Any:
-        """What the process answers, see `draw_states`."""
         problem = ""
         if self._process is not None and self._process.drawn == PICTURES_PER_PROCESS:
             self.close()

@@ -295,7 +295,6 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
 
 @contextmanager
 def _frame_folder(path: Path) -> Iterator[AddPicture]:
-    """A folder beside `path` that takes its place at the end."""
     partial = partial_path(path)
     numbers = count()
     try:
@@ -311,7 +310,6 @@ def _frame_folder(path: Path) -> Iterator[AddPicture]:
 
 
 def _check_frame_folder(path: Path) -> None:
-    """Refuse to replace anything but an earlier video."""
     if not path.is_dir():
         raise RenderError(f"{path}: is a file; a video ends with .mp4 or .gif, or is a folder for PNG files")
     for entry in path.iterdir():

@@ -155,7 +155,6 @@ class Curves:
 
 
 def _group(content: PageScene, kind: ActuatorKind) -> tuple[str, Sequence[str], int]:
-    """Title, names and number of the columns with the efforts of a kind."""
     names = content.actuators.names_of(kind)
     return f"{kind.effort.words} [{kind.effort.unit}]", names, len(names)
 

@@ -332,7 +332,7 @@ class SceneView:
             self._scales_shown.content = self._scales.html(self._force_colour)
 
     def _show_surface(self, number: int, vertices: np.ndarray, section: Section | None) -> None:
-        """Where it is cut it has other triangles in each frame, and silicone cannot be seen through."""
+        """Where it is cut it has other triangles in each instant, and silicone cannot be seen through."""
         surface, mesh = self._surfaces[number], self._meshes[number]
         if section is not None and surface.name in section.names:
             corners = vertices[surface.triangles]

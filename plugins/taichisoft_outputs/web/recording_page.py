@@ -198,7 +198,6 @@ def instant_of(recording: Recording, number: int) -> PageInstant:
 
 
 def _plotted(recording: Recording, instants: Any) -> np.ndarray:
-    """The row of an instant, or the rows of an array of instants."""
     efforts = [recording.read(kind.effort.name, instants) for kind in ACTUATOR_KINDS]
     figures = {figure.name: recording.figure(figure, instants) for figure in ON_PAGE}
     places = recording.read("rigid_position", instants)

@@ -106,7 +106,6 @@ class PageLink:
         self._worker.send(snapshot(self._session, self.newest, self._observer))
 
     def _take_wishes(self) -> None:
-        """Hand on what viewers want, until the page is gone."""
         try:
             while True:
                 message = self._worker.receive()
