@@ -188,7 +188,8 @@ class Drawer:
         unlit, scale = self._colouring.unlit, self._colouring.values_scale
         self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, scale)
         self._recording = recording
-        self._hide_what_is_under(floors[-1:], points)
+        if floors:
+            self._hide_what_is_under(floors[-1], points)
 
     def measure(self, instant: int, camera: PictureCamera) -> tuple[np.ndarray, np.ndarray]:
         """Depth [mm] and number of the body that each pixel of a camera sees, see `SurfacePainter.measure`.
@@ -245,9 +246,8 @@ class Drawer:
         picture = self._painter.paint(picture, camera, vertices, colours, section)
         return self._overlay.paint(antialias(picture), camera, instant, marks)
 
-    def _hide_what_is_under(self, floors: Sequence[Plane], points: np.ndarray) -> None:
+    def _hide_what_is_under(self, floor: Plane, points: np.ndarray) -> None:
         """Cut off what reaches under a floor, which is painted behind everything; mostly nothing does."""
-        for floor in floors:
-            obstacles = [surface.vertices(0) for surface in self._surfaces if surface.kind == "obstacle"]
-            if any(reaches_under(floor, vertices) for vertices in obstacles):
-                self._painter.hide_behind(floor.name, *square_of_plane(floor, points, [], half=20.0))
+        obstacles = [surface.vertices(0) for surface in self._surfaces if surface.kind == "obstacle"]
+        if any(reaches_under(floor, vertices) for vertices in obstacles):
+            self._painter.hide_behind(floor.name, *square_of_plane(floor, points, [], half=20.0))

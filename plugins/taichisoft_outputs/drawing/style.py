@@ -112,9 +112,9 @@ class Style:
             SectionPlane.parse(self.section)
         if self.background is not None:
             self._set("background", _colour(self.background))
-        for name in ("eye", "target"):
-            if getattr(self, name) is not None:
-                self._set(name, _numbers(name, getattr(self, name), 3))
+        for name, point in (("eye", self.eye), ("target", self.target)):
+            if point is not None:
+                self._set(name, _numbers(name, point, 3))
         if self.eye is None and self.target is not None:
             raise StyleError("target needs an eye: the views look at the middle of the scene")
         if self.eye is not None and self.eye == self.target:
