@@ -36,6 +36,7 @@ from taichisoft_outputs.drawing.colouring import (
     round_up,
     strain,
     stress,
+    with_visual_surfaces,
 )
 from taichisoft_outputs.drawing.overlay import (
     FORCE_COLOURS,
@@ -48,7 +49,7 @@ from taichisoft_outputs.drawing.overlay import (
 )
 from taichisoft_outputs.drawing.stage import Floor
 from taichisoft_outputs.drawing.style import BACKGROUND, StyleError
-from taichisoft_outputs.drawing.surface_painter import key_light, refuse_what_cuts_nothing, shade, with_visual_surfaces
+from taichisoft_outputs.drawing.surface_painter import key_light, refuse_what_cuts_nothing, shade
 from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput

@@ -1,4 +1,4 @@
-"""The colours of the surfaces of a recording in its instants, before light falls on them.
+"""The surfaces of a recording, tubes along lines among them, and their colours before light falls on them.
 
 Bodies have the colours of the scene, or soft bodies show displacement, stress or strain; actuators show their effort:
 cavities the pressure, cables the tension. Colours that stand for numbers get no light, which would move them off the
@@ -7,17 +7,169 @@ bar that explains them.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Stretches
+from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Stretches, embed, soft_surface
+from taichisoft.mesh import MappedSurface, linear_parts, read_surface
 from taichisoft.scene import red_green_blue
-from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.drawing.surface_painter import LineTube
-from taichisoft_outputs.recording.bodies import RecordedSurface
+from taichisoft_outputs.drawing.camera import radius_around_mean
+from taichisoft_outputs.drawing.style import Style, StyleError
+from taichisoft_outputs.recording.bodies import RecordedSoftBody, RecordedSurface
 from taichisoft_outputs.recording.reader import Recording
 from taichisoft_outputs.stress import nodal_mean, recorded_stress, von_mises
+
+# A finer surface in place of a soft body's own: it is mapped onto the elements and moves with them.
+
+
+def with_visual_surfaces(recording: Recording, path: Path | None) -> list[RecordedSurface]:
+    """The surfaces of a recording; a file replaces the surfaces of soft bodies.
+
+    Args:
+        path: file of a surface in the coordinates of the bodies' mesh files [mm]; None leaves all as they are.
+    """
+    if path is None:
+        return list(recording.surfaces)
+    vertices, triangles = read_surface(path)
+    mapped: dict[bytes, MappedSurface] = {}  # often several bodies have one mesh
+    surfaces = {}
+    for body in recording.soft_bodies:
+        mesh = body.mesh_nodes.tobytes()
+        if mesh not in mapped:
+            mapped[mesh] = _map(vertices, triangles, body, path)
+        surfaces[body.name] = recording.follow(soft_surface(body.name, "soft", mapped[mesh], body.nodes))
+    return [surfaces[surface.name] if surface.kind == "soft" else surface for surface in recording.surfaces]
+
+
+def _map(vertices: np.ndarray, triangles: np.ndarray, body: RecordedSoftBody, path: Path) -> MappedSurface:
+    from scipy.spatial import cKDTree
+
+    corners = body.mesh_nodes[body.elements[:, :4]]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+    distance, _ = cKDTree(body.mesh_nodes).query(vertices)
+    outside = int(np.count_nonzero(distance > longest))
+    if outside:
+        raise StyleError(
+            f"{path}: {outside} of {len(vertices)} vertices lie further from the mesh of '{body.name}' than an element "
+            "is long; a surface must be in the coordinates of the body's mesh file, in mm"
+        )
+    return MappedSurface(*embed(vertices, body.mesh_nodes, linear_parts(body.elements)), triangles)
+
+
+# Cables, and other actuators drawn as lines, as thin tubes with a bead at each point through which they run.
+
+THICKNESS = 0.01
+"""Radius of a tube, in radii of the soft bodies [-]: cables are drawn thicker than they are, so that they are seen."""
+BEAD = 2.0
+"""Radius of a bead, in radii of the tube [-]."""
+SIDES = 10
+"""Faces around a tube: few enough to draw fast, and enough that they meet at angles that are shaded smoothly."""
+
+_TURN = 2.0 * np.pi * np.arange(SIDES) / SIDES
+_RING = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+
+
+@dataclass(frozen=True)
+class LineTube(RecordedSurface):
+    """A tube around a line.
+
+    Attributes:
+        actuator: the kind of the actuator.
+        number: its number among its kind.
+        segment: the part of the line between two points that each vertex belongs to, shape (vertex_count,).
+    """
+
+    actuator: str = ""
+    number: int = 0
+    segment: np.ndarray | None = None
+
+    def at_vertices(self, values: np.ndarray) -> np.ndarray:
+        """Values at the vertices, shape (vertex_count,), of values of the parts between points, (point_count - 1,)."""
+        return values[self.segment]
+
+
+def line_tubes(recording: Recording, first_frame: int) -> list[LineTube]:
+    """A tube for each cable and other line of a recording.
+
+    Args:
+        first_frame: the instant in which the bodies have the size that the thickness suits.
+    """
+    lines = [(kind, line) for kind in ACTUATOR_KINDS for line in recording.lines(kind)]
+    if not lines:
+        return []
+    soft = [surface.vertices(first_frame) for surface in recording.surfaces if surface.kind == "soft"]
+    radius = THICKNESS * radius_around_mean(np.concatenate(soft))
+    return [
+        LineTube(
+            # No body or cavity has this name, as a line's own might be.
+            name=f"{line.name}|{kind.name}",
+            kind="line",
+            triangles=tube_triangles(len(line.owner)),
+            vertices=_around(partial(recording.points_of_line, line), radius),
+            actuator=kind.name,
+            number=line.number,
+            segment=_segments(len(line.owner)),
+        )
+        for kind, line in lines
+    ]
+
+
+def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
+    """Vertices of a tube with beads around a polyline [mm], shape (vertex_count, 3)."""
+    along = np.diff(points, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
+    # Any direction across: faces are too many and too small for anybody to see where the first of them is.
+    aside = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-30)
+    across = np.stack([aside, np.cross(along, aside)], axis=1)
+    rings = radius * np.einsum("sk,pkd->psd", _RING, across)
+    ends = np.stack([points[:-1], points[1:]], axis=1)
+    tubes = ends[:, :, None] + rings[:, None]
+    beads = points[:, None] + BEAD * radius * _ball().vertices
+    return np.concatenate([tubes.reshape(-1, 3), beads.reshape(-1, 3)])
+
+
+def tube_triangles(point_count: int) -> np.ndarray:
+    """Vertex indices of the outward triangles of `tube_vertices`, shape (triangle_count, 3)."""
+    segments = 2 * SIDES * np.arange(point_count - 1)
+    beads = 2 * SIDES * (point_count - 1) + len(_ball().vertices) * np.arange(point_count)
+    return np.concatenate([_repeated(_band(0, SIDES), segments), _repeated(_ball().faces, beads)])
+
+
+def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int], np.ndarray]:
+    return lambda instant: tube_vertices(points(instant), radius)
+
+
+def _segments(point_count: int) -> np.ndarray:
+    """The segment of each vertex of `tube_vertices`; that of a bead is the one that ends there."""
+    of_tubes = np.repeat(np.arange(point_count - 1), 2 * SIDES)
+    of_beads = np.repeat(np.maximum(np.arange(point_count) - 1, 0), len(_ball().vertices))
+    return np.concatenate([of_tubes, of_beads])
+
+
+def _repeated(triangles: np.ndarray, starts: Iterable[int]) -> np.ndarray:
+    return np.concatenate([triangles + start for start in starts])
+
+
+def _band(first: int, second: int) -> np.ndarray:
+    """Triangles between two rings of SIDES vertices that begin at these indices, outward from the axis."""
+    here = np.arange(SIDES)
+    after = (here + 1) % SIDES
+    lower = np.stack([first + here, first + after, second + after], axis=1)
+    upper = np.stack([first + here, second + after, second + here], axis=1)
+    return np.concatenate([lower, upper])
+
+
+@cache
+def _ball() -> Any:
+    from trimesh.creation import icosphere
+
+    return icosphere(subdivisions=1)
+
 
 # Scales that hold for all instants that are drawn: colours for numbers, round ends, instants to look at.
 

@@ -14,18 +14,18 @@ from taichisoft_outputs.drawing.camera import (
     outermost_points,
     radius_around_mean,
 )
-from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_corners, body_colours
+from taichisoft_outputs.drawing.colouring import (
+    PLAIN,
+    Colouring,
+    at_corners,
+    body_colours,
+    line_tubes,
+    with_visual_surfaces,
+)
 from taichisoft_outputs.drawing.overlay import Overlay, colour_bars_width, letters_of
 from taichisoft_outputs.drawing.stage import Floor, is_floor, reaches_under, square_of_plane
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.drawing.surface_painter import (
-    SurfacePainter,
-    cut_open,
-    key_light,
-    line_tubes,
-    refuse_what_cuts_nothing,
-    with_visual_surfaces,
-)
+from taichisoft_outputs.drawing.surface_painter import SurfacePainter, cut_open, key_light, refuse_what_cuts_nothing
 from taichisoft_outputs.recording.reader import Recording
 
 # Smoothing of stair-stepped edges in a finished picture.

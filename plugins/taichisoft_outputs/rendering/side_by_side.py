@@ -9,7 +9,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera, outermost_points, radius_around_mean
-from taichisoft_outputs.drawing.colouring import Colouring, ColourScale, merged_ranges, sample_instants, with_ranges
+from taichisoft_outputs.drawing.colouring import (
+    Colouring,
+    ColourScale,
+    merged_ranges,
+    sample_instants,
+    with_ranges,
+    with_visual_surfaces,
+)
 from taichisoft_outputs.drawing.overlay import (
     Colour,
     ForceArrows,
@@ -20,7 +27,6 @@ from taichisoft_outputs.drawing.overlay import (
     text_colour,
 )
 from taichisoft_outputs.drawing.style import SMALLEST, Style, StyleError
-from taichisoft_outputs.drawing.surface_painter import with_visual_surfaces
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.rendering.video import open_video, render_pictures, render_video, shown_instants, write_png
 
