@@ -56,7 +56,7 @@ def test_controllers_of_documents_pass(tmp_path: Path) -> None:
         for number, (_, code) in enumerate(blocks(page)):
             if re.search(r"^class \w+\((taichisoft\.)?Controller\):", code, re.MULTILINE):
                 (folder / f"{page.stem.replace('-', '_')}_{number}.py").write_text(code, encoding="utf-8")
-    assert "Success: no issues found in 9 source files" in complaints(tmp_path / "typed")
+    assert "Success: no issues found" in complaints(tmp_path / "typed")
     assert "Success" in complaints(tmp_path / "short", "--allow-untyped-defs")
 
 

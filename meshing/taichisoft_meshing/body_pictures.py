@@ -91,9 +91,8 @@ def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarra
     """
     from taichisoft_outputs.drawing.camera import fit_camera, scene_axes, seen_from_front
     from taichisoft_outputs.drawing.drawer import antialias
-    from taichisoft_outputs.drawing.painting import KEY_LIGHT, shade
     from taichisoft_outputs.drawing.stage import EMPTY, Stage
-    from taichisoft_outputs.drawing.surface_painter import draw_lines
+    from taichisoft_outputs.drawing.surface_painter import KEY_LIGHT, draw_lines, shade
 
     stage = Stage(SIZE)  # a process can have only one
     images = []

@@ -88,7 +88,7 @@ def picture() -> str:
 
 
 def video() -> str:
-    """Write three frames as MP4; what ffmpeg calls itself, and where it is."""
+    """Write three pictures as MP4; what ffmpeg calls itself, and where it is."""
     import numpy as np
 
     from taichisoft_outputs.rendering.video import ffmpeg_program, open_video

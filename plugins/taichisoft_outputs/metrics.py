@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,9 +35,6 @@ def shortcomings(scene: Scene, goal: Goal, metrics: Mapping[str, Any], floor_for
     """What keeps the goal from being reached; each names the figure and its limit.
 
     Args:
-        scene: scene of the run.
-        goal: its goal.
-        metrics: figures of the run.
         floor_force: sum of the forces between object and obstacles at the end [mN].
     """
     gap = scene.contact.contact_distance
@@ -134,6 +132,8 @@ def first_push(scene: Scene, goal: Goal) -> int | None:
 FILE_NAME = "metrics.json"
 STRETCH_EVERY = 20
 """Steps from one look at the stretches to the next."""
+SWING, SWING_LOOKS, LEAST_SWING = 0.5, 10, 1.0
+"""Length of the end of a run in which fingers may swing [s], looks at them in it, and the least swing [degrees]."""
 ENDED_BY_USER = ("stopped", "interrupted")
 """Outcomes of runs that may have reached their goal, or would have, had they gone on."""
 
@@ -162,6 +162,8 @@ class MetricsOutput(Output):
     def restart(self, state: "State") -> None:
         """Forget all steps before: figures count from the last start."""
         self._figures = StepFigures(self._scene.contact.contact_distance, self._scene.time.newton_tolerance)
+        self._swing_every = max(round(SWING / SWING_LOOKS / self._scene.time.step), 1)
+        self._bends: deque[Mapping[str, float]] = deque(maxlen=SWING_LOOKS + 1)
         self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
         self._beyond_training = {name: 0.0 for name in self._training.names}
         self._beyond_validation = {name: (0.0, 0.0) for name in self._training.validated}
@@ -182,9 +184,11 @@ class MetricsOutput(Output):
         self._figures.add(report)
         self._last_state = state
         if self._lift is not None:
-            force = self._normal_force(report, self._scene.soft_bodies)
+            forces = np.array([self._normal_force(report, [body]) for body in self._scene.soft_bodies])
             slide = self._slipping.add(state)[self._object]
-            self._lift.add(state.base_translation, self._object_position(state), slide, force, report.converged)
+            self._lift.add(state.base_translation, self._object_position(state), slide, forces, report.converged)
+        if self._figures.steps % self._swing_every == 0:
+            self._bends.append(report.observation.truth.bending_angles)
         for figure, largest in zip(self._watched, self._largest, strict=True):
             for name, value in figure.values(report.observation.truth).items():
                 largest[text_of(name)] = max(largest.get(text_of(name), value), value, key=abs)
@@ -234,8 +238,9 @@ class MetricsOutput(Output):
         if self._figures.last is not None:
             named = zip(self._watched, self._largest, strict=True)
             figures |= {figure.metric("largest"): largest for figure, largest in named}
+            figures |= {"bending_swings_degrees": swings} if (swings := self._swings()) else {}
             if self._lift is not None and self._scene.goal is not None:
-                figures |= self._lift.metrics(self._scene.goal.position)
+                figures |= self._lift.metrics(self._scene.goal.position, list(self._scene.soft_bodies))
         return figures
 
     def summary(self) -> dict[str, str]:
@@ -258,8 +263,10 @@ class MetricsOutput(Output):
                 "slip": f"{m['object_slip_mm']:z.3f} mm",
                 "creep while held": f"{m['object_creep_mm']:.4f} mm in {self._scene.goal.hold:g} s",
                 "normal force of the fingers, peak": f"{m['peak_normal_force_mN']:.1f} mN",
-                "normal force of the fingers, mean while held": f"{m['mean_normal_force_mN']:.1f} mN",
+                "normal force of the fingers, mean while held": _sum_of(m),
             }
+        for name, (low, high) in m.get("bending_swings_degrees", {}).items():
+            rows[f"{name} still swings"] = f"bent by {low:.0f} to {high:.0f} degrees in the last {SWING:g} s"
         for figure in self._watched:
             actuator, value = max(m[figure.metric("largest")].items(), key=lambda item: abs(item[1]))
             rows[f"largest {figure.name}"] = f"{value:z.{figure.digits + 1}f} {figure.unit} ({actuator})"
@@ -283,7 +290,6 @@ class MetricsOutput(Output):
         }
 
     def _words(self, reached: bool | None, doubt: str, outcome: str) -> str:
-        """The verdict on the goal in words."""
         if outcome not in ENDED_BY_USER:
             return "no" if not reached else f"yes, but doubtful: {doubt}" if doubt else "yes"
         ended = f"{outcome} at {self.metrics.get('simulated_time_s', 0.0):g} s"
@@ -330,6 +336,12 @@ class MetricsOutput(Output):
             name, before = "|".join(pair), self._peak_pressures.get("|".join(pair), (0.0, 0.0))
             self._peak_pressures[name] = max(before, (pressure, seen.peak_pressure_errors.get(pair, 0.0)))
 
+    def _swings(self) -> dict[str, list[float]]:
+        """Least and greatest bending angle [degrees] at the end, of the fingers that still swing then."""
+        fingers = self._bends[-1] if self._bends else ()
+        ends = {name: np.degrees([bends[name] for bends in self._bends]) for name in fingers}
+        return {name: [of.min(), of.max()] for name, of in ends.items() if np.ptp(of) >= LEAST_SWING}
+
     def _training_metrics(self) -> dict[str, Any]:
         """How far each reduced body went beyond training and validation; nothing where there is none."""
         figures: dict[str, Any] = {"beyond_training": self._beyond_training} if self._beyond_training else {}
@@ -346,7 +358,6 @@ class MetricsOutput(Output):
         return sum(force for pair, force in report.observation.truth.normal_forces.items() if set(pair) in pairs)
 
     def _shortcomings(self) -> list[str]:
-        """What keeps the goal from being reached."""
         assert self._scene.goal is not None and self._figures.last is not None
         floor_force = self._normal_force(self._figures.last, self._scene.obstacles)
         missed = shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)
@@ -362,15 +373,18 @@ class MetricsOutput(Output):
         return max((one for name, one in pressed if self._scene.goal.object in name.split("|")), default=(0.0, 0.0))
 
     def _pressed(self) -> str:
-        """The words for the highest pressure on the goal's object."""
         highest, error = self._hardest_press()
         return (
             f"pressed with up to {highest:.3g} +- {error:.2g} kPa" if error else f"pressed with up to {highest:.3g} kPa"
         )
 
 
+def _sum_of(metrics: Mapping[str, Any]) -> str:
+    parts = ", ".join(f"{name} {force:.1f}" for name, force in metrics["mean_normal_forces_mN"].items())
+    return f"{metrics['mean_normal_force_mN']:.1f} mN ({parts})"
+
+
 def _last(figure: Figure, seen: "Observation") -> dict[str, Any]:
-    """The values of a figure in an observation, for JSON."""
     values = figure.values(seen)
     return {text_of(name): np.asarray(figure.value(values, name)).tolist() for name in values}
 

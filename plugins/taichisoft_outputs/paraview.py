@@ -4,14 +4,12 @@
 their names, as columns of `run.csv` have.
 """
 
-import zlib
-from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
-from xml.sax.saxutils import quoteattr
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -23,112 +21,80 @@ from taichisoft_outputs.drawing.stage import square_of_plane
 from taichisoft_outputs.recording.reader import RecordedSurface, Recording
 from taichisoft_outputs.stress import recorded_stress, von_mises
 
-# Writing VTK's XML files for ParaView: unstructured grids (.vtu) and lists of such files with times (.pvd).
-#
-# Arrays are compressed with zlib and stand as base64 in their elements (https://docs.vtk.org, "XML File Formats"). Raw
-# bytes behind the XML would be smaller by a quarter, but meshio cannot read these with Python from 3.13.4 on.
+if TYPE_CHECKING:
+    from meshio import Mesh
 
-CELL_TYPES = {1: 1, 2: 3, 3: 5, 4: 10, 10: 24}
-"""VTK's numbers of vertex, line, triangle, tetrahedron and quadratic tetrahedron, by their numbers of points."""
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 
-BLOCK_BYTES = 1 << 20
-"""VTK packs arrays in blocks of this size before compression."""
+# Grids for ParaView by meshio (.vtu), and lists of such files with times (.pvd).
 
-COMPONENTS = {3: ("X", "Y", "Z"), 6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}
-"""Names in ParaView of the components of vectors and symmetric tensors."""
+CELL_TYPES = {1: "vertex", 2: "line", 3: "triangle", 4: "tetra", 10: "tetra10"}
+"""meshio's names of cells by their numbers of points."""
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Points and cells with data on them.
+def make_grid(
+    points: np.ndarray,
+    cells: Sequence[np.ndarray],
+    point_data: Mapping[str, np.ndarray] = NOTHING,
+    cell_data: Mapping[str, np.ndarray] = NOTHING,
+) -> "Mesh":
+    """Points and cells with data on them, as files have them: real numbers in single precision, flags as bytes.
 
-    Attributes:
+    Args:
         points: positions, shape (point_count, 3).
         cells: point indices of cells of one type after the other, each of shape (count, points_per_cell).
         point_data: arrays by name, each (point_count,) or (point_count, components).
         cell_data: arrays by name, each (cell_count,) or (cell_count, components).
     """
+    from meshio import Mesh
 
-    points: np.ndarray
-    cells: Sequence[np.ndarray]
-    point_data: Mapping[str, np.ndarray] = field(default_factory=dict)
-    cell_data: Mapping[str, np.ndarray] = field(default_factory=dict)
+    ends = np.cumsum([len(block) for block in cells])[:-1]
+    blocks = [(CELL_TYPES[block.shape[1]], block.astype(np.int64)) for block in cells]
+    of_cells = {name: np.split(values, ends) for name, values in _as_stored(cell_data).items()}
+    return Mesh(points.astype(np.float32), blocks, _as_stored(point_data), of_cells)
 
 
-def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid; real numbers get single precision, all others keep their type. The file's folder is made."""
-    points = np.concatenate([np.full(len(cells), cells.shape[1], dtype=np.int64) for cells in grid.cells])
-    types = np.concatenate([np.full(len(cells), CELL_TYPES[cells.shape[1]], dtype=np.uint8) for cells in grid.cells])
-    connectivity = np.concatenate([cells.astype(np.int64).ravel() for cells in grid.cells])
-    cells = {"connectivity": connectivity, "offsets": np.cumsum(points), "types": types}
-    content = [
-        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(types)}">',
-        *_section("PointData", grid.point_data),
-        *_section("CellData", grid.cell_data),
-        *_section("Points", {"Points": grid.points}),
-        *_section("Cells", cells),
-        "</Piece>",
-    ]
-    _write(path, "UnstructuredGrid", content, ' header_type="UInt64" compressor="vtkZLibDataCompressor"')
+def _as_stored(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays by the names that XML can have: meshio writes names as they are."""
+    types = {"b": np.uint8, "f": np.float32}
+    return {
+        escape(name, {'"': "&quot;"}): values.astype(types.get(values.dtype.kind, values.dtype))
+        for name, values in arrays.items()
+    }
+
+
+def write_vtu(path: Path, grid: "Mesh") -> None:
+    """Write a grid; the file's folder is made."""
+    with atomic_file(path) as partial:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        grid.write(partial, "vtu")
 
 
 def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
     """Write the list that ParaView opens: times [s] and files, which are named relative to the list's folder."""
-    named = [(time, quoteattr(file.relative_to(path.parent).as_posix())) for time, file in files]
-    _write(path, "Collection", [f'<DataSet timestep="{time:.12g}" part="0" file={name}/>' for time, name in named])
-
-
-def _write(path: Path, kind: str, content: Sequence[str], attributes: str = "") -> None:
-    """Write a file of a kind of data set."""
-    begin = f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian"{attributes}>'
+    root = ElementTree.Element("VTKFile", type="Collection", version="1.0", byte_order="LittleEndian")
+    collection = ElementTree.SubElement(root, "Collection")
+    for time, file in files:
+        place = file.relative_to(path.parent).as_posix()
+        ElementTree.SubElement(collection, "DataSet", timestep=f"{time:.12g}", part="0", file=place)
     with atomic_file(path) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
-        lines = [begin, f"<{kind}>", *content, f"</{kind}>", "</VTKFile>", ""]
-        partial.write_text("\n".join(lines), encoding="utf-8")
+        ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
 
 
-def _section(tag: str, arrays: Mapping[str, np.ndarray]) -> list[str]:
-    """The element `tag` with its arrays."""
-    return [f"<{tag}>", *(_element(name, values) for name, values in arrays.items()), f"</{tag}>"]
-
-
-def _element(name: str, values: np.ndarray) -> str:
-    if values.dtype.kind == "b":
-        values = values.astype(np.uint8)
-    elif values.dtype.kind == "f":
-        values = values.astype(np.float32)
-    type_name = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
-    attributes = [f'type="{type_name}"', f"Name={quoteattr(name)}"]
-    if values.ndim == 2:
-        components = enumerate(COMPONENTS[values.shape[1]])
-        attributes.append(f'NumberOfComponents="{values.shape[1]}"')
-        attributes += [f'ComponentName{index}="{component}"' for index, component in components]
-    content = _packed(values.astype(values.dtype.newbyteorder("<")).tobytes())
-    return f'<DataArray {" ".join(attributes)} format="binary">{content}</DataArray>'
-
-
-def _packed(content: bytes) -> str:
-    """Number of blocks, block size, size of a smaller last block or 0, compressed sizes; then the blocks."""
-    blocks = [zlib.compress(content[start : start + BLOCK_BYTES], 1) for start in range(0, len(content), BLOCK_BYTES)]
-    header = [len(blocks), BLOCK_BYTES, len(content) % BLOCK_BYTES, *map(len, blocks)]
-    return (b64encode(np.array(header, dtype="<u8").tobytes()) + b64encode(b"".join(blocks))).decode()
-
-
-# Grids of a frame for ParaView: soft bodies, cavities, cables, surfaces of the other bodies, and contacts.
+# Grids of an instant for ParaView: soft bodies, cavities, cables, surfaces of the other bodies, and contacts.
 
 PLANE_SIZE = 4.0
 """Half the side of the square that stands for a plane, in radii of the bodies [-]."""
 ROWS, COLUMNS = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
 """Rows and columns of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz."""
 
-NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
-
-GridMaker = Callable[[int], Grid]
-"""Makes the grid of a frame."""
+GridMaker = Callable[[int], "Mesh"]
+"""Makes the grid of an instant."""
 
 
 def grid_makers(recording: Recording) -> dict[str, GridMaker]:
-    """The functions that make the grids of a frame, by the names of the grids; only those that show something."""
+    """The functions that make the grids of an instant, by the names of the grids; only those that show something."""
     scene = recording.scene
     makers: dict[str, GridMaker] = {}
     if recording.soft_bodies:
@@ -148,7 +114,7 @@ def grid_makers(recording: Recording) -> dict[str, GridMaker]:
     if others:
         names = [*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles]
         makers["rigid_bodies"] = _surfaces(recording, others, "body", names)
-    makers["contacts"] = lambda frame: _contacts(*recording.contacts(frame))
+    makers["contacts"] = lambda instant: _contacts(*recording.contacts(instant))
     return makers
 
 
@@ -175,23 +141,23 @@ def _soft_bodies(recording: Recording) -> GridMaker:
         **_members("material", first_cell[-1], of_material),
     }
 
-    def grid(frame: int) -> Grid:
-        position = recording.row("position", frame)
+    def grid(instant: int) -> "Mesh":
+        position = recording.row("position", instant)
         # A quadratic element is `parts` tetrahedra, each with a stress and a stretch.
-        parted = [one.reshape(-1, body.parts, 3, 3) for one, body in zip(stresses(frame), bodies, strict=True)]
+        parted = [one.reshape(-1, body.parts, 3, 3) for one, body in zip(stresses(instant), bodies, strict=True)]
         stress = np.concatenate([one.mean(axis=1) for one in parted])
         largest = [
             one.largest(position[body.nodes]).reshape(-1, body.parts).max(axis=1)
             for one, body in zip(stretches, bodies, strict=True)
         ]
-        moving = {"displacement [mm]": position - rest_position, "velocity [mm/s]": recording.velocity(frame)}
+        moving = {"displacement [mm]": position - rest_position, "velocity [mm/s]": recording.velocity(instant)}
         present = {
             "stress [kPa]": stress[:, ROWS, COLUMNS],
             "von_mises [kPa]": von_mises(stress),
             "largest_stretch": np.concatenate(largest),
-            "young_modulus [kPa]": recording.row("young_modulus", frame)[material],
+            "young_modulus [kPa]": recording.row("young_modulus", instant)[material],
         }
-        return Grid(position, cells, moving | points, present | fixed)
+        return make_grid(position, cells, moving | points, present | fixed)
 
     return grid
 
@@ -209,8 +175,6 @@ def _members(
     """Whether each of `count` items belongs to a group, by "prefix_group".
 
     Args:
-        prefix: beginning of the names.
-        count: number of items of all bodies.
         groups: of each body the number of its first item, and names and items, counted from that, of its groups.
     """
     members: dict[str, np.ndarray] = {}
@@ -225,12 +189,11 @@ def _surfaces(
     surfaces: Sequence[RecordedSurface],
     kind: str,
     names: Sequence[str],
-    columns: Mapping[str, str] = NO_COLUMNS,
+    columns: Mapping[str, str] = NOTHING,
 ) -> GridMaker:
     """Several surfaces as triangles.
 
     Args:
-        recording: the recording of the surfaces.
         surfaces: surfaces, each with one of the names.
         kind: name of the cell data with the index of the surface's name.
         names: names in the order in which they are numbered.
@@ -239,12 +202,12 @@ def _surfaces(
     indices = np.array([names.index(surface.name) for surface in surfaces], dtype=np.int32)
     numbers = np.repeat(indices, [len(surface.triangles) for surface in surfaces])
 
-    def grid(frame: int) -> Grid:
-        vertices = [surface.vertices(frame) for surface in surfaces]
+    def grid(instant: int) -> "Mesh":
+        vertices = [surface.vertices(instant) for surface in surfaces]
         first = np.cumsum([0, *map(len, vertices)])
         cells = [surface.triangles + start for surface, start in zip(surfaces, first, strict=False)]
-        values = {shown: recording.row(name, frame)[numbers] for name, shown in columns.items()}
-        return Grid(np.vstack(vertices), cells, cell_data={kind: numbers, **values})
+        values = {shown: recording.row(name, instant)[numbers] for name, shown in columns.items()}
+        return make_grid(np.vstack(vertices), cells, cell_data={kind: numbers, **values})
 
     return grid
 
@@ -257,22 +220,21 @@ def _lines(recording: Recording, kind: ActuatorKind) -> GridMaker:
     cells = np.stack([after - 1, after], axis=1)
     numbers = np.repeat(np.arange(len(counts), dtype=np.int32), np.array(counts) - 1)
 
-    def grid(frame: int) -> Grid:
-        cell_data = {kind.name: numbers, _named(kind.effort): np.concatenate(recording.segment_efforts(kind, frame))}
+    def grid(instant: int) -> "Mesh":
+        cell_data = {kind.name: numbers, _named(kind.effort): np.concatenate(recording.segment_efforts(kind, instant))}
         if kind.coordinate.observed:
-            cell_data[_named(kind.coordinate)] = recording.row(kind.coordinate.name, frame)[numbers]
-        return Grid(np.vstack(recording.line_points(kind, frame)), [cells], cell_data=cell_data)
+            cell_data[_named(kind.coordinate)] = recording.row(kind.coordinate.name, instant)[numbers]
+        return make_grid(np.vstack(recording.line_points(kind, instant)), [cells], cell_data=cell_data)
 
     return grid
 
 
-def _contacts(points: np.ndarray, forces: np.ndarray) -> Grid:
+def _contacts(points: np.ndarray, forces: np.ndarray) -> "Mesh":
     """A vertex at each contact [mm], with the force [mN] on the second body of its pair."""
-    return Grid(points, [np.arange(len(points))[:, None]], point_data={"force [mN]": forces})
+    return make_grid(points, [np.arange(len(points))[:, None]], point_data={"force [mN]": forces})
 
 
 def _named(figure: Any) -> str:
-    """The name of a quantity of an actuator, with its unit."""
     return f"{figure.name} [{figure.unit}]"
 
 
@@ -280,22 +242,21 @@ def _square(plane: Plane, recording: Recording) -> RecordedSurface:
     """A piece of an infinite plane, large enough to be seen below everything; its front is that of the plane."""
     everything = np.vstack([surface.vertices(0) for surface in recording.surfaces])
     corners, triangles = square_of_plane(plane, everything, [], PLANE_SIZE)
-    return RecordedSurface(plane.name, "obstacle", triangles, lambda frame: corners)
+    return RecordedSurface(plane.name, "obstacle", triangles, lambda instant: corners)
 
 
-# Exporting a recording to ParaView, frame by frame.
+# Exporting a recording to ParaView, instant by instant.
 
 
 class ExportError(TaichisoftError):
     """A recording cannot be exported as asked."""
 
 
-def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> list[Path]:
-    """Write a .vtu file per frame and grid, and for each grid the .pvd file that ParaView opens.
+def export_vtu(recording: Recording, instants: Iterable[int], folder: Path) -> list[Path]:
+    """Write a .vtu file per instant and grid, and for each grid the .pvd file that ParaView opens.
 
     Args:
-        recording: the recording that has the frames.
-        frames: indices in the order of time; an iterator may show progress.
+        instants: indices in the order of time; an iterator may show progress.
         folder: gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
 
     Returns:
@@ -305,23 +266,23 @@ def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> lis
     times = recording.times
     written: dict[str, list[tuple[float, Path]]] = {name: [] for name in makers}
     try:
-        for frame in frames:
+        for instant in instants:
             for name, make in makers.items():
-                path = folder / name / f"{frame:05d}.vtu"
-                write_vtu(path, make(frame))
-                written[name].append((float(times[frame]), path))
+                path = folder / name / f"{instant:05d}.vtu"
+                write_vtu(path, make(instant))
+                written[name].append((float(times[instant]), path))
     finally:  # complete files can be opened also after a full disk or an interruption
         for name, files in written.items():
             write_pvd(folder / f"{name}.pvd", files)
     return [folder / f"{name}.pvd" for name in makers]
 
 
-def chosen_frames(recording: Recording, every: int | None, times: Sequence[float] | None) -> list[int]:
+def chosen_instants(recording: Recording, every: int | None, times: Sequence[float] | None) -> list[int]:
     """Frames to export, in the order of time: the nearest to `times` [s], or each `every`-th since the last start."""
     if times:
         if every is not None:
-            raise ExportError("--every and --time choose frames in two ways; give one of them")
+            raise ExportError("--every and --time choose instants in two ways; give one of them")
         return sorted({recording.instant_at(time) for time in times})
     if every is not None and every < 1:
-        raise ExportError(f"--every {every}: must be 1 or more; 10 takes each tenth recorded frame")
+        raise ExportError(f"--every {every}: must be 1 or more; 10 takes each tenth recorded instant")
     return list(range(recording.last_start, recording.instant_count, every or 1))

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.base import require
-from taichisoft.control import FIGURES, Figure, text_of
+from taichisoft.control import BASE, FIGURES, PAIRS, Figure, text_of
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
-from taichisoft_outputs.recording.layout import OF_PAIRS
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
 from taichisoft_outputs.run_figures import last_at_rest
 
@@ -207,7 +206,6 @@ def _make_logarithmic(axes: "Axes") -> None:
 
 
 def _add_legend(axes: "Axes") -> None:
-    """Put the legend above the axes, where it hides nothing."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
         columns = max(1, min(len(labels), LEGEND_CHARACTERS // (max(map(len, labels)) + 6)))
@@ -243,18 +241,17 @@ def _equal(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 TIME_AXIS = "time [s]"
-STRETCH_FRAMES = 100
-"""Most frames of a long run whose elements are looked at, evenly spaced."""
-TIP_FRAMES = 600
-"""Most frames of a long run whose fingertips are looked at, evenly spaced: each takes reading all positions."""
+STRETCH_INSTANTS = 100
+"""Most instants of a long run whose elements are looked at, evenly spaced."""
+TIP_INSTANTS = 600
+"""Most instants of a long run whose fingertips are looked at, evenly spaced: each takes reading all positions."""
 
 
 class RunCurves:
     """Makes the panels of a recording.
 
     Attributes:
-        recording: the recording, which stays open.
-        times: times of its frames [s], shape (instant_count,).
+        times: times of its instants [s], shape (instant_count,).
         objects: names of the rigid bodies that no frame carries.
         object_columns: their numbers among all rigid bodies.
     """
@@ -268,15 +265,15 @@ class RunCurves:
 
     @cached_property
     def tips(self) -> tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]:
-        """Tips of the fingers in up to TIP_FRAMES frames, as a controller would have observed them.
+        """Tips of the fingers in up to TIP_INSTANTS instants, as a controller would have observed them.
 
         Names of the fingers, and of shape (count, ...): times [s], positions [mm] of each finger, bending angles [rad].
         """
         observer = recorded_fingertips(self.recording, self.recording.soft_bodies)
-        frames = _evenly_spaced(self.times, TIP_FRAMES)
-        observed = [observer.observe(tip_state(self.recording, frame)) for frame in frames]
+        instants = _evenly_spaced(self.times, TIP_INSTANTS)
+        observed = [observer.observe(tip_state(self.recording, instant)) for instant in instants]
         positions, _, bending_angles = (np.array(values) for values in zip(*observed, strict=True))
-        return observer.names, self.times[frames], positions, bending_angles
+        return observer.names, self.times[instants], positions, bending_angles
 
     @cached_property
     def sideways(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
@@ -298,16 +295,21 @@ class RunCurves:
         return Panel(TIME_AXIS, y_axis, curves)
 
 
-def _of_actuators(figure: Figure, run: RunCurves) -> Panel:
-    """A figure of all actuators of a kind, such as the pressures of the cavities."""
-    assert figure.per.kind is not None
-    names = run.recording.actuators.names_of(figure.per.kind)
-    values = figure.factor * run.recording.column(figure.name)
-    return run.over_time(figure.drawn, values, names, [name.partition(".")[0] for name in names])
+def _of_figure(figure: Figure, run: RunCurves) -> Panel:
+    """A figure of the actuators of a kind, of pairs that ever touched, of the base, or the amount of that of frames."""
+    names, values = run.recording.figure(figure, np.arange(len(run.times)))
+    if figure.per is BASE:
+        return run.over_time(figure.drawn, values[:, 0], figure.axes, [""] * 3)
+    if figure.axes:
+        return run.over_time(figure.drawn, np.linalg.norm(values, axis=2), names, [""] * len(names))
+    if figure.per is PAIRS:
+        touching = np.flatnonzero(values.any(axis=0))
+        names, values = [names[index] for index in touching.tolist()], values[:, touching]
+        return run.over_time(figure.drawn, values, [*map(text_of, names)], [first for first, _ in names])
+    return run.over_time(figure.drawn, figure.factor * values, names, [name.partition(".")[0] for name in names])
 
 
 def _over_tips(run: RunCurves, y_axis: str, values: np.ndarray) -> Panel:
-    """A panel of values of the tips, shape (count, finger_count)."""
     names, times, _, _ = run.tips
     curves = [PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, values.T, strict=True)]
     return Panel(TIME_AXIS, y_axis, curves)
@@ -346,23 +348,23 @@ def _clock(time: np.ndarray) -> np.ndarray:
 
 
 def stretch(run: RunCurves) -> Panel:
-    """Largest principal stretches of the soft bodies, in up to STRETCH_FRAMES frames."""
-    frames = _evenly_spaced(run.times, STRETCH_FRAMES)
-    rows = [run.recording.row("position", int(frame)) for frame in frames]
+    """Largest principal stretches of the soft bodies, in up to STRETCH_INSTANTS instants."""
+    instants = _evenly_spaced(run.times, STRETCH_INSTANTS)
+    rows = [run.recording.row("position", int(instant)) for instant in instants]
     curves = []
     for body in run.recording.soft_bodies:
         stretches = Stretches(body.rest_position, body.elements)
         largest = np.array([stretches.largest(row[body.nodes]).max() for row in rows])
-        curves.append(PlotCurve(body.name, body.name, run.times[frames], largest, run.times[frames]))
+        curves.append(PlotCurve(body.name, body.name, run.times[instants], largest, run.times[instants]))
     return Panel(TIME_AXIS, "largest stretch [-]", curves)
 
 
 def height(run: RunCurves) -> Panel:
-    """Heights of objects and base over their heights at the start."""
+    """Heights of objects and base over those of the moment before the base moves, as in metrics.json."""
     names, up = run.objects, run.recording.scene.up
     levels = run.recording.column("rigid_position") @ up
-    rises = [_since_start(run, levels[:, body]) for body in run.object_columns]
-    base = _since_start(run, run.recording.base_translation @ up)
+    rises = [_since_rest(run, levels[:, body]) for body in run.object_columns]
+    base = _since_rest(run, run.recording.base_translation @ up)
     if not names and not base.any():
         base = np.full_like(base, np.nan)  # nothing rises, so there is nothing to see
     return run.over_time("risen by [mm]", np.column_stack([*rises, base]), [*names, "base"], [*names, ""])
@@ -391,26 +393,6 @@ def _tips_above(run: RunCurves) -> Panel:
     return _paths(run, first, along, second, across)
 
 
-def _of_pairs(figure: Figure, run: RunCurves) -> Panel:
-    """A figure of the pairs of bodies that ever touched."""
-    values = run.recording.column(figure.name)
-    touching = np.flatnonzero(values.any(axis=0))
-    pairs = [run.recording.pairs[index] for index in touching]
-    return run.over_time(figure.drawn, values[:, touching], [*map(text_of, pairs)], [first for first, _ in pairs])
-
-
-def _wrench(row: int, y_axis: str, run: RunCurves) -> Panel:
-    """Components of the force on the base, or of the torque, in world axes."""
-    return run.over_time(y_axis, run.recording.column("frame_wrench")[:, 0, row], ["x", "y", "z"], ["", "", ""])
-
-
-def frame_force(run: RunCurves) -> Panel:
-    """Amounts of the forces on the frames beside the base."""
-    names = run.recording.frames.names[1:]
-    forces = np.linalg.norm(run.recording.column("frame_wrench")[:, 1:, 0], axis=2)
-    return run.over_time("force on a frame [mN]", forces, names, [""] * len(names))
-
-
 def step_time(run: RunCurves) -> Panel:
     """Time that each step took to compute, beside the time that it simulated."""
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
@@ -428,13 +410,18 @@ def _signal(column: int, run: RunCurves) -> Panel:
 
 
 def panel_name(figure: Figure) -> str:
-    """The name of the panel of a figure of actuators or pairs."""
+    """The name of the panel of a figure."""
     other = {"peak_pressure": "contact-pressure"}
     return figure.name if figure.per.kind else other.get(figure.name, figure.name.replace("_", "-"))
 
 
+def _panels(is_one: Callable[[Figure], Any]) -> dict[str, Callable[[RunCurves], Panel]]:
+    chosen = [figure for figure in FIGURES if figure.drawn and is_one(figure)]
+    return {panel_name(figure): partial(_of_figure, figure) for figure in chosen}
+
+
 PANELS: dict[str, Callable[[RunCurves], Panel]] = {
-    **{panel_name(figure): partial(_of_actuators, figure) for figure in FIGURES if figure.per.kind and figure.drawn},
+    **_panels(lambda figure: figure.per.kind),
     "bending": bending,
     "tip-x": partial(_tip, 0),
     "tip-y": partial(_tip, 1),
@@ -443,11 +430,9 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "height": height,
     "tips-side": _tips_side,
     "tips-above": _tips_above,
-    **{panel_name(figure): partial(_of_pairs, figure) for figure in OF_PAIRS if figure.drawn},
+    **_panels(lambda figure: figure.per is PAIRS),
     "slip": slip,
-    "base-force": partial(_wrench, 0, "force on the base [mN]"),
-    "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),
-    "frame-force": frame_force,
+    **_panels(lambda figure: figure.axes),
     "step-time": step_time,
 }
 """The functions that make the panels, by name."""
@@ -475,13 +460,15 @@ def expected(name: str, recording: Recording) -> bool:
 
 
 def _evenly_spaced(times: np.ndarray, count: int) -> np.ndarray:
-    """Indices of at most `count` frames from the first to the last."""
+    """Indices of at most `count` instants from the first to the last."""
     return np.unique(np.linspace(0, len(times) - 1, count).astype(int))
 
 
-def _since_start(run: RunCurves, level: np.ndarray) -> np.ndarray:
-    """Heights (instant_count,) above that at the last start."""
-    return np.concatenate([level[start:end] - level[start] for start, end in pieces(run.times)])
+def _since_rest(run: RunCurves, level: np.ndarray) -> np.ndarray:
+    """Heights (instant_count,) above that before the base moves, in each start of the run."""
+    base = run.recording.base_translation
+    starts = [(start, end, last_at_rest(base[start:end]) or 0) for start, end in pieces(run.times)]
+    return np.concatenate([level[start:end] - level[start + rest] for start, end, rest in starts])
 
 
 def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis: np.ndarray) -> Panel:
@@ -560,7 +547,6 @@ def draw_plots(
 
 
 def _with_something_in_it(panel: Panel) -> Panel:
-    """The panel without curves that have no finite value."""
     return replace(panel, curves=[curve for curve in panel.curves if np.isfinite(curve.y).any()])
 
 

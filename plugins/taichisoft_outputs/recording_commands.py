@@ -29,11 +29,11 @@ def export(
     from rich.console import Console  # --help need not wait for any of these
     from rich.progress import track
 
-    from taichisoft_outputs.paraview import chosen_frames, export_vtu
+    from taichisoft_outputs.paraview import chosen_instants, export_vtu
     from taichisoft_outputs.recording.reader import read_recording
 
     with read_recording(run) as recording:
-        instants = chosen_frames(recording, every, time)
+        instants = chosen_instants(recording, every, time)
         if recording.last_start and not time:
             typer.echo(f"the run was restarted; only the {len(instants)} instants after the last start are exported")
         shown = track(instants, description=f"exporting {len(instants)} instants", console=Console(stderr=True))
@@ -158,6 +158,7 @@ def render(
     background: Annotated[
         str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything  \\[default: the scene's]")
     ] = None,
+    transparent: Annotated[bool, typer.Option("--transparent", help="No background but shadows.")] = False,
     colour_by: Annotated[
         str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")
     ] = STYLE.colour_by,
@@ -210,6 +211,7 @@ def render(
             target=parse_point("target", target),
             opacity=opacity,
             background=background,
+            transparent=transparent,
             colour_by=colour_by,
             cavity_pressure=cavity_pressure,
             cable_tension=cable_tension,
@@ -349,7 +351,6 @@ def resume(
 
 
 def _new_folder(recording: "Recording", instant: int) -> Path:
-    """A folder beside the recording's, with the time in its name."""
     folder = recording.path.resolve().parent
     return folder.with_name(f"{folder.name}-from-{recording.row('time', instant):.2f}s")
 

@@ -75,7 +75,6 @@ def collect(recording: Recording, began: float | None = None) -> ReportContents:
     """Draw the plots of a recording, and look for what lies beside it.
 
     Args:
-        recording: the recording, which stays open.
         began: time at which its run began [s since the epoch], to mark pictures of an earlier run in the same folder;
             None later, since copying a folder changes the times of its files.
     """
@@ -153,7 +152,6 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     """The page as HTML.
 
     Args:
-        contents: what the page shows.
         folder: folder in which the page will lie, for links to what is too large to embed.
     """
     recording, metrics = contents.recording, contents.metrics
@@ -190,7 +188,6 @@ def _pills(outcome: str, metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _status(recording: Recording) -> str:
-    """How long the run took, and how often it was restarted."""
     times = recording.times
     restarts = int((times[1:] < times[:-1]).sum())
     texts = [f"{times[-1]:g} s simulated"]
@@ -201,10 +198,11 @@ def _status(recording: Recording) -> str:
 
 
 def _headlines(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Words, value and unit of each headline metric."""
     for name in HEADLINES:
         if isinstance(metrics.get(name), int | float):
             words, unit, factor = _words(name)
+            if fingers := metrics.get(name.replace("force_", "forces_")) if "force_" in name else None:
+                words += f" of {', '.join(fingers)} together"
             yield words, _short(factor * metrics[name], unit), unit
 
 
@@ -297,7 +295,6 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
     """Write the report of a recording, and return its path.
 
     Args:
-        recording: file of the recording.
         path: file of the report; report.html beside the recording when it is not given.
         began: time at which the run began, see `collect`.
     """

@@ -12,38 +12,7 @@ if TYPE_CHECKING:
     from taichisoft.step import StepReport
 
 RESOLUTION = 1e-3
-"""Medians of times are exact to this share."""
-
-
-class RunningMedian:
-    """The median of many numbers that lie close together: how often each was there, to a resolution.
-
-    Attributes:
-        count: how many there were.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._times: Counter[int] = Counter()
-
-    def add(self, value: float) -> None:
-        """Include a positive number."""
-        self.count += 1
-        self._times[round(math.log(value) / RESOLUTION)] += 1
-
-    @property
-    def value(self) -> float:
-        """The median, to `RESOLUTION`."""
-        return 0.5 * sum(math.exp(RESOLUTION * key) for key in middle_keys(self._times))
-
-
-def middle_keys(times: Counter[int]) -> tuple[int, int]:
-    """The two numbers in the middle of all, by how often each was there; the same twice where their count is odd."""
-    keys = sorted(times)
-    passed = np.cumsum([times[key] for key in keys])
-    total = int(passed[-1])
-    first, second = np.searchsorted(passed, [(total - 1) // 2, total // 2], side="right")
-    return keys[first], keys[second]
+"""Medians of times are exact to this share: of how often each was there, to so much, any number takes no room."""
 
 
 class StepFigures:
@@ -65,7 +34,7 @@ class StepFigures:
         self.inverted_elements = self.linearisations = self.unconverged_newton = 0
         self.max_penetration = 0.0
         self.worst_newton_residual: float | None = None
-        self.step_time = RunningMedian()
+        self._step_times: Counter[int] = Counter()
         self.last: StepReport | None = None
         self._iterations: Counter[int] = Counter()
         self._distance, self._newton_tolerance = contact_distance, newton_tolerance
@@ -84,13 +53,14 @@ class StepFigures:
             if worst is None or residual > worst:
                 self.worst_newton_residual = residual
             self.unconverged_newton += not residual <= self._newton_tolerance
-        self.step_time.add(report.step_time)
+        self._step_times[round(math.log(report.step_time) / RESOLUTION)] += 1
         self._iterations[report.iterations] += 1
 
     def metrics(self, time_step: float) -> dict[str, Any]:
         """The figures for metrics.json; those of linearisations where steps have several."""
         if self.last is None:
             return {"steps": 0}
+        step_time = math.exp(RESOLUTION * float(np.median(list(self._step_times.elements()))))
         newton = {
             "linearisations_max": self.linearisations,
             "worst_newton_residual_mm": self.worst_newton_residual,
@@ -101,14 +71,14 @@ class StepFigures:
             "simulated_time_s": self.last.time,
             "max_penetration_mm": self.max_penetration,
             "overlapping_steps": self.overlapping,
-            "iterations_median": 0.5 * sum(middle_keys(self._iterations)),
+            "iterations_median": float(np.median(list(self._iterations.elements()))),
             "iterations_max": max(self._iterations),
             "unconverged_steps": self.unconverged,
             **({} if self.worst_newton_residual is None else newton),
             "inverted_elements_max": self.inverted_elements,
             "inverted_elements_at_end": self.last.inverted_elements,
-            "step_time_median_ms": 1e3 * self.step_time.value,
-            "real_time_factor": time_step / self.step_time.value,
+            "step_time_median_ms": 1e3 * step_time,
+            "real_time_factor": time_step / step_time,
         }
 
 
@@ -116,7 +86,7 @@ class LiftFigures:
     """Where an object and the base were before the base moved and in the last steps, and what pressed the object.
 
     Attributes:
-        forces: sum of the fingers' normal forces in each of the last steps [mN].
+        forces: normal force of each finger in each of the last steps [mN], each of shape (finger_count,).
     """
 
     def __init__(self, up: np.ndarray, hold_steps: int, push: int | None, base: np.ndarray, position: np.ndarray):
@@ -138,11 +108,14 @@ class LiftFigures:
         self._now = base, position
         self._slip = self._peak_force = 0.0
         self._positions = deque([position], maxlen=hold_steps + 1)
-        self.forces: deque[float] = deque(maxlen=hold_steps)
+        self.forces: deque[np.ndarray] = deque(maxlen=hold_steps)
         self._unconverged: deque[bool] = deque(maxlen=hold_steps)
 
-    def add(self, base: np.ndarray, position: np.ndarray, slide: np.ndarray, force: float, converged: bool) -> None:
+    def add(
+        self, base: np.ndarray, position: np.ndarray, slide: np.ndarray, forces: np.ndarray, converged: bool
+    ) -> None:
         """Include a step, in which the object slid by `slide` on what holds it [mm], shape (3,)."""
+        force = float(forces.sum())
         self._now = base, position
         self._steps += 1
         self._highest = max(self._highest, float(position @ self._up))
@@ -156,11 +129,11 @@ class LiftFigures:
         self._slip -= float(slide @ self._up)
         self._peak_force = max(self._peak_force, force) if self.forces else force
         self._positions.append(position)
-        self.forces.append(force)
+        self.forces.append(forces)
         self._unconverged.append(not converged)
 
-    def metrics(self, place: Sequence[float] | None) -> dict[str, Any]:
-        """The figures for metrics.json; of the goal's place [mm] if there is one.
+    def metrics(self, place: Sequence[float] | None, fingers: Sequence[str]) -> dict[str, Any]:
+        """The figures for metrics.json, of forces by finger; of the goal's place [mm] if there is one.
 
         Lift and slip are counted from the moment before the base moved, or from the start where it did not.
         """
@@ -180,7 +153,8 @@ class LiftFigures:
         return figures | {
             "unconverged_hold_steps": sum(self._unconverged),
             "peak_normal_force_mN": self._peak_force,
-            "mean_normal_force_mN": float(np.mean(self.forces)),
+            "mean_normal_force_mN": float(np.sum(self.forces) / len(self.forces)),
+            "mean_normal_forces_mN": dict(zip(fingers, np.mean(self.forces, axis=0).tolist(), strict=True)),
         }
 
 

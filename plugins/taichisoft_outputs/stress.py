@@ -5,6 +5,9 @@ With F the deformation gradient of an element, R its rotation and e = sym(R^T F)
 which is Hooke's law in the element's own axes, turned to the world's axes. The nodal forces of the engine are
 f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of its shape functions. Linear elements of
 rubber have Cauchy's, smoothed and quadratic ones that of their domains.
+
+Positions are in mm, of shape (node_count, 3), elements node indices (element_count, nodes_per_element); deformation
+gradients have the shape (count, 3, 3), and Young's moduli [kPa] and Poisson's ratios are those of each element.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,8 +31,6 @@ class DomainLaw(NamedTuple):
     """The law of some elements.
 
     Attributes:
-        elements: indices of the elements, shape (count,).
-        law: name of the law.
         coefficients: coefficients of a law of rubber; None for a law given by Young's modulus alone.
     """
 
@@ -51,10 +52,7 @@ def hooke_stress_parts(
     """Corotational stress of Hooke's law.
 
     Args:
-        deformation: deformation gradients, shape (count, 3, 3).
         rotation: rotations in whose axes the strain is small, shape (count, 3, 3).
-        young_modulus: Young's modulus [kPa], shape (count,).
-        poisson_ratio: Poisson's ratio, shape (count,).
 
     Returns:
         As `rubber_stress_parts`: 2 mu e in the axes of the world, and lambda tr(e).
@@ -76,7 +74,6 @@ def rubber_stress_parts(
     """Cauchy's stress, force over present area, of the energies of shape and of volume.
 
     Args:
-        deformation: deformation gradients, shape (count, 3, 3).
         law: a law of rubber.
         coefficients: coefficients of the law, which are scaled to `young_modulus` at rest.
         young_modulus: present Young's modulus at rest [kPa], shape (count,).
@@ -110,7 +107,7 @@ def add_pressure(shape: np.ndarray, volume: np.ndarray) -> np.ndarray:
 
 
 class DomainStress:
-    """The stress of a body of smoothed or quadratic elements, in many frames."""
+    """The stress of a body of smoothed or quadratic elements, in many instants."""
 
     def __init__(
         self,
@@ -125,10 +122,7 @@ class DomainStress:
 
         Args:
             kind: kind of the elements, a name in ELEMENT_KINDS.
-            rest_position: nodes at rest [mm], shape (node_count, 3).
-            elements: node indices, shape (element_count, nodes_per_element).
             material: number of the material of each element, shape (element_count,).
-            poisson_ratio: Poisson's ratio of each element, shape (element_count,).
             laws: every element is in one.
         """
         self._count = len(elements)
@@ -143,10 +137,6 @@ class DomainStress:
 
     def stress(self, position: np.ndarray, young_modulus: np.ndarray) -> np.ndarray:
         """Cauchy's stress of rubber, or the corotational one of Hooke's law, in the axes of the world.
-
-        Args:
-            position: nodes [mm], shape (node_count, 3).
-            young_modulus: Young's modulus of each element [kPa], shape (element_count,).
 
         Returns:
             Stress [kPa], positive in tension, of each element, and of each of the eight parts of a quadratic one, in
@@ -165,7 +155,7 @@ class DomainStress:
 
 
 class StressLaw:
-    """The stress of a body of linear tetrahedra, in many frames."""
+    """The stress of a body of linear tetrahedra, in many instants."""
 
     def __init__(
         self,
@@ -178,9 +168,6 @@ class StressLaw:
         """Compute what does not change with positions and stiffness.
 
         Args:
-            rest_position: nodes at rest [mm], shape (node_count, 3).
-            elements: node indices, shape (element_count, 4).
-            poisson_ratio: Poisson's ratio of each element, shape (element_count,).
             polar: whether rotations come from the polar decomposition (`corotation = "polar"` in a scene) and not from
                 the first two edges.
             laws: laws of elements; Hooke's law for all others.
@@ -193,10 +180,6 @@ class StressLaw:
 
     def stress(self, position: np.ndarray, young_modulus: np.ndarray) -> np.ndarray:
         """Stress of each element, in the axes of the world: corotational by Hooke's law, Cauchy's of rubber.
-
-        Args:
-            position: nodes [mm], shape (node_count, 3).
-            young_modulus: Young's modulus of each element [kPa], shape (element_count,).
 
         Returns:
             Stress [kPa], positive in tension, shape (element_count, 3, 3).
@@ -214,11 +197,11 @@ class StressLaw:
 
 
 def recorded_stress(recording: "Recording") -> Callable[[int], list[np.ndarray]]:
-    """Gives the stresses [kPa] of the `tetrahedra` of each soft body in a frame, each of shape (count, 3, 3)."""
+    """Gives the stresses [kPa] of the `tetrahedra` of each soft body in an instant, each of shape (count, 3, 3)."""
     bodies = [(body, _body_stress(recording, body)) for body in recording.soft_bodies]
 
-    def stresses(frame: int) -> list[np.ndarray]:
-        position, young_modulus = recording.row("position", frame), recording.row("young_modulus", frame)
+    def stresses(instant: int) -> list[np.ndarray]:
+        position, young_modulus = recording.row("position", instant), recording.row("young_modulus", instant)
         return [law.stress(position[body.nodes], young_modulus[body.material]) for body, law in bodies]
 
     return stresses
@@ -251,17 +234,16 @@ def nodal_mean(values: np.ndarray, elements: np.ndarray, rest_position: np.ndarr
 
     Args:
         values: values of the elements, shape (element_count,).
-        elements: node indices, shape (element_count, 4); every node belongs to one.
-        rest_position: nodes at rest [mm], shape (node_count, 3).
 
     Returns:
-        Means in the unit of `values`, shape (node_count,).
+        Means in the unit of `values`, shape (node_count,); NaN of a node without elements.
     """
     _, volumes = linear_tetrahedra(rest_position, elements)
     corners, node_count = elements.ravel(), len(rest_position)
     weights = np.repeat(volumes[:, 0], elements.shape[1])
     total = np.bincount(corners, weights * np.repeat(values, elements.shape[1]), node_count)
-    return total / np.bincount(corners, weights, node_count)
+    whole = np.bincount(corners, weights, node_count)
+    return np.divide(total, whole, out=np.full(node_count, np.nan), where=whole > 0.0)
 
 
 def _frames(position: np.ndarray, elements: np.ndarray) -> np.ndarray:

@@ -211,7 +211,6 @@ def _units(name: str) -> list[str]:
 
 
 def _scale(name: str, units: Mapping[str, float], where: str) -> float:
-    """What a column's numbers are multiplied by, for the unit that its name has."""
     found = _units(name) or ([""] if "" in units else [])
     if len(found) != 1 or found[0] not in units:
         raise MaterialError(f"{where}: '{name}' needs a unit: {', '.join(unit or 'none' for unit in units)}")

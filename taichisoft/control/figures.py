@@ -190,7 +190,7 @@ def _lengths(vectors: Values) -> Values:
 
 
 ON_PAGE, LISTED = FILES | In.PAGE, FILES | In.FINAL
-EVERYWHERE = ON_PAGE | In.FINAL
+EVERYWHERE, CSV_PAGE = ON_PAGE | In.FINAL, In.CSV | In.PAGE
 
 FIGURES: tuple[Figure, ...] = (
     *(_of_actuators(kind, figure) for kind in ACTUATOR_KINDS for figure in kind.measured),
@@ -210,13 +210,21 @@ FIGURES: tuple[Figure, ...] = (
     Figure("tip_velocity", "mm/s", FINGERS, reach=1e3, axes="xyz"),
     Figure("base_translation", "mm", BASE, "distance of the base from its rest", recorded=In.CSV),
     Figure("base_rotation", "degrees", BASE, "angle of the base's turn", recorded=In.CSV),
-    Figure("base_force", "mN", BASE, "force on the base, its amount", recorded=In.CSV),
-    Figure("base_torque", "mN mm", BASE, "torque on the base about its pivot, its amount", recorded=In.CSV),
+    Figure("base_force", "mN", BASE, "force on the base, its amount", "max", CSV_PAGE, "force on the base [mN]"),
+    Figure(
+        "base_torque",
+        "mN mm",
+        BASE,
+        "torque on the base about its pivot, its amount",
+        "max",
+        CSV_PAGE,
+        "torque on the base [mN mm]",
+    ),
     Figure("base_force_in_base", "mN", BASE, recorded=In.CSV, reach=1e4),
     Figure("base_torque_in_base", "mN mm", BASE, recorded=In.CSV, reach=1e6),
     Figure("frame_translation", "mm", FRAMES, "distance of the farthest frame from its rest", recorded=In.CSV),
     Figure("frame_rotation", "degrees", FRAMES, "largest angle of a frame's turn", recorded=In.CSV),
-    Figure("frame_force", "mN", FRAMES, "largest force on a frame, its amount", recorded=In.CSV),
+    Figure("frame_force", "mN", FRAMES, "largest force on a frame, its amount", "max", In.CSV, "force on a frame [mN]"),
     Figure("frame_torque", "mN mm", FRAMES, "largest torque on a frame about its pivot", recorded=In.CSV),
     Figure("frame_angle", "degrees", HINGES, "largest angle of a hinge"),
     Figure("frame_moment", "mN mm", HINGES, "largest moment about a hinge"),

@@ -17,18 +17,19 @@ from taichisoft.mesh import count_open_edges, enclosed_volume
 from taichisoft.scene import scene_from_toml
 from taichisoft_outputs import Recording, Style, read_recording, render_pictures
 from taichisoft_outputs.drawing.camera import outermost_points
-from taichisoft_outputs.drawing.colouring import PLAIN, Colouring
-from taichisoft_outputs.drawing.overlay import caption_parts
-from taichisoft_outputs.drawing.painting import (
+from taichisoft_outputs.drawing.colouring import (
     BEAD,
     LINE,
+    PLAIN,
     SIDES,
+    Colouring,
     ColourScale,
     line_tubes,
     round_up,
     tube_triangles,
     tube_vertices,
 )
+from taichisoft_outputs.drawing.overlay import caption_parts
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import ResumeError, resumed_simulation, state_at
 from taichisoft_outputs.web.address import find_address

@@ -19,40 +19,42 @@ from taichisoft.base import matrices_from_quaternions
 from taichisoft.base.rotations import rotation_from_degrees
 from taichisoft.mechanics import ActuatorNames, BodySurface, Plane, axes_of_bodies
 from taichisoft.mechanics.body_geometry import RigidAxes
-from taichisoft.mesh import SectionPlane, read_surface, write_stl
+from taichisoft.mesh import MappedSurface, SectionPlane, read_surface, write_stl
 from taichisoft.scene import scene_from_toml, scene_to_toml
 from taichisoft.scene.scene import Appearance
 from taichisoft_outputs import Recording, Style, read_recording, render_pictures
 from taichisoft_outputs.drawing.camera import fit_camera, scene_axes
 from taichisoft_outputs.drawing.colouring import (
+    AIR,
     PLAIN,
+    SOFT,
     Colouring,
-    at_vertices,
+    ColourScale,
+    at_corners,
     body_colours,
     displacement,
+    round_up,
     strain,
     stress,
     with_visual_surfaces,
 )
-from taichisoft_outputs.drawing.overlay import caption_parts, paint_caption
-from taichisoft_outputs.drawing.painting import (
-    AIR,
+from taichisoft_outputs.drawing.overlay import (
     FORCE_COLOURS,
     ON_DARK,
-    SOFT,
-    ColourScale,
     ForceArrows,
     arrow_colour,
-    key_light,
-    round_up,
-    shade,
+    as_bytes,
+    caption_parts,
+    paint_caption,
 )
 from taichisoft_outputs.drawing.stage import Floor
 from taichisoft_outputs.drawing.style import BACKGROUND, StyleError
-from taichisoft_outputs.drawing.surface_painter import refuse_what_cuts_nothing
+from taichisoft_outputs.drawing.surface_painter import key_light, refuse_what_cuts_nothing, shade
+from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.recording_file import write_texts
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.web.page import COLOURS, SceneView
+from taichisoft_outputs.web.page import FLOOR as PLAIN_FLOOR
+from taichisoft_outputs.web.page import SceneView
 from taichisoft_outputs.web.page_messages import PageInstant, PageScene, ShownPoses
 
 FRAMES = (0, 1, 2)
@@ -73,7 +75,15 @@ def test_displacement_is_relative_to_the_moved_base(gripper):
         assert np.allclose(lifted[anchored], 0.0, atol=1e-9), "the base has risen by 25 mm, with them"
         tip = np.argmin(body.mesh_nodes[:, 0])
         angle, nodes = bent_gripper.FRAMES[2][0], body.mesh_nodes
-        assert lifted[tip] == pytest.approx(np.linalg.norm(bent_gripper.bent(nodes, angle)[tip] - nodes[tip]))
+        assert lifted[tip, 0] == pytest.approx(np.linalg.norm(bent_gripper.bent(nodes, angle)[tip] - nodes[tip]))
+
+
+def test_triangle_has_the_values_of_its_own_material() -> None:
+    """Of three nodes the middle one lies between materials of 1 and of 9 kPa."""
+    mapping = MappedSurface(np.arange(4)[:, None], np.ones((4, 1)), np.array([[0, 1, 1], [1, 2, 2], [0, 1, 2]]))
+    surface = RecordedSurface("finger", "soft", mapping.triangles, lambda instant: np.zeros((4, 3)), mapping)
+    values = np.array([[1.0, np.nan], [1.0, 9.0], [np.nan, 9.0], [1.0, np.nan]])
+    assert at_corners(surface, values).tolist() == [1.0, 1.0, 1.0, 9.0, 9.0, 9.0, 1.0, 1.0, 9.0]
 
 
 def test_displacement_follows_a_base_that_turns(tmp_path):
@@ -95,8 +105,8 @@ def test_displacement_follows_a_base_that_turns(tmp_path):
 def test_stress_is_highest_where_fibres_are_longest(gripper):
     values = stress(gripper)
     body = gripper.soft_bodies[0]
-    assert np.allclose(values(0)[body.nodes], 0.0, atol=1e-6)
-    bent = values(1)[body.nodes]
+    assert np.allclose(np.nanmax(values(0)[body.nodes], axis=1), 0.0, atol=1e-6)
+    bent = np.nanmin(values(1)[body.nodes], axis=1)
     middle = np.abs(body.mesh_nodes[:, 0] + 60.0) < 30.0
     outer = bent[middle & (body.mesh_nodes[:, 1] < 2.0)].mean()
     inner = bent[middle & (body.mesh_nodes[:, 1] > 28.0)].mean()
@@ -110,9 +120,9 @@ def test_strain_is_that_of_the_longest_fibres(gripper):
     """0.45 * 30 / 115 at the outer side, nothing at rest; elements at the outer side reach some mm inwards."""
     values = strain(gripper)
     body = gripper.soft_bodies[0]
-    assert np.allclose(values(0)[body.nodes], 0.0, atol=1e-7)
+    assert np.allclose(np.nanmax(values(0)[body.nodes], axis=1), 0.0, atol=1e-7)
     middle = np.abs(body.mesh_nodes[:, 0] + 60.0) < 30.0
-    outer = values(1)[body.nodes][middle & (body.mesh_nodes[:, 1] < 2.0)].mean()
+    outer = np.nanmin(values(1)[body.nodes][middle & (body.mesh_nodes[:, 1] < 2.0)], axis=1).mean()
     assert outer == pytest.approx(0.45 * 30.0 / 115.0, rel=0.1)
 
 
@@ -138,13 +148,13 @@ def test_colours_mean_what_the_bars_say(gripper):
     assert (first.title, second.title) == ("displacement [mm]", "pressure [kPa]")
     assert (second.low, second.high) == (0.0, 50.0)
     soft, cavity = gripper.surfaces[:2]
-    assert np.allclose(first.colours(colouring.values(0)), SOFT[0])
+    assert np.allclose(first.colours(colouring.values(0).ravel()), SOFT[0])
     tips = soft.vertices(0)[:, 0] < -114.0
-    at_tips = at_vertices(soft.mapping, colouring.values(2))[tips]
+    at_tips = at_corners(soft, colouring.values(2))[tips[soft.triangles].ravel()]
     assert (first.colours(at_tips)[:, 1] < 0.4).all(), "violet"
     assert (first.high, first.top) == (
         first.high,
-        f">= {first.high:g}" if first.highest > first.high else f"{first.high:g}",
+        f"{first.high:g} to {first.highest:.3g}" if first.highest > first.high else f"{first.high:g}",
     )
     assert np.allclose(colouring.colours(0)[cavity.name], AIR[0])
     assert np.allclose(colouring.colours(2)[cavity.name], AIR[-1])
@@ -172,7 +182,9 @@ def test_a_colour_scale_is_linear_and_holds_its_ends():
 
 
 def test_the_caption_has_time_pressure_and_height(gripper):
-    assert caption_parts(gripper, 0) == ["0.00 s", "pressure 0.0 kPa", "cube raised 0.0 mm"]
+    """Heights count from the moment before the base moves, as in metrics.json: there is none before."""
+    assert caption_parts(gripper, 0) == ["0.00 s", "pressure 0.0 kPa"]
+    assert caption_parts(gripper, 1)[2] == "cube raised 0.0 mm"
     assert caption_parts(gripper, 2) == ["0.02 s", "pressure 50.0 kPa", "cube raised 25.0 mm"]
 
 
@@ -187,7 +199,7 @@ def test_different_pressures_are_all_in_the_caption(pressures, text):
     rows = {"pressure": np.array(pressures), "rigid_position": np.zeros((0, 3))}
     actuators = ActuatorNames({"cavity": [f"cavity {number}" for number in range(len(pressures))], "cable": ()})
     recording = SimpleNamespace(
-        times=np.zeros(3), actuators=actuators, row=lambda name, frame: rows[name], last_start=0,
+        times=np.zeros(3), actuators=actuators, row=lambda name, frame: rows[name], lift_start=0,
         scene=SimpleNamespace(rigid_bodies=(), objects=(), up=np.array([0.0, 0.0, 1.0])),
     )  # fmt: skip
     assert caption_parts(recording, 1) == ["0.00 s", text]
@@ -429,6 +441,21 @@ def test_what_the_user_chose_wins_over_the_scene(recording: Recording) -> None:
     assert usual.background_colour == BACKGROUND and usual.axes is True
 
 
+@pytest.mark.parametrize("colour", ["#ffffff", "#808080"])
+def test_transparent_picture_over_a_colour_is_that_with_the_colour(gripper, tmp_path, colour) -> None:
+    """The chosen colour is that of the floor, too, but for the shadow, which a transparent picture keeps."""
+    style = {"size": (320, 180), "caption": False, "axes": False, "bars": False, "arrows": False}
+    (path,) = render_pictures(gripper.path, {"clear": 0.02}, tmp_path, Style(transparent=True, **style))
+    (filled,) = render_pictures(gripper.path, {"filled": 0.02}, tmp_path, Style(background=colour, **style))
+    with Image.open(path) as clear, Image.open(filled) as expected:
+        alpha = np.asarray(clear)[..., 3]
+        assert (alpha == 0).any() and ((alpha > 20) & (alpha < 80)).any() and (alpha == 255).any()
+        sheet = Image.new("RGBA", clear.size, colour)
+        sheet.alpha_composite(clear)
+        off = np.abs(np.asarray(sheet.convert("RGB"), int) - np.asarray(expected.convert("RGB"), int)).max(axis=2)
+    assert np.mean(off > 4) < 0.02, "edges are smoothed where they are seen"
+
+
 def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recording) -> None:
     finger, cavity, cube = recording.surfaces
     plain = Colouring(recording, Style(), [0], recording.surfaces).colours(0)
@@ -436,7 +463,7 @@ def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recordi
     assert plain[cube.name] == pytest.approx(np.array(CUBE) / 255)
     assert tuple(plain[cavity.name]) == PLAIN["cavity"]
     moved = Colouring(recording, Style(colour_by="displacement"), [0], recording.surfaces)
-    assert moved.values(0).shape == recording.row("position", 0).shape[:1], "a value for each node"
+    assert len(moved.values(0)) == len(recording.row("position", 0)), "a value for each node"
     assert finger.name in moved.unlit
 
 
@@ -493,11 +520,11 @@ def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
     added = {call.args[0]: call.kwargs["color"] for call in server.scene.add_mesh_simple.call_args_list}
     backgrounds = [call.args[0].tolist() for call in server.scene.set_background_image.call_args_list]
     if coloured:
-        assert added == {"/finger": FINGER, "/finger.cavity": COLOURS["cavity"], "/cube": CUBE, "/floor": FLOOR}
+        assert added == {"/finger": FINGER, "/finger.cavity": as_bytes(PLAIN["cavity"]), "/cube": CUBE, "/floor": FLOOR}
         assert backgrounds == [[[list(BEHIND)]]]
     else:
         kinds = {"/finger": "soft", "/finger.cavity": "cavity", "/cube": "rigid", "/floor": "floor"}
-        assert added == {name: COLOURS[kind] for name, kind in kinds.items()}
+        assert added == {name: as_bytes((PLAIN | {"floor": PLAIN_FLOOR})[kind]) for name, kind in kinds.items()}
         assert not backgrounds
 
 

@@ -24,19 +24,12 @@ from taichisoft_outputs.drawing.camera import (
     scene_axes,
     seen_from_front,
 )
+from taichisoft_outputs.drawing.colouring import sample_instants
 from taichisoft_outputs.drawing.drawer import antialias
-from taichisoft_outputs.drawing.painting import (
-    KEY_LIGHT,
-    SmoothNormals,
-    arrow_outline,
-    paint_polygon,
-    sample_instants,
-    shade,
-    text_colour,
-)
+from taichisoft_outputs.drawing.overlay import arrow_outline, paint_polygon, text_colour
 from taichisoft_outputs.drawing.stage import EMPTY, PIXELS, SUN_RADIUS, Floor, reaches_under, shadow, square_of_plane
 from taichisoft_outputs.drawing.style import StyleError
-from taichisoft_outputs.drawing.surface_painter import depth_layers, lay_over
+from taichisoft_outputs.drawing.surface_painter import KEY_LIGHT, SmoothNormals, depth_layers, lay_over, shade
 from taichisoft_outputs.recording.reader import RecordedSurface
 
 # What a style refuses.

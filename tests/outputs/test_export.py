@@ -11,8 +11,8 @@ import tiny_run
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import Stretches
 from taichisoft.mesh import SIDES
-from taichisoft_outputs import Recording, RecordingError, paraview, read_recording
-from taichisoft_outputs.paraview import CELL_TYPES, ExportError, Grid, chosen_frames, export_vtu, write_pvd, write_vtu
+from taichisoft_outputs import Recording, RecordingError, read_recording
+from taichisoft_outputs.paraview import ExportError, chosen_instants, export_vtu, make_grid, write_pvd, write_vtu
 from taichisoft_outputs.stress import StressLaw, von_mises
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -181,15 +181,15 @@ def test_meshio_reads_a_frame_too(exported: Path) -> None:
 
 
 def test_which_frames(recording: Recording) -> None:
-    assert chosen_frames(recording, None, None) == list(range(tiny_run.STEPS + 1))
-    assert chosen_frames(recording, 15, None) == [0, 15, 30]
-    assert chosen_frames(recording, None, [0.3, 0.0, 0.301]) == [0, 30]
+    assert chosen_instants(recording, None, None) == list(range(tiny_run.STEPS + 1))
+    assert chosen_instants(recording, 15, None) == [0, 15, 30]
+    assert chosen_instants(recording, None, [0.3, 0.0, 0.301]) == [0, 30]
     with pytest.raises(RecordingError, match=r"nothing at 3 s; the recording has from 0 s to 0\.4 s"):
-        chosen_frames(recording, None, [3.0])
+        chosen_instants(recording, None, [3.0])
     with pytest.raises(ExportError, match="--every 0: must be 1 or more"):
-        chosen_frames(recording, 0, None)
+        chosen_instants(recording, 0, None)
     with pytest.raises(ExportError, match="give one of them"):
-        chosen_frames(recording, 2, [0.1])
+        chosen_instants(recording, 2, [0.1])
 
 
 def test_the_command_writes_beside_the_recording_and_names_what_to_open(run: Path) -> None:
@@ -223,80 +223,64 @@ def test_what_was_written_before_it_ended_can_be_opened(recording: Recording, tm
 
 # The files by themselves: VTK and meshio read every array as it was.
 
-
-@pytest.fixture
-def random_grid() -> Grid:
-    """Random points, and cells between them."""
-    random = np.random.default_rng(3)
-    return Grid(
-        points=random.normal(0.0, 50.0, (300, 3)),
-        cells=[np.array([random.choice(300, 4, replace=False) for _ in range(170)])],
-        point_data={"displacement": random.normal(size=(300, 3)), "chosen": np.arange(300) % 2 == 0},
-        cell_data={"stress": random.normal(size=(170, 6)), 'body <1> & "2"': np.arange(170, dtype=np.int32)},
-    )
+RANDOM = np.random.default_rng(3)
+TABLES = {
+    "points": RANDOM.normal(0.0, 50.0, (300, 3)),
+    "cells": [np.array([RANDOM.choice(300, 4, replace=False) for _ in range(170)])],
+    "point_data": {"displacement": RANDOM.normal(size=(300, 3)), "chosen": np.arange(300) % 2 == 0},
+    "cell_data": {"stress": RANDOM.normal(size=(170, 6)), 'body <1> & "2"': np.arange(170, dtype=np.int32)},
+}
 
 
-@pytest.mark.parametrize("block_bytes", [1 << 20, 1000, 900 * 4], ids=["one block", "several", "full ones only"])
-def test_vtk_reads_what_was_written(
-    random_grid: Grid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block_bytes: int
-) -> None:
-    """900 numbers of 4 bytes are the displacements: the last block is full, where VTK wants the size 0 written."""
-    monkeypatch.setattr(paraview, "BLOCK_BYTES", block_bytes)
-    write_vtu(tmp_path / "a.vtu", random_grid)
-    read = pyvista.read(tmp_path / "a.vtu")
-    np.testing.assert_array_equal(read.points, random_grid.points.astype(np.float32))
-    np.testing.assert_array_equal(read.cells.reshape(-1, 5)[:, 1:], random_grid.cells[0])
-    assert (read.celltypes == CELL_TYPES[4]).all()
-    for name, values in random_grid.point_data.items():
-        np.testing.assert_array_equal(read.point_data[name], values.astype(np.float32))
-    for name, values in random_grid.cell_data.items():
-        np.testing.assert_array_equal(read.cell_data[name], values.astype(np.float32))
-    stress = read.GetCellData().GetArray("stress")
-    assert [stress.GetComponentName(i) for i in range(6)] == ["XX", "YY", "ZZ", "XY", "YZ", "XZ"]
-
-
-def test_meshio_reads_what_was_written(random_grid: Grid, tmp_path: Path) -> None:
+def test_vtk_and_meshio_read_what_was_written(tmp_path: Path) -> None:
     import meshio
 
-    write_vtu(tmp_path / "a.vtu", random_grid)
-    read = meshio.read(tmp_path / "a.vtu")
-    np.testing.assert_array_equal(read.points, random_grid.points.astype(np.float32))
-    np.testing.assert_array_equal(read.cells_dict["tetra"], random_grid.cells[0])
-    np.testing.assert_array_equal(read.cell_data["stress"][0], random_grid.cell_data["stress"].astype(np.float32))
-    assert read.point_data["chosen"].dtype == np.uint8
+    write_vtu(tmp_path / "a.vtu", make_grid(**TABLES))
+    read, again = pyvista.read(tmp_path / "a.vtu"), meshio.read(tmp_path / "a.vtu")
+    for points in (read.points, again.points):
+        np.testing.assert_array_equal(points, TABLES["points"].astype(np.float32))
+    for cells in (read.cells.reshape(-1, 5)[:, 1:], again.cells_dict["tetra"]):
+        np.testing.assert_array_equal(cells, TABLES["cells"][0])
+    assert (read.celltypes == pyvista.CellType.TETRA).all()
+    for name, values in TABLES["point_data"].items():
+        np.testing.assert_array_equal(read.point_data[name], values.astype(np.float32))
+    for name, values in TABLES["cell_data"].items():
+        np.testing.assert_array_equal(read.cell_data[name], values.astype(np.float32))
+        np.testing.assert_array_equal(again.cell_data[name][0], values.astype(np.float32))
+    assert again.point_data["chosen"].dtype == np.uint8
 
 
 def test_curved_tetrahedra_stand_beside_straight_ones(tmp_path: Path) -> None:
     """VTK's volume of a straight-sided tetrahedron of ten nodes is that of its corners: 1/6; its nodes are in order."""
     corners = np.vstack([np.zeros(3), np.eye(3)])
     ten = np.vstack([corners, corners[SIDES].mean(axis=1)])
-    write_vtu(tmp_path / "a.vtu", Grid(ten, [np.array([[0, 1, 2, 3]]), np.arange(10)[None]]))
+    write_vtu(tmp_path / "a.vtu", make_grid(ten, [np.array([[0, 1, 2, 3]]), np.arange(10)[None]]))
     read = pyvista.read(tmp_path / "a.vtu")
-    assert read.celltypes.tolist() == [CELL_TYPES[4], CELL_TYPES[10]]
+    assert read.celltypes.tolist() == [pyvista.CellType.TETRA, pyvista.CellType.QUADRATIC_TETRA]
     np.testing.assert_allclose(read.compute_cell_sizes()["Volume"], 1 / 6, rtol=1e-6)
 
 
 def test_a_grid_of_nothing(tmp_path: Path) -> None:
     """A frame without contacts."""
-    nothing = Grid(np.zeros((0, 3)), [np.zeros((0, 1), dtype=int)], {"force": np.zeros((0, 3))})
+    nothing = make_grid(np.zeros((0, 3)), [np.zeros((0, 1), dtype=int)], {"force": np.zeros((0, 3))})
     write_vtu(tmp_path / "a.vtu", nothing)
     assert pyvista.read(tmp_path / "a.vtu").n_points == 0
 
 
-def test_a_list_gives_the_file_of_each_time(random_grid: Grid, tmp_path: Path) -> None:
+def test_a_list_gives_the_file_of_each_time(tmp_path: Path) -> None:
     files = []
     for index, time in enumerate((0.0, 0.01, 0.3)):
         path = tmp_path / "of <run>" / f"{index}.vtu"
-        write_vtu(path, Grid(random_grid.points + index, random_grid.cells))
+        write_vtu(path, make_grid(TABLES["points"] + index, TABLES["cells"]))
         files.append((time, path))
     write_pvd(tmp_path / "run.pvd", files)
     reader = pyvista.PVDReader(tmp_path / "run.pvd")
     assert reader.time_values == [0.0, 0.01, 0.3]
     reader.set_active_time_value(0.3)
-    np.testing.assert_array_equal(reader.read()[0].points, (random_grid.points + 2).astype(np.float32))
+    np.testing.assert_array_equal(reader.read()[0].points, (TABLES["points"] + 2).astype(np.float32))
 
 
-def test_a_file_that_cannot_be_written(random_grid: Grid, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(TaichisoftError, match=r"file/a\.vtu: cannot be written: "):
-        write_vtu(tmp_path / "file" / "a.vtu", random_grid)
+        write_vtu(tmp_path / "file" / "a.vtu", make_grid(**TABLES))

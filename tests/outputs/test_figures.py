@@ -13,7 +13,7 @@ import pyvista
 from cable_block import LINK, STEPS, TENDON, run_cables
 from tiny_run import tiny_run
 
-from taichisoft.control import FIGURES, PAIRS, Figure, In, text_of
+from taichisoft.control import BASE, FIGURES, PAIRS, Figure, In, text_of
 from taichisoft.mechanics import CABLES
 from taichisoft_outputs import Recording, read_recording
 from taichisoft_outputs.csv_output import CsvOutput
@@ -96,6 +96,10 @@ def test_figure_is_everywhere_as_it_was_observed(run: Run, recording: Recording,
         panel = PANELS[panel_name(figure)](RunCurves(recording))
         assert panel.y_axis == figure.drawn
         expected_curves = {text_of(name): figure.factor * of for name, of in values.items()}
+        if figure.per is BASE:
+            expected_curves = dict(zip(figure.axes, values[""].T, strict=True))
+        elif figure.axes:
+            expected_curves = {name: np.linalg.norm(of, axis=1) for name, of in values.items()}
         for curve in panel.curves:
             np.testing.assert_allclose(curve.y[1:], expected_curves[curve.label], rtol=1e-12, atol=1e-12)
     if In.FINAL in figure.recorded:

@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
 from taichisoft.base import run_python
-from taichisoft_outputs.drawing.painting import AIR, SOFT
+from taichisoft_outputs.drawing.colouring import AIR, SOFT
 
 ALIKE = 0.93
 """Least similarity: other renderers put edges a fraction of a pixel elsewhere, and round colours otherwise."""

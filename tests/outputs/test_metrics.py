@@ -60,6 +60,7 @@ def report(step: int, **changes: Any) -> Any:
             ("finger1", "floor"): 700.0,
         },
         "peak_pressures": {},
+        "bending_angles": {},
         "peak_pressure_errors": {},
     }
     seen |= {name: changes.pop(name) for name in seen if name in changes}
@@ -169,6 +170,8 @@ def test_file_has_figures_of_the_steps(tmp_path: Path) -> None:
     assert metrics["max_penetration_mm"] == 0.25
     assert metrics["peak_normal_force_mN"] == 120.0  # of the fingers on the cube: neither the floor nor each other
     assert metrics["mean_normal_force_mN"] == pytest.approx((19 * 50.0 + 120.0) / 20)
+    of_fingers = {"finger1": (19 * 30.0 + 70.0) / 20, "finger2": (19 * 20.0 + 50.0) / 20}
+    assert metrics["mean_normal_forces_mN"] == pytest.approx(of_fingers)
     median = 20.0 + (count - 1) / 2
     assert metrics["step_time_median_ms"] == pytest.approx(median, rel=1e-3)
     assert metrics["real_time_factor"] == pytest.approx(1e3 * STEP / median, rel=1e-3)
@@ -263,6 +266,17 @@ def test_object_pressed_too_hard_misses_its_goal(
     assert output.metrics["peak_contact_pressures_kPa"]["finger1|cube"] == pressed
     assert output.metrics["peak_contact_pressure_errors_kPa"]["finger1|cube"] == error
     assert output.summary()["highest contact pressure"] == "99 +- 0 kPa (finger1|floor)"
+
+
+def test_finger_that_swings_at_the_end_is_named(tmp_path: Path) -> None:
+    output = MetricsOutput(tmp_path)
+    output.begin(model(goal=False), state(0.0, 0.0))
+    for step in range(20):
+        bends = {"finger1": np.radians(95.0 + 13.0 * (-1) ** step), "finger2": 1.0}
+        output.record(state(0.0, 0.0), report(step, bending_angles=bends))
+    output.end("completed")
+    assert output.metrics["bending_swings_degrees"] == {"finger1": pytest.approx([82.0, 108.0])}
+    assert output.summary()["finger1 still swings"] == "bent by 82 to 108 degrees in the last 0.5 s"
 
 
 def test_summary_says_what_is_doubtful(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import gc
 import os
 import platform
 import tracemalloc
-from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,7 +31,7 @@ from taichisoft_outputs.recording.recording_output import (
     limit_endless_recordings,
 )
 from taichisoft_outputs.rendering.drawn_outputs import PicturesOutput, VideoOutput
-from taichisoft_outputs.run_figures import RESOLUTION, RunningMedian, middle_keys
+from taichisoft_outputs.run_figures import RESOLUTION, StepFigures
 
 STEPS = 113
 
@@ -271,17 +270,17 @@ def test_the_recording_of_another_run_will_not_do(tmp_path: Path) -> None:
 # Runs without an end.
 
 
-@given(st.lists(st.integers(0, 50), min_size=1))
-def test_the_middle_of_counted_numbers_is_their_median(numbers: list[int]) -> None:
-    assert sum(middle_keys(Counter(numbers))) / 2 == np.median(numbers)
-
-
-@given(st.lists(st.floats(1e-4, 10.0), min_size=1))
-def test_a_running_median_is_exact_to_its_resolution(numbers: list[float]) -> None:
-    median = RunningMedian()
-    for number in numbers:
-        median.add(number)
-    assert median.value == pytest.approx(np.median(numbers), rel=RESOLUTION)
+@given(st.lists(st.tuples(st.integers(0, 50), st.floats(1e-4, 10.0)), min_size=1))
+def test_medians_of_a_run_are_exact_to_their_resolution(steps: list[tuple[int, float]]) -> None:
+    figures = StepFigures(1.0, 1e-3)
+    rest = {"max_penetration": 0, "inverted_elements": 0, "linearisations": 1, "time": 0.0, "newton_residual": None}
+    for iterations, seconds in steps:
+        figures.add(SimpleNamespace(iterations=iterations, step_time=seconds, converged=True, **rest))
+    counts, times = map(np.array, zip(*steps, strict=True))
+    assert figures.metrics(0.01)["iterations_median"] == np.median(counts)
+    low, high = (np.quantile(times, 0.5, method=end) for end in ("lower", "higher"))
+    median = 1e-3 * figures.metrics(0.01)["step_time_median_ms"]
+    assert low * (1.0 - RESOLUTION) <= median <= high * (1.0 + RESOLUTION)
 
 
 def test_steps_leave_nothing_in_memory(tmp_path: Path) -> None:

@@ -100,6 +100,7 @@ def test_nodal_mean_weighs_with_volume() -> None:
     elements = np.array([[0, 1, 2, 3], [0, 2, 1, 4]])
     means = nodal_mean(np.array([1.0, 5.0]), elements, nodes)
     np.testing.assert_allclose(means, [4.0, 4.0, 4.0, 1.0, 5.0])
+    np.testing.assert_allclose(nodal_mean(np.array([2.0]), elements[1:], nodes), [2.0, 2.0, 2.0, np.nan, 2.0])
 
 
 def _body(corotation: str) -> Any:

@@ -398,6 +398,7 @@ def test_every_choice_of_a_style_has_an_option(short_run: Path, monkeypatch: pyt
         "target": ("--target", "0,1,2"),
         "opacity": ("--opacity", "0.5"),
         "background": ("--background", "#000000"),
+        "transparent": ("--transparent",),
         "colour_by": ("--colour-by", "stress"),
         "cavity_pressure": ("--no-cavity-pressure",),
         "cable_tension": ("--no-cable-tension",),

@@ -62,6 +62,16 @@ def opened(browser: Any, session: Session) -> Any:
     return tab
 
 
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_page_follows_the_theme_of_the_browser(browser: Any, session: Session, scheme: str) -> None:
+    (output,) = session.outputs
+    tab = browser.new_page(viewport={"width": 560, "height": 320}, color_scheme=scheme)
+    tab.goto(output.url)  # type: ignore[attr-defined]
+    tab.wait_for_selector(f"[data-mantine-color-scheme={scheme}]", state="attached", timeout=1e3 * PATIENCE)
+    tab.emulate_media(color_scheme="dark" if scheme == "light" else "light")
+    tab.wait_for_selector(f"html:not([data-mantine-color-scheme={scheme}])", state="attached", timeout=1e3 * PATIENCE)
+
+
 def drawn(tab: Any) -> np.ndarray:
     """What the panel leaves free, once it stands still: red, green and blue, shape (height, width, 3)."""
     pictures = [_screenshot(tab), _screenshot(tab)]

@@ -15,7 +15,7 @@ from taichisoft import Control, Scene, Session, Simulation
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs import RecordingError, read_recording
 from taichisoft_outputs.drawing.overlay import caption_parts
-from taichisoft_outputs.drawing.painting import split_creases
+from taichisoft_outputs.drawing.surface_painter import split_creases
 from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.curves import MOST_POINTS, WINDOW, History, plotted_row
@@ -56,13 +56,19 @@ SCENE = Scene.model_validate(
 )
 
 
+def on_page(forces: dict, peaks: dict, wrench: np.ndarray = np.arange(6.0).reshape(2, 1, 3)) -> dict:
+    """Names and values of the figures of a page."""
+    of_pairs = {"normal_force": forces, "peak_pressure": peaks}
+    figures = {name: (list(of), np.array([*of.values()])) for name, of in of_pairs.items()}
+    return figures | {"base_force": ([""], wrench[0]), "base_torque": ([""], wrench[1])}
+
+
 def frame(time: float, height: float = 0.0) -> PageInstant:
     """A frame of a run with one cavity and one cable, in which the second rigid body is gripped."""
     forces = {("left", "cube"): 3.0, ("cube", "right"): 2.0, ("cube", "floor"): 9.0, ("left", "ball"): 7.0}
     places, nothing = np.array([[99.0, 0.0, 0.0], [height, 0.0, 0.0]]), np.zeros((0, 3))
-    wrench, peaks = np.arange(6.0).reshape(2, 3), {("left", "cube"): 0.25}
-    by_pair = {"normal_force": forces, "peak_pressure": peaks}
-    plotted = plotted_row(SCENE, [10.0 * time, 400.0 * time], by_pair, wrench, places)
+    peaks = {("left", "cube"): 0.25}
+    plotted = plotted_row(SCENE, np.array([10.0 * time, 400.0 * time]), on_page(forces, peaks), places)
     signals = {"force": 5.0} if time else {}
     return PageInstant(time, None, {}, nothing, nothing, plotted, signals)
 
@@ -71,14 +77,14 @@ def test_curves_have_efforts_forces_and_height() -> None:
     history = History(frame(0.0, height=5.0))
     history.add(frame(0.5, height=7.5))
     assert history.times == [0.5]
-    assert history.rows[0].tolist() == [5.0, 200.0, 3.0, 2.0, 0.25, 0.0, *range(6), 2.5]
+    assert history.rows[0].tolist() == [5.0, 200.0, *range(6), 3.0, 2.0, 0.25, 0.0, 2.5]
 
 
 def test_a_scene_without_rigid_bodies_has_pressures_only() -> None:
     alone = SCENE.model_copy(update={"rigid_bodies": {}, "goal": None})
-    by_pair = {"normal_force": {("left", "right"): 3.0}, "peak_pressure": {}}
-    row = plotted_row(alone, [4.0], by_pair, np.ones((2, 3)), np.zeros((0, 3)))
-    assert row.tolist() == [4.0, *[0.0] * 4, *[1.0] * 6, 0.0]
+    figures = on_page({("left", "right"): 3.0}, {}, np.ones((2, 1, 3)))
+    row = plotted_row(alone, np.array([4.0]), figures, np.zeros((0, 3)))
+    assert row.tolist() == [4.0, *[1.0] * 6, *[0.0] * 4, 0.0]
 
 
 def test_curves_show_the_last_seconds() -> None:
@@ -120,7 +126,7 @@ def test_a_recording_has_the_frames_that_the_run_showed(taichisoft_scene: Scene,
         assert (setup.content.scene, names) == (read.scene, (*read.cavities, *read.cables))
     assert recorded.time == live.time
     np.testing.assert_allclose(recorded.plotted, live.plotted)
-    assert live.plotted[:2] == pytest.approx(9.0) and live.plotted[2] > 0.0, "there is something to see"
+    assert live.plotted[:2] == pytest.approx(9.0) and live.plotted[8] > 0.0, "there is something to see"
     assert len(recorded.contact_forces) > 0
     np.testing.assert_array_equal(recorded.contact_forces, live.contact_forces)
 

@@ -63,13 +63,7 @@ def radius_around_mean(points: np.ndarray) -> float:
 
 
 def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> PictureCamera:
-    """The nearest camera of a named view that has all points in the picture, with its margins free.
-
-    Args:
-        points: points to be seen [mm], shape (point_count, 3).
-        view: a key of VIEW_DIRECTIONS.
-        aspect: width / height of the picture.
-    """
+    """The nearest camera of a named view that has all points in the picture, with its margins free."""
     backward, up_in_picture = view_direction(up, view)
     axes = _picture_axes(backward, up_in_picture)
     coordinates = points @ axes.T
@@ -88,13 +82,7 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
 
 
 def distance_to_see(points: np.ndarray, camera: PictureCamera, aspect: float) -> float:
-    """Distance from its target [mm] at which a camera that looks in the same direction has all points in the picture.
-
-    Args:
-        points: points to be seen [mm], shape (point_count, 3).
-        camera: the camera whose target and direction are kept.
-        aspect: width / height of the picture.
-    """
+    """Distance from its target [mm] at which a camera that looks in this direction has all points in the picture."""
     x, y, depth = ((points - camera.target) @ camera.axes.T).T
     slope_x, slope_y = _slopes(aspect)
     needed = depth + np.maximum(np.abs(x) / slope_x, np.abs(y) / slope_y)
@@ -105,7 +93,6 @@ def view_direction(up: np.ndarray, view: str, turned: float = 0.0) -> tuple[np.n
     """The unit vector from the scene to the camera, and the direction that is up in the picture.
 
     Args:
-        view: a key of VIEW_DIRECTIONS.
         turned: angle about `up`, counterclockwise as seen from above [rad].
     """
     x, y, z = VIEW_DIRECTIONS[view]
@@ -204,9 +191,7 @@ def camera_path(
     """The path that a style asks for.
 
     Args:
-        instants: all instants that will be drawn, in order.
         points: `outermost_points` of these [mm], shape (point_count, 3).
-        aspect: width / height of the part of the picture that things are fitted into.
         followed: what the camera moves with; None where it does not.
     """
     if followed is not None:

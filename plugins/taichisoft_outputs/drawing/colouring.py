@@ -1,13 +1,15 @@
-"""The colours of the surfaces of a recording in its instants, before light falls on them.
+"""The surfaces of a recording, tubes along lines among them, and their colours before light falls on them.
 
 Bodies have the colours of the scene, or soft bodies show displacement, stress or strain; actuators show their effort:
 cavities the pressure, cables the tension. Colours that stand for numbers get no light, which would move them off the
 bar that explains them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,15 +17,7 @@ from taichisoft import Scene
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Stretches, embed, soft_surface
 from taichisoft.mesh import MappedSurface, linear_parts, read_surface
 from taichisoft.scene import red_green_blue
-from taichisoft_outputs.drawing.painting import (
-    LINE,
-    SOFT,
-    ColourScale,
-    LineTube,
-    effort_scale,
-    round_up,
-    sample_instants,
-)
+from taichisoft_outputs.drawing.camera import radius_around_mean
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.bodies import RecordedSoftBody, RecordedSurface
 from taichisoft_outputs.recording.reader import Recording
@@ -66,6 +60,198 @@ def _map(vertices: np.ndarray, triangles: np.ndarray, body: RecordedSoftBody, pa
     return MappedSurface(*embed(vertices, body.mesh_nodes, linear_parts(body.elements)), triangles)
 
 
+# Cables, and other actuators drawn as lines, as thin tubes with a bead at each point through which they run.
+
+THICKNESS = 0.01
+"""Radius of a tube, in radii of the soft bodies [-]: cables are drawn thicker than they are, so that they are seen."""
+BEAD = 2.0
+"""Radius of a bead, in radii of the tube [-]."""
+SIDES = 10
+"""Faces around a tube: few enough to draw fast, and enough that they meet at angles that are shaded smoothly."""
+
+_TURN = 2.0 * np.pi * np.arange(SIDES) / SIDES
+_RING = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+
+
+@dataclass(frozen=True)
+class LineTube(RecordedSurface):
+    """A tube around a line.
+
+    Attributes:
+        actuator: the kind of the actuator.
+        number: its number among its kind.
+        segment: the part of the line between two points that each vertex belongs to, shape (vertex_count,).
+    """
+
+    actuator: str = ""
+    number: int = 0
+    segment: np.ndarray | None = None
+
+    def at_vertices(self, values: np.ndarray) -> np.ndarray:
+        """Values at the vertices, shape (vertex_count,), of values of the parts between points, (point_count - 1,)."""
+        return values[self.segment]
+
+
+def line_tubes(recording: Recording, first_frame: int) -> list[LineTube]:
+    """A tube for each cable and other line of a recording.
+
+    Args:
+        first_frame: the instant in which the bodies have the size that the thickness suits.
+    """
+    lines = [(kind, line) for kind in ACTUATOR_KINDS for line in recording.lines(kind)]
+    if not lines:
+        return []
+    soft = [surface.vertices(first_frame) for surface in recording.surfaces if surface.kind == "soft"]
+    radius = THICKNESS * radius_around_mean(np.concatenate(soft))
+    return [
+        LineTube(
+            # No body or cavity has this name, as a line's own might be.
+            name=f"{line.name}|{kind.name}",
+            kind="line",
+            triangles=tube_triangles(len(line.owner)),
+            vertices=_around(partial(recording.points_of_line, line), radius),
+            actuator=kind.name,
+            number=line.number,
+            segment=_segments(len(line.owner)),
+        )
+        for kind, line in lines
+    ]
+
+
+def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
+    """Vertices of a tube with beads around a polyline [mm], shape (vertex_count, 3)."""
+    along = np.diff(points, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
+    # Any direction across: faces are too many and too small for anybody to see where the first of them is.
+    aside = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-30)
+    across = np.stack([aside, np.cross(along, aside)], axis=1)
+    rings = radius * np.einsum("sk,pkd->psd", _RING, across)
+    ends = np.stack([points[:-1], points[1:]], axis=1)
+    tubes = ends[:, :, None] + rings[:, None]
+    beads = points[:, None] + BEAD * radius * _ball().vertices
+    return np.concatenate([tubes.reshape(-1, 3), beads.reshape(-1, 3)])
+
+
+def tube_triangles(point_count: int) -> np.ndarray:
+    """Vertex indices of the outward triangles of `tube_vertices`, shape (triangle_count, 3)."""
+    segments = 2 * SIDES * np.arange(point_count - 1)
+    beads = 2 * SIDES * (point_count - 1) + len(_ball().vertices) * np.arange(point_count)
+    return np.concatenate([_repeated(_band(0, SIDES), segments), _repeated(_ball().faces, beads)])
+
+
+def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int], np.ndarray]:
+    return lambda instant: tube_vertices(points(instant), radius)
+
+
+def _segments(point_count: int) -> np.ndarray:
+    """The segment of each vertex of `tube_vertices`; that of a bead is the one that ends there."""
+    of_tubes = np.repeat(np.arange(point_count - 1), 2 * SIDES)
+    of_beads = np.repeat(np.maximum(np.arange(point_count) - 1, 0), len(_ball().vertices))
+    return np.concatenate([of_tubes, of_beads])
+
+
+def _repeated(triangles: np.ndarray, starts: Iterable[int]) -> np.ndarray:
+    return np.concatenate([triangles + start for start in starts])
+
+
+def _band(first: int, second: int) -> np.ndarray:
+    """Triangles between two rings of SIDES vertices that begin at these indices, outward from the axis."""
+    here = np.arange(SIDES)
+    after = (here + 1) % SIDES
+    lower = np.stack([first + here, first + after, second + after], axis=1)
+    upper = np.stack([first + here, second + after, second + here], axis=1)
+    return np.concatenate([lower, upper])
+
+
+@cache
+def _ball() -> Any:
+    from trimesh.creation import icosphere
+
+    return icosphere(subdivisions=1)
+
+
+# Scales that hold for all instants that are drawn: colours for numbers, round ends, instants to look at.
+
+SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13, 0.30), (0.33, 0.06, 0.32))
+"""Colours from silicone's own over yellow and red to violet: brightness falls all the way."""
+
+AIR = ((0.60, 0.70, 0.72), (0.24, 0.66, 0.62), (0.02, 0.50, 0.38), (0.00, 0.27, 0.22))
+"""Colours from grey to dark green: none of them is among the colours of the silicone around the air."""
+
+LINE = ((0.42, 0.43, 0.46), (0.62, 0.25, 0.55), (0.72, 0.02, 0.50), (0.36, 0.00, 0.32))
+"""Colours from grey over magenta to purple, which neither silicone nor air has."""
+
+
+STEPS = (1.0, 1.2, 1.5, 1.8, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
+
+
+@dataclass(frozen=True)
+class ColourScale:
+    """Colours that run linearly from the lowest to the highest value.
+
+    Attributes:
+        title: what the values are, with their unit.
+        low, high: values of the first and the last colour; `low` < `high`.
+        steps: red, green and blue [-] of evenly spaced values.
+        highest: the highest value that is shown; above `high` it has the colour of that, and the bar says so.
+    """
+
+    title: str
+    low: float
+    high: float
+    steps: Sequence[tuple[float, float, float]]
+    highest: float = -np.inf
+
+    @property
+    def stops(self) -> np.ndarray:
+        """The values between which colours run linearly, shape (step_count,)."""
+        return np.linspace(self.low, self.high, len(self.steps))
+
+    @property
+    def top(self) -> str:
+        """The number at the high end, and the highest value where its colour stands for all up to that."""
+        return f"{self.high:g}" + (f" to {self.highest:.3g}" if self.highest > self.high * (1 + 1e-9) else "")
+
+    def colours(self, values: np.ndarray) -> np.ndarray:
+        """Red, green and blue [-], shape (count, 3), of values (count,); values outside get the colour of the end."""
+        return np.stack([np.interp(values, self.stops, part) for part in np.array(self.steps).T], axis=1)
+
+
+def round_up(value: float) -> float:
+    """The next of STEPS times a power of ten, for the high end of a scale: no more than a quarter above the value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    step = next(step for step in STEPS if value <= step * power * (1 + 1e-9))
+    return float(f"{step * power:.6g}")  # the decimal number, not 0.7000000000000001
+
+
+def scale_of(title: str, values: np.ndarray, steps: Sequence[tuple[float, float, float]]) -> ColourScale | None:
+    """A scale from the lowest to the highest of the values, and zero, with round ends; None where all are zero."""
+    lowest, highest = np.min(values, initial=0.0), np.max(values, initial=0.0)
+    if highest == lowest:
+        return None
+    ends = [round_up(abs(end)) * np.sign(end) if end else 0.0 for end in (lowest, highest)]
+    return ColourScale(title, float(ends[0]), float(ends[1]), steps)
+
+
+def effort_scale(kind: ActuatorKind, values: np.ndarray) -> ColourScale | None:
+    """A scale for efforts of a kind of actuators, such as pressures."""
+    return scale_of(f"{kind.effort.words} [{kind.effort.unit}]", values, AIR if kind.drawn == "walls" else LINE)
+
+
+def round_down(value: float) -> float:
+    """The last of 1, 2, 5 and 10 times a power of ten, for a value that a scale shows."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-9)))
+
+
+def sample_instants(instants: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the instants, evenly spaced from the first to the last."""
+    return [instants[index] for index in np.unique(np.linspace(0, len(instants) - 1, count).astype(int))]
+
+
+# The colours of surfaces.
+
 PLAIN = {
     "soft": (0.96, 0.93, 0.88),
     "cavity": (0.10, 0.52, 0.55),
@@ -87,7 +273,10 @@ SEEN_THROUGH = 0.8
 """Mean brightness of silicone in the light [-], through which the pressure of a cavity is seen."""
 
 NodeValues = Callable[[int], np.ndarray]
-"""Gives the values at the nodes of all soft bodies in an instant, shape (node_count,)."""
+"""Gives the values at the nodes of all soft bodies in an instant, shape (node_count, material_count).
+
+A node where materials meet has a value in each; NaN in those that it has no part in. Displacements have one column.
+"""
 
 
 def body_colours(scene: Scene) -> dict[str, np.ndarray]:
@@ -100,9 +289,6 @@ def body_colours(scene: Scene) -> dict[str, np.ndarray]:
 
 class Colouring:
     """Gives every surface its colours.
-
-    Args:
-        surfaces: all surfaces that will be drawn.
 
     Attributes:
         scales: what the colours mean.
@@ -167,14 +353,17 @@ class Colouring:
         return colours
 
     def values(self, instant: int) -> np.ndarray | None:
-        """What `values_scale` shows at the nodes of all soft bodies, shape (node_count,); None for plain colours."""
+        """What `values_scale` shows at the nodes of all soft bodies, see `NodeValues`; None for plain colours."""
         return None if self.values_scale is None else self._values(instant)
 
     def _range_of_values(self, title: str, instants: Sequence[int], style: Style) -> ColourScale:
         """A scale up to what 99.5 % of the values that are shown reach: at surfaces, or in all of the cut bodies."""
-        mapped = [one.mapping for one in self._surfaces if one.kind == "soft" and one.mapping is not None]
+        soft = [surface for surface in self._surfaces if surface.kind == "soft"]
         samples = [self._values(instant) for instant in sample_instants(instants, SAMPLES)]
-        shown = [at_vertices(one, sample) for sample in samples for one in mapped] if style.section is None else samples
+        if style.section is None:
+            shown = [at_corners(surface, sample) for sample in samples for surface in soft]
+        else:
+            shown = [sample[np.isfinite(sample)] for sample in samples]
         highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
         scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, SOFT)
         return with_ranges(
@@ -182,10 +371,19 @@ class Colouring:
         )
 
 
-def at_vertices(mapping: MappedSurface, values: np.ndarray) -> np.ndarray:
-    """Values at the vertices of a surface, shape (vertex_count,), of values at all nodes, (node_count,)."""
-    result: np.ndarray = np.einsum("vk,vk->v", mapping.weights, values[mapping.nodes])
-    return result
+def at_corners(surface: RecordedSurface, values: np.ndarray) -> np.ndarray:
+    """Values at the corners of a soft body's triangles, shape (3 * triangle_count,), of `NodeValues`.
+
+    A triangle has the values of one material, since stress jumps where materials meet, and no mean of both is anywhere.
+    """
+    assert surface.mapping is not None
+    weights, nodes = surface.mapping.weights[..., None], surface.mapping.nodes
+    parts = np.where(weights > 0.0, weights * values[nodes], 0.0)  # without what is NaN in other materials
+    corners = parts.sum(axis=1)[surface.triangles]
+    material = np.isfinite(corners).all(axis=1).argmax(axis=1)
+    of_one = np.take_along_axis(corners, material[:, None, None], axis=2)[..., 0]
+    # A triangle of a finer surface may lie in several.
+    return np.where(np.isfinite(of_one), of_one, np.nanmax(corners, axis=2)).ravel()
 
 
 def merged_ranges(all_ranges: Sequence[Mapping[str, tuple[float, float, float]]]) -> dict[str, tuple[float, ...]]:
@@ -209,37 +407,39 @@ def displacement(recording: Recording) -> NodeValues:
     def values(instant: int) -> np.ndarray:
         places = recording.frames.places(recording.row("frame_pose", instant))
         carried = [places.moved(body.rest_position, one) for body, one in zip(bodies, carriers, strict=True)]
-        return np.linalg.norm(recording.row("position", instant) - np.vstack([np.zeros((0, 3)), *carried]), axis=1)
+        moved = recording.row("position", instant) - np.vstack([np.zeros((0, 3)), *carried])
+        return np.linalg.norm(moved, axis=1, keepdims=True)
 
     return values
 
 
 def stress(recording: Recording) -> NodeValues:
-    """Von Mises stress at each node [kPa], the mean of the elements around it."""
+    """Von Mises stress at each node [kPa], see `nodal_mean`."""
     stresses = recorded_stress(recording)
-
-    def values(instant: int) -> np.ndarray:
-        of_bodies = [
-            nodal_mean(von_mises(of_body), body.tetrahedra, body.rest_position)
-            for body, of_body in zip(recording.soft_bodies, stresses(instant), strict=True)
-        ]
-        return np.concatenate([np.zeros(0), *of_bodies])
-
-    return values
+    return lambda instant: _at_nodes(recording, map(von_mises, stresses(instant)))
 
 
 def strain(recording: Recording) -> NodeValues:
-    """Largest principal strain at each node [-], the stretch less one: the mean of the elements around it."""
+    """Largest principal strain at each node [-], the stretch less one, see `nodal_mean`."""
     laws = [Stretches(body.rest_position, body.elements) for body in recording.soft_bodies]
 
     def values(instant: int) -> np.ndarray:
         position = recording.row("position", instant)
-        of_bodies = [
-            nodal_mean(law.largest(position[body.nodes]) - 1.0, body.tetrahedra, body.rest_position)
-            for law, body in zip(laws, recording.soft_bodies, strict=True)
-        ]
-        return np.concatenate([np.zeros(0), *of_bodies])
+        bodies = zip(laws, recording.soft_bodies, strict=True)
+        return _at_nodes(recording, (law.largest(position[body.nodes]) - 1.0 for law, body in bodies))
 
+    return values
+
+
+def _at_nodes(recording: Recording, of_bodies: Iterable[np.ndarray]) -> np.ndarray:
+    """`NodeValues` of those of the tetrahedra of each body."""
+    bodies = recording.soft_bodies
+    values = np.full((sum(len(body.rest_position) for body in bodies), len(recording.materials)), np.nan)
+    for body, of_body in zip(bodies, of_bodies, strict=True):
+        material = np.repeat(body.material, body.parts)
+        for number in np.unique(material):
+            own = material == number
+            values[body.nodes, number] = nodal_mean(of_body[own], body.tetrahedra[own], body.rest_position)
     return values
 
 

@@ -14,12 +14,18 @@ from taichisoft_outputs.drawing.camera import (
     outermost_points,
     radius_around_mean,
 )
-from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, at_vertices, body_colours, with_visual_surfaces
+from taichisoft_outputs.drawing.colouring import (
+    PLAIN,
+    Colouring,
+    at_corners,
+    body_colours,
+    line_tubes,
+    with_visual_surfaces,
+)
 from taichisoft_outputs.drawing.overlay import Overlay, colour_bars_width, letters_of
-from taichisoft_outputs.drawing.painting import key_light, line_tubes
 from taichisoft_outputs.drawing.stage import Floor, is_floor, reaches_under, square_of_plane
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.drawing.surface_painter import SurfacePainter, cut_open, refuse_what_cuts_nothing
+from taichisoft_outputs.drawing.surface_painter import SurfacePainter, cut_open, key_light, refuse_what_cuts_nothing
 from taichisoft_outputs.recording.reader import Recording
 
 # Smoothing of stair-stepped edges in a finished picture.
@@ -110,6 +116,14 @@ def _shares(
     return other, np.clip(share, 0.0, 0.5)
 
 
+def without_background(on_black: np.ndarray, on_white: np.ndarray) -> np.ndarray:
+    """What both show of the same things, as red, green, blue and opacity, shape (height, width, 4), dtype uint8."""
+    through = (on_white.astype(np.float32) - on_black).clip(0.0, 255.0).max(axis=2, keepdims=True)
+    opacity = 255.0 - through
+    colours = np.minimum(255.0 * on_black / np.maximum(opacity, 1.0), 255.0)
+    return np.rint(np.concatenate([colours, opacity], axis=2)).astype(np.uint8)
+
+
 SHADOW_OPACITY = {"soft": 0.55, "rigid": 1.0, "obstacle": 1.0}
 """Part of the light that a kind of surface takes from what is behind it [-]; silicone lets some through."""
 
@@ -126,6 +140,7 @@ class Drawer:
 
     def __init__(self, recording: Recording, style: Style, instants: Sequence[int], room: float = 0.0):
         style.check(recording.scene)
+        plain_floor = style.background is not None or style.transparent
         style = style.for_scene(recording.scene)
         width, height = style.size
         up = recording.scene.up
@@ -145,16 +160,21 @@ class Drawer:
         spread = np.concatenate([points + room * (points - points.mean(axis=0)), self._overlay.arrow_tails])
         followed = followed_part(recording, self._surfaces, style.followed) if style.followed is not None else None
         self._camera = camera_path(style, instants, spread, up, aspect, followed)
-        background = np.array(style.background_colour)
-        self._background = np.empty((height, width, 3), dtype=np.uint8)
-        self._background[:] = np.rint(255 * background)
         # Of several floors only the highest can be seen: they are infinite.
         floors = sorted(
             (plane for plane in recording.planes if is_floor(plane, up)), key=lambda plane: plane.point @ up
         )
         own = body_colours(recording.scene)
         light, self._shadows = recording.scene.appearance.light, recording.scene.appearance.shadows
-        self._floor = Floor(floors[-1], points, background, own.get(floors[-1].name), light) if floors else None
+        self._backdrops: list[tuple[np.ndarray, Floor | None]] = []
+        for colour in ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)) if style.transparent else (style.background_colour,):
+            background, floor = np.array(colour), None
+            if floors:
+                of_floor = None if style.transparent else own.get(floors[-1].name)
+                if of_floor is None and plain_floor:
+                    of_floor = background
+                floor = Floor(floors[-1], points, background, of_floor, light)
+            self._backdrops.append((np.full((height, width, 3), np.rint(255 * background), np.uint8), floor))
         self._walls = [
             (plane.name, *square_of_plane(plane, points, floors))
             for plane in recording.planes
@@ -168,7 +188,8 @@ class Drawer:
         unlit, scale = self._colouring.unlit, self._colouring.values_scale
         self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, scale)
         self._recording = recording
-        self._hide_what_is_under(floors[-1:], points)
+        if floors:
+            self._hide_what_is_under(floors[-1], points)
 
     def measure(self, instant: int, camera: PictureCamera) -> tuple[np.ndarray, np.ndarray]:
         """Depth [mm] and number of the body that each pixel of a camera sees, see `SurfacePainter.measure`.
@@ -196,22 +217,27 @@ class Drawer:
     def image(self, instant: int, marks: np.ndarray = NO_POINTS, camera: PictureCamera | None = None) -> np.ndarray:
         """The picture of one of the instants, with marks at points [mm]; shape (height, width, 3), dtype uint8.
 
-        `camera` replaces that of the style.
+        A transparent one has the opacity as a fourth number. `camera` replaces that of the style.
         """
         camera = self._camera(instant) if camera is None else camera
+        pictures = [self._over(backdrop, floor, instant, marks, camera) for backdrop, floor in self._backdrops]
+        return pictures[0] if len(pictures) == 1 else without_background(*pictures)
+
+    def _over(
+        self, picture: np.ndarray, floor: Floor | None, instant: int, marks: np.ndarray, camera: PictureCamera
+    ) -> np.ndarray:
         vertices = {surface.name: surface.vertices(instant) for surface in self._surfaces}
-        picture = self._background
-        if self._floor is not None:
+        if floor is not None:
             casters = [
                 (vertices[surface.name], surface.triangles, SHADOW_OPACITY[surface.kind])
                 for surface in self._surfaces
                 if self._shadows and surface.kind in SHADOW_OPACITY
             ]
-            picture = self._floor.paint(picture, camera, casters)
+            picture = floor.paint(picture, camera, casters)
         colours, values = self._colouring.colours(instant), self._colouring.values(instant)
         for surface in self._surfaces:
-            if values is not None and surface.kind == "soft" and surface.mapping is not None:
-                colours[surface.name] = at_vertices(surface.mapping, values)[:, None]
+            if values is not None and surface.kind == "soft":
+                colours[surface.name] = at_corners(surface, values)[:, None]
         for name, corners, _ in self._walls:
             vertices[name], colours[name] = corners, self._wall_colours[name]
         section = None
@@ -220,9 +246,8 @@ class Drawer:
         picture = self._painter.paint(picture, camera, vertices, colours, section)
         return self._overlay.paint(antialias(picture), camera, instant, marks)
 
-    def _hide_what_is_under(self, floors: Sequence[Plane], points: np.ndarray) -> None:
+    def _hide_what_is_under(self, floor: Plane, points: np.ndarray) -> None:
         """Cut off what reaches under a floor, which is painted behind everything; mostly nothing does."""
-        for floor in floors:
-            obstacles = [surface.vertices(0) for surface in self._surfaces if surface.kind == "obstacle"]
-            if any(reaches_under(floor, vertices) for vertices in obstacles):
-                self._painter.hide_behind(floor.name, *square_of_plane(floor, points, [], half=20.0))
+        obstacles = [surface.vertices(0) for surface in self._surfaces if surface.kind == "obstacle"]
+        if any(reaches_under(floor, vertices) for vertices in obstacles):
+            self._painter.hide_behind(floor.name, *square_of_plane(floor, points, [], half=20.0))

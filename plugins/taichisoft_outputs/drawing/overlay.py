@@ -1,6 +1,7 @@
 """What is painted over a finished picture: contact forces, axes, colour bars, and a caption."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -8,25 +9,213 @@ import numpy as np
 from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.mesh import SectionPlane
 from taichisoft_outputs.drawing.camera import PictureCamera, project
-from taichisoft_outputs.drawing.colouring import body_colours
-from taichisoft_outputs.drawing.painting import (
-    AXIS_COLOURS,
-    ON_DARK,
-    SMALLEST_LETTERS,
-    Colour,
-    ColourScale,
-    ForceArrows,
-    as_bytes,
-    font,
-    is_dark,
-    paint_axes,
-    paint_body_axes,
-    paint_polygon,
-    paint_text,
-    text_colour,
-)
-from taichisoft_outputs.drawing.style import Style
+from taichisoft_outputs.drawing.colouring import ColourScale, body_colours, round_down, sample_instants
+from taichisoft_outputs.drawing.style import SMALLEST_LETTERS, Style
 from taichisoft_outputs.recording.reader import Recording
+
+# Smooth polygons and text in a finished picture.
+
+SUPERSAMPLING = 4
+"""Polygons are painted this many times finer, and reduced."""
+
+Colour = tuple[float, float, float]
+"""Red, green and blue, each from 0 to 1 [-]."""
+
+
+def paint_polygon(picture: Any, corners: Sequence[Sequence[float]] | np.ndarray, colour: Colour) -> None:
+    """Paint a filled polygon with smooth edges."""
+    from PIL import Image, ImageDraw
+
+    corners = np.asarray(corners, dtype=float)
+    low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
+    high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 1, picture.size)
+    if (high <= low).any():
+        return
+    mask = Image.new("L", (int(high[0] - low[0]) * SUPERSAMPLING, int(high[1] - low[1]) * SUPERSAMPLING))
+    ImageDraw.Draw(mask).polygon([tuple(corner) for corner in (corners - low) * SUPERSAMPLING], fill=255)
+    picture.paste(as_bytes(colour), tuple(int(part) for part in low), mask.reduce(SUPERSAMPLING))
+
+
+def paint_arrow(picture: Any, tail: np.ndarray, tip: np.ndarray, width: float, colour: Colour) -> None:
+    """Paint the arrow of `arrow_outline` into a Pillow image."""
+    paint_polygon(picture, arrow_outline(tail, tip, width), colour)
+
+
+def arrow_outline(tail: np.ndarray, tip: np.ndarray, width: float) -> np.ndarray:
+    """Corners of an arrow [pixels], shape (7, 2); one shorter than its head is all head, and narrower."""
+    length = max(float(np.linalg.norm(tip - tail)), 1e-9)
+    along = (tip - tail) / length
+    across = np.array([-along[1], along[0]])
+    head = min(4.0 * width, length)
+    shrunk = head / 4.0
+    neck = tip - head * along
+    shaft, wing = 0.5 * shrunk * across, 1.6 * shrunk * across
+    return np.array([tail + shaft, neck + shaft, neck + wing, tip, neck - wing, neck - shaft, tail - shaft])
+
+
+def is_dark(background: Sequence[float]) -> bool:
+    """Whether what stands on a background should be light."""
+    red, green, blue = background
+    return 0.3 * red + 0.6 * green + 0.1 * blue <= 0.45
+
+
+def text_colour(background: Sequence[float]) -> Colour:
+    """The colour of text: dark on a light background, light on a dark one."""
+    return (0.94, 0.95, 0.97) if is_dark(background) else (0.13, 0.16, 0.20)
+
+
+@cache
+def font(height: float) -> Any:
+    """The font of all text, its letters about `height` [pixels] high; reading it takes longer than writing with it."""
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size=max(height, SMALLEST_LETTERS))
+
+
+def paint_text(picture: Any, place: tuple[float, float], text: str, height: float, colour: Colour, anchor: str) -> None:
+    """Write text into a picture.
+
+    Args:
+        anchor: Pillow's two letters for the anchor: "la" left and top, "mm" the middle, "ls" left on the line.
+    """
+    from PIL import ImageDraw
+
+    ImageDraw.Draw(picture).text(place, text, font=font(height), fill=as_bytes(colour), anchor=anchor)
+
+
+def as_bytes(colour: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
+    """A colour with parts from 0 to 255."""
+    red, green, blue = (round(255 * float(part)) for part in colour)
+    return red, green, blue
+
+
+# Arrows in a picture: contact forces where they act, axes of bodies, and the scene's axes in a corner.
+#
+# Arrows are painted over everything, so that none is hidden.
+
+FORCE_COLOURS: tuple[Colour, ...] = ((0.86, 0.27, 0.05), (1.00, 0.86, 0.20), (0.10, 0.75, 0.85))
+"""Red, green and blue of force arrows [-]; the later ones are for scenes in which the first one would not be seen."""
+SEEN = 0.45
+"""Least distance of the colour of arrows from the colours behind them [-]."""
+LONGEST = 0.5
+"""Length of the arrow of the strongest force, in radii of the scene [-]."""
+SAMPLES = 200
+"""Number of instants, at most, in which the strongest force is looked for."""
+FORCE_WIDTH, AXIS_WIDTH = 1 / 220, 1 / 180
+"""Width of an arrow's shaft, in heights of the picture [-]."""
+
+AXIS_COLOURS: tuple[Colour, ...] = ((0.80, 0.16, 0.16), (0.13, 0.55, 0.20), (0.16, 0.32, 0.80))
+"""Red, green and blue of the axes x, y and z [-]."""
+ON_DARK: tuple[Colour, ...] = ((0.95, 0.35, 0.30), (0.35, 0.78, 0.40), (0.42, 0.58, 1.00))
+"""The same on a dark background."""
+BODY_AXIS = 0.25
+"""Length of the arrows at bodies, in radii of the scene [-]."""
+
+
+class ForceArrows:
+    """Arrows of contact forces, of one scale over all instants: twice the force is twice the length.
+
+    Args:
+        behind: red, green and blue [-] of what may be behind the arrows.
+        length: length of the arrows [mm/mN]; that which suits the strongest force when it is not given.
+
+    Attributes:
+        length: length of the arrows [mm/mN]; 0 where no force is shown.
+        tails: where arrows begin [mm], shape (count, 3), for a camera that is to see them whole.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        instants: Sequence[int],
+        radius: float,
+        behind: Sequence[np.ndarray] = (),
+        length: float | None = None,
+    ):
+        self._recording = recording
+        self._colour = arrow_colour(behind)
+        contacts = [recording.contacts(instant) for instant in sample_instants(instants, SAMPLES)]
+        self._strongest = max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for _, f in contacts), default=0.0)
+        own = LONGEST * radius / self._strongest if self._strongest else 0.0
+        self.length = own if length is None else length
+        self.tails = np.concatenate([np.zeros((0, 3)), *(point - self.length * force for point, force in contacts)])
+
+    def paint(self, picture: Any, camera: PictureCamera, instant: int, section: SectionPlane | None) -> None:
+        """Paint an instant's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
+        if self._strongest:
+            points, forces = self._recording.contacts(instant)
+            if section is not None:
+                kept = section.facing(camera.eye).height(points) <= 0.0
+                points, forces = points[kept], forces[kept]
+            _paint_arrows(picture, camera, points - self.length * forces, points, FORCE_WIDTH, [self._colour])
+
+    def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour, letters: float) -> None:
+        """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene."""
+        if not self._strongest:
+            return
+        force = round_down(self._strongest)
+        apart = camera.target + self.length * force * camera.axes[0]
+        pixels, _ = project(camera, np.array([camera.target, apart]), picture.size)
+        height = picture.height
+        tip = np.array([picture.width - 0.03 * height, height - 0.04 * height])
+        paint_arrow(picture, tip - [pixels[1, 0] - pixels[0, 0], 0], tip, FORCE_WIDTH * height, self._colour)
+        paint_text(picture, (tip[0], tip[1] - 0.02 * height), f"force {force:g} mN", letters, ink, "rs")
+
+
+def arrow_colour(behind: Sequence[np.ndarray]) -> Colour:
+    """The first of FORCE_COLOURS that is seen before all of these colours, else the one that is seen best."""
+
+    def nearest(colour: Colour) -> float:
+        return min((float(np.linalg.norm(np.array(colour) - one)) for one in behind), default=np.inf)
+
+    return next((colour for colour in FORCE_COLOURS if nearest(colour) >= SEEN), max(FORCE_COLOURS, key=nearest))
+
+
+def paint_axes(picture: Any, camera: PictureCamera, colours: Sequence[Colour], letters: float) -> None:
+    """Paint the directions of x, y and z, as the camera sees them, into the lower left corner of a Pillow image."""
+    height = picture.height
+    origin = np.array([0.1 * height, 0.9 * height])
+    right, above, backward = camera.axes
+    # The one that points away is painted first.
+    for axis in np.argsort(backward):
+        direction = np.array([right[axis], -above[axis]])
+        length = np.linalg.norm(direction)
+        if length > 0.1:
+            paint_arrow(picture, origin, origin + 0.065 * height * direction, AXIS_WIDTH * height, colours[axis])
+        # An axis that points at the viewer, or away, has its name beside the origin.
+        outward = direction / length if length > 0.3 else np.array([-0.7, 0.7])
+        label = origin + (0.065 * length + 0.017) * height * outward
+        paint_text(picture, (label[0], label[1]), "xyz"[axis], letters, colours[axis], "mm")
+
+
+def paint_body_axes(
+    picture: Any, camera: PictureCamera, axes: np.ndarray, radius: float, colours: Sequence[Colour]
+) -> None:
+    """Paint the axes of bodies into a Pillow image.
+
+    Args:
+        axes: origin [mm] and unit vectors along x, y and z of each body, shape (count, 4, 3).
+    """
+    origins = np.repeat(axes[:, 0], 3, axis=0)
+    ends = origins + BODY_AXIS * radius * axes[:, 1:].reshape(-1, 3)
+    _paint_arrows(picture, camera, origins, ends, AXIS_WIDTH, colours)
+
+
+def _paint_arrows(
+    picture: Any, camera: PictureCamera, tails: np.ndarray, tips: np.ndarray, width: float, colours: Sequence[Colour]
+) -> None:
+    """Paint arrows between points [mm], shape (count, 3), in turns of the colours, the farthest first."""
+    tail_pixels, tail_distance = project(camera, tails, picture.size)
+    tip_pixels, distance = project(camera, tips, picture.size)
+    before_camera = np.minimum(distance, tail_distance) > 1.0
+    long_enough = np.linalg.norm(tip_pixels - tail_pixels, axis=1) > 1.0
+    for index in np.argsort(-distance):
+        if before_camera[index] and long_enough[index]:
+            colour = colours[index % len(colours)]
+            paint_arrow(picture, tail_pixels[index], tip_pixels[index], width * picture.height, colour)
+
+
+# All that is painted over a picture: arrows, axes, bars, caption, marks.
 
 MARK_COLOUR: Colour = (0.84, 0.16, 0.36)
 LETTERS = 1 / 36
@@ -42,11 +231,7 @@ CAPTION_BODIES = 3
 
 
 class Overlay:
-    """Paints all that a style wants over a picture.
-
-    Args:
-        scales: what the colours of the surfaces mean.
-    """
+    """Paints all that a style wants over a picture."""
 
     def __init__(
         self, recording: Recording, style: Style, instants: Sequence[int], scales: Sequence[ColourScale], radius: float
@@ -152,33 +337,27 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, 
 
 
 def _title_lines(scale: ColourScale) -> list[str]:
-    """Words, and the unit under them."""
     words, _, unit = scale.title.rpartition(" ")
     return [words, unit]
 
 
 def caption_parts(recording: Recording, instant: int) -> list[str]:
-    """What the caption of an instant says."""
+    """What the caption of an instant says; bodies are raised from where they were before the base moved."""
     parts = [f"{recording.times[instant]:.2f} s"]
     for kind in ACTUATOR_KINDS:
         if recording.actuators.names_of(kind):
             effort = kind.effort
             texts = [f"{value:z.{effort.digits}f}" for value in recording.row(effort.name, instant)]
             parts.append(_figures_text(effort.words, texts, effort.unit))
-    start = recording.row("rigid_position", recording.last_start if instant >= recording.last_start else 0)
-    rises = (recording.row("rigid_position", instant) - start) @ recording.scene.up
-    raised = dict(zip(recording.scene.rigid_bodies, rises, strict=True))
-    for name in recording.scene.objects[:CAPTION_BODIES]:
-        parts.append(f"{name} raised {_one_decimal(raised[name])} mm")
+    if instant >= recording.lift_start:
+        moved = recording.row("rigid_position", instant) - recording.row("rigid_position", recording.lift_start)
+        raised = dict(zip(recording.scene.rigid_bodies, moved @ recording.scene.up, strict=True))
+        parts += [f"{name} raised {raised[name]:z.1f} mm" for name in recording.scene.objects[:CAPTION_BODIES]]
     return parts
 
 
 def paint_caption(picture: Any, parts: list[str], ink: Colour, letters: float) -> None:
-    """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit.
-
-    Args:
-        ink: colour of the letters.
-    """
+    """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit."""
     edge = 0.03 * picture.height
     lines: list[str] = []
     for part in parts:
@@ -199,8 +378,3 @@ def _figures_text(name: str, texts: list[str], unit: str) -> str:
         return f"{name}s {', '.join(texts)} {unit}"
     in_order = sorted(texts, key=float)
     return f"{name}s from {in_order[0]} to {in_order[-1]} {unit}"
-
-
-def _one_decimal(value: float) -> str:
-    """The number with one decimal; what rounds to zero has no sign."""
-    return f"{round(float(value), 1) + 0.0:.1f}"

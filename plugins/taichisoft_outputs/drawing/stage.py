@@ -40,10 +40,7 @@ def shadow(
 
     Args:
         casters: what stands before the plane; a later one covers an earlier one.
-        centre: centre of the square [mm], shape (3,).
         first, second: unit vectors along its sides, shape (3,); first x second points to where things stand.
-        sun: direction to the sun, shape (3,).
-        half: half the width of the square [mm].
 
     Returns:
         From 0 (light) to 1 (dark), shape (PIXELS, PIXELS); columns run along `first` and rows along
@@ -105,7 +102,6 @@ def square_of_plane(
     """The part of a plane that is drawn.
 
     Args:
-        points: what stands before the plane [mm], shape (point_count, 3).
         floors: planes; what is under them is left out.
         half: half the width of the square, in radii of the points [-].
 
@@ -155,9 +151,6 @@ class Floor:
     """A horizontal plane under the scene.
 
     Args:
-        plane: the plane, whose normal points up.
-        points: what stands on it [mm], shape (point_count, 3).
-        background: red, green and blue of the background [-], shape (3,).
         colour: red, green and blue of the floor near by [-], shape (3,); None for a darker background.
         light: direction to the light that casts shadows, of any length; None for the usual one.
     """
@@ -185,7 +178,6 @@ class Floor:
         """The picture with the floor over it, as far as the camera stands above the floor.
 
         Args:
-            picture: the background, shape (height, width, 3), dtype uint8.
             casters: what casts shadows; it casts none where the light comes from under the floor.
         """
         from PIL import Image
@@ -309,7 +301,6 @@ class Stage:
         which single pixels would show along the outlines of a body.
 
         Args:
-            name: name of what is drawn.
             triangles: vertex indices, counterclockwise as seen from the front, shape (triangle_count, 3).
             colours: red, green and blue of every vertex as they shall appear [-], shape (vertex_count, 3).
         """

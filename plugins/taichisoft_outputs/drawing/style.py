@@ -33,19 +33,21 @@ class StyleError(TaichisoftError):
 
 @dataclass(frozen=True)
 class Style:
-    """How frames are drawn.
+    """How instants are drawn.
 
     Attributes:
         size: width and height [pixels].
-        view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, over all
-            frames), or "follow:BODY" (from iso, near that body or the tip of a finger, "follow:finger.tip", and moving
+        view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, in all),
+            or "follow:BODY" (from iso, near that body or the tip of a finger, "follow:finger.tip", and moving
             with it); None for the scene's own camera, or iso.
         eye: position of the camera [mm], which takes the place of `view`.
         target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
         section: a plane that cuts bodies open, see `SectionPlane.parse`; None leaves them whole.
         opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden. None for 1 where
             their colours stand for numbers, or a section shows what is inside, else for TRANSLUCENT.
-        background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; None for the scene's own.
+        background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; a floor without a colour of its own has it
+            too. None for the scene's own, and a darker floor.
+        transparent: whether pictures have no background, but for shadows: they have a fourth number, the opacity.
         colour_by: what the colours of soft bodies mean: "none", "displacement" [mm], "stress" (von Mises) [kPa]
             or "strain" (the largest principal one) [-].
         cavity_pressure: whether cavities have the colour of their pressure.
@@ -72,6 +74,7 @@ class Style:
     target: tuple[float, float, float] | None = None
     opacity: float | None = None
     background: tuple[float, float, float] | str | None = None
+    transparent: bool = False
     colour_by: str = "none"
     cavity_pressure: bool = True
     cable_tension: bool = True
@@ -109,9 +112,9 @@ class Style:
             SectionPlane.parse(self.section)
         if self.background is not None:
             self._set("background", _colour(self.background))
-        for name in ("eye", "target"):
-            if getattr(self, name) is not None:
-                self._set(name, _numbers(name, getattr(self, name), 3))
+        for name, point in (("eye", self.eye), ("target", self.target)):
+            if point is not None:
+                self._set(name, _numbers(name, point, 3))
         if self.eye is None and self.target is not None:
             raise StyleError("target needs an eye: the views look at the middle of the scene")
         if self.eye is not None and self.eye == self.target:

@@ -1,18 +1,128 @@
-"""Surfaces over a background: opaque ones, and translucent bodies in layers from the farthest to the nearest."""
+"""Surfaces over a background: their normals and light, layers from the farthest to the nearest, and sections."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_erosion, label, uniform_filter
+from scipy.ndimage import binary_erosion, label, maximum_filter, uniform_filter
 
-from taichisoft.mesh import SectionPlane, closed_cap, cut_tetrahedra, split_triangles
-from taichisoft_outputs.drawing.camera import PictureCamera, project, seen_from_front
-from taichisoft_outputs.drawing.painting import ColourScale, SmoothNormals, shade
+from taichisoft import Scene
+from taichisoft.mesh import (
+    SectionPlane,
+    closed_cap,
+    cut_tetrahedra,
+    split_triangles,
+)
+from taichisoft_outputs.drawing.camera import PictureCamera, project, scene_axes, seen_from_front
+from taichisoft_outputs.drawing.colouring import ColourScale
 from taichisoft_outputs.drawing.stage import EMPTY, Stage
 from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.reader import Recording
+
+# Smooth normals of surfaces, and how bright a surface is where its normal points.
+#
+# There is a high key light, and light from all around, more of it from above.
+
+KEY_LIGHT = (0.55, 0.75, 1.25)
+"""Direction to the usual key light in the axes (right, front, up) of `camera.scene_axes`: in front, from the right."""
+
+DARKEST, KEY_STRENGTH, SKY_STRENGTH = 0.44, 0.44, 0.12
+"""Brightness of what is turned away, and what the two lights add at most; together 1 [-]."""
+
+
+CREASE_ANGLE = 40.0
+"""Faces that meet at a sharper angle [degrees] keep the edge between them."""
+
+
+class SmoothNormals:
+    """Gives every triangle corner a vertex and a normal of its own, as its surface deforms.
+
+    The normal of a corner is the area-weighted mean of the triangles at its vertex that are turned by less than
+    CREASE_ANGLE against its own triangle: curved faces are smooth, and edges stay sharp.
+    """
+
+    def __init__(self, triangles: np.ndarray):
+        self._triangles = triangles
+        # The pairs do not change while the surface deforms; finding them takes longer than all the rest.
+        self._corners, others = corners_at_same_vertex(triangles.ravel())
+        self._own, self._other = self._corners // 3, others // 3
+
+    def __call__(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners and normals for vertices [mm] of shape (vertex_count, 3).
+
+        Returns:
+            Corner positions [mm] and unit normals, each (3 * triangle_count, 3); corner 3 i + k is corner k of
+            triangle i.
+        """
+        corners = vertices[self._triangles]
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        smooth = face_alike(areas, self._own, self._other)
+        where, what = self._corners[smooth], areas[self._other[smooth]]
+        normals = np.stack([np.bincount(where, part, self._triangles.size) for part in what.T], axis=1)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return corners.reshape(-1, 3), normals / np.maximum(lengths, 1e-30)
+
+
+def split_creases(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Give a vertex on a crease one copy per smooth part of the surface around it.
+
+    A surface that deforms is split once; copy i is then always where vertex `source[i]` is.
+
+    Returns:
+        `source`, vertex of each copy, shape (copy_count,), and triangles of copies, shape (triangle_count, 3).
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    corners = vertices[triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    one, other = corners_at_same_vertex(triangles.ravel())
+    smooth = face_alike(areas, one // 3, other // 3)
+    joined = coo_matrix((np.ones(smooth.sum()), (one[smooth], other[smooth])), shape=(triangles.size, triangles.size))
+    count, copy = connected_components(joined, directed=False)
+    source = np.empty(count, dtype=np.int64)
+    source[copy] = triangles.ravel()
+    return source, copy.reshape(-1, 3)
+
+
+def face_alike(areas: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Whether triangles `one` and `other`, shape (count,), are turned against each other by less than CREASE_ANGLE.
+
+    Args:
+        areas: a vector along the normal of each triangle, of any length, shape (triangle_count, 3).
+    """
+    units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
+    return np.einsum("ij,ij->i", units[one], units[other]) > np.cos(np.radians(CREASE_ANGLE))
+
+
+def corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All ordered pairs of corners that share a vertex, each corner with itself too."""
+    order = np.argsort(vertex_of_corner, kind="stable")
+    _, start, count = np.unique(vertex_of_corner[order], return_index=True, return_counts=True)
+    size = np.repeat(count, count)  # per sorted corner: how many corners its vertex has
+    first = np.repeat(np.arange(len(order)), size)
+    step = np.arange(len(first)) - np.repeat(np.cumsum(size) - size, size)
+    second = np.repeat(np.repeat(start, count), size) + step
+    return order[first], order[second]
+
+
+def key_light(scene: Scene) -> np.ndarray:
+    """Unit vector to the key light of a scene, shape (3,)."""
+    chosen = scene.appearance.light
+    key = np.array(KEY_LIGHT) @ scene_axes(scene.up) if chosen is None else np.array(chosen)
+    return key / np.linalg.norm(key)
+
+
+def shade(colours: np.ndarray, normals: np.ndarray, key: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Colours as they appear in the light, shape (count, 3)."""
+    # Half of the light reaches around what it falls on, so that no side that is turned away looks flat.
+    from_key = (0.5 + 0.5 * normals @ key) ** 1.5
+    from_sky = 0.5 + 0.5 * normals @ up
+    return colours * (DARKEST + KEY_STRENGTH * from_key + SKY_STRENGTH * from_sky)[:, None]
+
+
+# Opaque surfaces over a background, and translucent bodies in layers from the farthest to the nearest.
 
 HOLDOUT = " as a holdout"
 """Ends the name of what is drawn in the colour EMPTY, so that it hides parts of a layer without being seen in it."""
@@ -25,10 +135,12 @@ NORMALS = " by its normals"
 """Ends the name of what is drawn in colours that say where its normals point, so that its edges can be found."""
 LINE_ANGLE = 30.0
 """Normals of neighbouring pixels that differ by more have a line between them [degrees]."""
+LINE_PER_HEIGHT = 720
+"""A line is one pixel wide for each so many in the height of a picture, but at least one."""
 FADING = (1, 2, 3)
-"""Distances from the outline in which a line becomes darker, step by step [pixels]."""
+"""Distances from the outline in which a line becomes darker, step by step [widths of a line]."""
 SHORTEST_LINE = 8
-"""Pixels of a line: fewer are specks, where something is seen through the joint of two faces."""
+"""Length of a line [its widths]: shorter ones are specks, where something is seen through the joint of two faces."""
 LINE_BRIGHTNESS = 0.55
 """Part of its colour that a surface has in such a line [-]."""
 
@@ -53,10 +165,6 @@ class SurfacePainter:
     """Paints surfaces that deform; a process can have only one.
 
     Args:
-        triangles: vertex indices of all surfaces by their names, outward, (triangle_count, 3).
-        translucent: names of the surfaces that can be seen through.
-        opacity: opacity of the translucent surfaces [-].
-        key: unit vector to the key light, shape (3,).
         unlit: names of the surfaces whose colours stand for numbers, which get no light, and whether they get lines
             along their edges.
         scale: the colours of surfaces that have values.
@@ -98,10 +206,8 @@ class SurfacePainter:
         """The picture with all surfaces over it.
 
         Args:
-            picture: the background, shape (height, width, 3), dtype uint8.
             colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3); or
-                values of `scale` at its vertices, (vertex_count, 1).
-            section: what is cut open; None for nothing.
+                values of `scale` at the corners of its triangles, (3 * triangle_count, 1).
         """
         for name, where in vertices.items():
             self._put(name, camera, where, colours[name], section)
@@ -135,9 +241,10 @@ class SurfacePainter:
         section: Section | None,
     ) -> None:
         corners, normals = self._normals[name](vertices)
-        at_corners = (
-            colours[self._triangles[name].ravel()] if colours.ndim == 2 else np.tile(colours, (len(corners), 1))
-        )
+        if colours.ndim == 1:
+            at_corners = np.tile(colours, (len(corners), 1))
+        else:
+            at_corners = colours if colours.shape[1] == 1 else colours[self._triangles[name].ravel()]
         soup = np.concatenate([corners, normals, at_corners], axis=1).reshape(-1, 3, 6 + at_corners.shape[1])
         if section is not None and name in section.names:
             soup, _, _ = split_triangles(soup, section.plane.height(soup[..., :3]))
@@ -171,7 +278,6 @@ class SurfacePainter:
         """Depth [mm], infinite where nothing is, and the number of what is seen, -1 for nothing, (height, width) both.
 
         Args:
-            vertices: vertices [mm] of the surfaces, by name.
             numbers: number of each surface that counts, from 0 to 253, by name.
         """
         for name, number in numbers.items():
@@ -211,14 +317,15 @@ def lines_between(normals: np.ndarray) -> np.ndarray:
         return lines
     part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     directions = normals[part].astype(np.float32) / 127.5 - 1.0
+    width = max(normals.shape[0] // LINE_PER_HEIGHT, 1)
     inner, edges = covered[part], np.zeros(directions.shape[:2], dtype=bool)
     for before, after in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
         cosine = np.einsum("ijk,ijk->ij", directions[before], directions[after])
         edges[after] |= (cosine < np.cos(np.radians(LINE_ANGLE))) & inner[before] & inner[after]
     pieces, _ = label(edges, np.ones((3, 3)))
-    edges &= np.bincount(pieces.ravel())[pieces] >= SHORTEST_LINE
-    depth = sum(binary_erosion(inner, iterations=step).astype(np.float32) for step in FADING)
-    soft = uniform_filter(edges * depth / len(FADING), size=2)
+    edges &= np.bincount(pieces.ravel())[pieces] >= SHORTEST_LINE * width
+    depth = sum(binary_erosion(inner, iterations=step * width).astype(np.float32) for step in FADING)
+    soft = uniform_filter(maximum_filter(edges * depth / len(FADING), size=width), size=width + 1)
     lines[part] = np.minimum(1.5 * soft, 1.0)
     return lines
 
@@ -227,9 +334,6 @@ def depth_layers(bodies: Sequence[np.ndarray], camera: PictureCamera, size: tupl
     """Indices of bodies from the farthest layer to the nearest; in no layer does one stand before another.
 
     Two bodies may share a layer where their rectangles in the picture do not touch, so mostly few layers are needed.
-
-    Args:
-        bodies: vertices [mm] of each body, shape (vertex_count, 3).
     """
     rectangles, distances = [], []
     for vertices in bodies:
@@ -256,9 +360,7 @@ def lay_over(below: np.ndarray, layer: np.ndarray, opacity: float) -> np.ndarray
     """A picture with a layer over it, where that shows something.
 
     Args:
-        below: picture of all that is behind the layer, shape (height, width, 3), dtype uint8.
         layer: picture of the layer, EMPTY where there is nothing in it.
-        opacity: opacity of the layer [-].
     """
     from PIL import Image
 
@@ -281,11 +383,7 @@ def lay_over(below: np.ndarray, layer: np.ndarray, opacity: float) -> np.ndarray
 
 
 def refuse_what_cuts_nothing(section: str, points: np.ndarray) -> None:
-    """Check that a plane, "y=0", has something on both sides.
-
-    Args:
-        section: the plane in words.
-    """
+    """Check that a plane, "y=0", has something on both sides."""
     height = SectionPlane.parse(section).height(points)
     if not height.min() < 0.0 < height.max():
         lower, upper = (np.round(end(points, axis=0), 1).tolist() for end in (np.min, np.max))
@@ -306,16 +404,17 @@ def cut_open(
     Args:
         surfaces: its surfaces, or finer ones in their place.
         plane: the plane, whose normal points to what is left out.
-        values: values at the nodes of all soft bodies, which the section shows, shape (node_count,); or None.
+        values: values at the nodes of all soft bodies by material, which the section shows (`NodeValues`); or None.
     """
     caps = {}
     position = recording.row("position", instant)
     for body in recording.soft_bodies:
-        at_nodes = position[body.nodes]
-        height = plane.height(at_nodes)[body.tetrahedra]
+        corners = position[body.nodes][body.tetrahedra]
         if values is not None:
-            at_nodes = np.column_stack([at_nodes, values[body.nodes]])
-        caps[body.name] = cut_tetrahedra(at_nodes[body.tetrahedra], height, plane.normal)[0]
+            material = np.repeat(body.material, body.parts) if values.shape[1] > 1 else np.zeros(len(corners), int)
+            of_corners = values[body.nodes][body.tetrahedra, material[:, None]]
+            corners = np.concatenate([corners, of_corners[..., None]], axis=2)
+        caps[body.name] = cut_tetrahedra(corners, plane.height(corners[..., :3]), plane.normal)[0]
     cut = [surface for surface in surfaces if surface.kind != "line"]
     for surface in cut:
         if surface.kind != "soft":

@@ -41,10 +41,10 @@ LINE_NUMBERS = ("rest_length", "friction", "has_pull_point", "frame")
 
 @dataclass(frozen=True)
 class RecordedSurface(Surface):
-    """A surface in the frames of a recording.
+    """A surface in the instants of a recording.
 
     Attributes:
-        vertices: gives the positions of the vertices [mm], shape (vertex_count, 3), in a frame.
+        vertices: gives the positions of the vertices [mm], shape (vertex_count, 3), in an instant.
         mapping: the map from all soft nodes to the vertices; None for surfaces that keep their shape.
     """
 
@@ -58,10 +58,10 @@ class RecordedSoftBody:
 
     Attributes:
         name: name of the body.
-        nodes: where its nodes stand in `row("position", frame)` and the other arrays of all nodes.
+        nodes: where its nodes stand in `row("position", instant)` and the other arrays of all nodes.
         rest_position: placed nodes [mm], shape (node_count, 3).
         elements: node indices of each element, shape (element_count, nodes_per_element).
-        material: column of each element's material in `row("young_modulus", frame)`, shape (element_count,).
+        material: column of each element's material in `row("young_modulus", instant)`, shape (element_count,).
         poisson_ratio: Poisson's ratio of each element, shape (element_count,).
         element_groups: element indices by the group names of the mesh.
         surface_groups: triangles (count, 3) of node indices by the group names of the mesh.

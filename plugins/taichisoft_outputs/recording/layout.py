@@ -53,7 +53,6 @@ class RecordedQuantity:
 
 
 def _quantities(kind: ActuatorKind) -> dict[str, RecordedQuantity]:
-    """The datasets with a column for each actuator of a kind."""
     effort, coordinate, value = kind.effort, kind.coordinate, kind.value
     either = f"{effort.unit} or {coordinate.unit}"
     found = {
@@ -73,7 +72,6 @@ def _quantities(kind: ActuatorKind) -> dict[str, RecordedQuantity]:
 
 
 def _controls(kind: ActuatorKind) -> dict[str, RecordedQuantity]:
-    """What a controller acts through by the actuators of a kind."""
     paths = (f"steps/{kind.imposed}", f"steps/{kind.name}_target")
     return {path.replace("steps/", "controls/"): _quantities(kind)[path] for path in paths}
 
@@ -84,7 +82,7 @@ COUNTS = {
     "controllers": "steps/controller_count",
     "contacts": "steps/contact_count",
 }
-"""Groups that have any number of rows in a frame, and the quantity that counts them."""
+"""Groups that have any number of rows in an instant, and the quantity that counts them."""
 OF_PAIRS = [figure for figure in FIGURES if figure.per is PAIRS and In.RECORDING in figure.recorded]
 """Figures with a column for each pair of bodies."""
 
@@ -136,11 +134,11 @@ QUANTITIES = {
     "contacts/impulse": RecordedQuantity("mN s", "contact_impulse"),
     "contacts/slip": RecordedQuantity("mm/s", "contact_slip"),
 }
-"""All datasets of frames by their paths. `steps` have a row for every frame. Other groups have as many rows for a frame
-as `COUNTS` says: `states` one where a run can go on, `controls` one for each step since the frame before that is not a
-frame, `controllers` one for each byte of what the controller remembers, `contacts` one for each contact."""
+"""All datasets of instants by their paths. `steps` have a row for every instant. Other groups have as many rows for one
+as `COUNTS` says: `states` one where a run can go on, `controls` one for each step between it and the instant before,
+`controllers` one for each byte of what the controller remembers, `contacts` one for each contact."""
 FIELDS = [path for path in QUANTITIES if path == "steps/position" or not path.startswith("steps/")]
-"""The large part of a frame; the other quantities are its figures, which are read of many frames at once."""
+"""The large part of an instant; the other quantities are its figures, which are read of many instants at once."""
 CONTROLS = [path for path in QUANTITIES if path.startswith("controls/")]
 """What a controller acts through: parts of the state that a step takes over from its control."""
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.control import Pair
+from taichisoft.control import BASE, Figure, Pair
 from taichisoft.mechanics import (
     ACTUATOR_KINDS,
     CABLES,
@@ -53,9 +53,19 @@ from taichisoft_outputs.recording.recording_file import (
     one_line,
     open_recording,
 )
+from taichisoft_outputs.run_figures import last_at_rest
 
 if TYPE_CHECKING:
     from taichisoft.control import Fingertips
+
+
+WRENCHES = {
+    "base_force": (slice(0, 1), 0),
+    "base_torque": (slice(0, 1), 1),
+    "frame_force": (slice(1, None), 0),
+    "frame_torque": (slice(1, None), 1),
+}
+"""Frames and part of the quantity `frame_wrench` that a figure is."""
 
 
 @dataclass(frozen=True)
@@ -231,6 +241,12 @@ class Recording:
         """The instant with the first state of the last start: a user may have started the run again."""
         return int(np.max(np.flatnonzero(np.diff(self.times) < 0.0) + 1, initial=0))
 
+    @property
+    def lift_start(self) -> int:
+        """The instant from which lifts count, as in metrics.json: the last before the base moves; else `last_start`."""
+        rest = last_at_rest(self.base_translation[self.last_start :])
+        return self.last_start + (rest or 0)
+
     def column(self, name: str) -> np.ndarray:
         """One quantity in all instants, shape (instant_count, ...); `layout.QUANTITIES` has names and units.
 
@@ -260,6 +276,22 @@ class Recording:
     def has_state(self, instant: int) -> bool:
         """Whether an instant has a whole state, in double precision; every tenth step has one, and the last."""
         return bool(self.row("state_count", instant))
+
+    def figure(self, figure: Figure, instants: Any) -> tuple[Sequence[Any], np.ndarray]:
+        """Names and values of a recorded figure in an instant, shape (name_count,), of vectors (name_count, 3).
+
+        An array of instants is the first dimension of the values.
+        """
+        if figure.name in WRENCHES:
+            frames, part = WRENCHES[figure.name]
+            carriers = [""] if figure.per is BASE else self.frames.names[frames]
+            return carriers, self.read("frame_wrench", instants)[..., frames, part, :]
+        kind = figure.per.kind
+        return self.pairs if kind is None else self.actuators.names_of(kind), self.read(figure.name, instants)
+
+    def read(self, name: str, instants: Any) -> np.ndarray:
+        """One quantity in an instant, or in an array of them."""
+        return self.row(name, instants) if np.ndim(instants) == 0 else self.column(name)[instants]
 
     def velocity(self, instant: int) -> np.ndarray:
         """Velocities of the soft nodes [mm/s], (node_count, 3); without a state, the mean since the instant before."""
@@ -302,9 +334,8 @@ class Recording:
             kind: the kind.
             instants: an instant, or an array of instants, which are the first dimension of the efforts.
         """
-        read = self.row if np.ndim(instants) == 0 else lambda name, some: self.column(name)[some]
-        lost = read(kind.loss, instants) if kind.loss else np.zeros(0)
-        return segment_efforts(self.lines(kind), read(kind.effort.name, instants), lost)
+        lost = self.read(kind.loss, instants) if kind.loss else np.zeros(0)
+        return segment_efforts(self.lines(kind), self.read(kind.effort.name, instants), lost)
 
     def follow(self, surface: BodySurface) -> RecordedSurface:
         """A surface of one of the bodies in the instants of this recording."""

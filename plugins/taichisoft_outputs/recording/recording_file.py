@@ -433,7 +433,6 @@ def _append(file: Any, rows: dict[str, np.ndarray], datasets: dict[str, Any], le
 
 
 def _create(file: Any, path: str, shape: tuple[int, ...], dtype: np.dtype) -> Any:
-    """An empty dataset for rows of a shape."""
     row_bytes = max(math.prod(shape) * dtype.itemsize, 1)
     rows = min(INSTANTS_PER_CHUNK, LARGEST_CHUNK // row_bytes) if group_of(path) == "steps" else CHUNK // row_bytes
     unlimited = (None, *(side or None for side in shape))

@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from taichisoft.running import Session
     from taichisoft.step import StepReport
 
-# The rows of a recording: what is written about each frame of a run.
+# The rows of a recording: what is written about each instant of a run.
 
 
 @dataclass
 class SolverFigures:
-    """How the solver fared in all steps since the last frame.
+    """How the solver fared in all steps since the last instant.
 
     Attributes:
         steps: number of these steps.
@@ -70,16 +70,16 @@ def controls_of(state: "State", actuators: "Actuators") -> dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Frame:
+class Instant:
     """A state and how it came about; states never change, so nothing is copied.
 
     Attributes:
         state: the state at the end of the step.
         report: the report of the step; None for the state before the first one.
-        solver: figures of the steps since the last frame.
-        slide: way of each rigid body against what holds it since the last frame [mm], shape (rigid_count, 3).
+        solver: figures of the steps since the last instant.
+        slide: way of each rigid body against what holds it since the last instant [mm], shape (rigid_count, 3).
         controller: what the controller remembers after the step, as JSON; empty where it does not save.
-        controls: `controls_of` the steps since the last frame, without its own.
+        controls: `controls_of` the steps since the last instant, without its own.
     """
 
     state: "State"
@@ -91,7 +91,7 @@ class Frame:
 
 
 class RowMaker:
-    """Makes the rows of frames.
+    """Makes the rows of instants.
 
     Attributes:
         pairs: bodies of the columns of `normal_force`, `peak_pressure` and the like: all that could touch.
@@ -107,31 +107,30 @@ class RowMaker:
         self._pair_column = {(second, first): column for column, (first, second) in enumerate(self.pairs)}
         self._pair_column |= {pair: column for column, pair in enumerate(self.pairs)}
 
-    def rows(self, frame: Frame, has_state: bool) -> dict[str, np.ndarray]:
-        """The rows of a frame by the paths of `layout.QUANTITIES`: one of `steps`, any number of the other groups.
+    def rows(self, instant: Instant, has_state: bool) -> dict[str, np.ndarray]:
+        """The rows of an instant by the paths of `layout.QUANTITIES`: one of `steps`, any number of the other groups.
 
         Args:
-            frame: the frame.
             has_state: whether a run can go on from it without the steps before.
         """
-        solver, state, actuators = frame.solver, frame.state, self._model.actuators
+        solver, state, actuators = instant.solver, instant.state, self._model.actuators
         coordinates = actuators.own_coordinates(state)
-        rows = {path: self._of_state(path, frame, has_state) for path in QUANTITIES if QUANTITIES[path].state_field}
-        memory = np.frombuffer(frame.controller.encode(), np.uint8)
+        rows = {path: self._of_state(path, instant, has_state) for path in QUANTITIES if QUANTITIES[path].state_field}
+        memory = np.frombuffer(instant.controller.encode(), np.uint8)
         figures = {
             "controllers/saved": memory,
             "steps/controller_count": len(memory),
             "steps/state_count": int(has_state),
-            "steps/control_count": len(frame.controls),
+            "steps/control_count": len(instant.controls),
             "steps/contact_count": len(state.contact_point),
             **{
                 f"steps/{kind.coordinate.name}": actuators.of(kind, coordinates)
                 for kind in ACTUATOR_KINDS
                 if kind.coordinate.observed
             },
-            **self._of_pairs(frame),
-            "steps/slide": frame.slide,
-            "steps/signals": self._signals(frame.report),
+            **self._of_pairs(instant),
+            "steps/slide": instant.slide,
+            "steps/signals": self._signals(instant.report),
             "steps/max_penetration": float(solver.max_penetration),
             "steps/iterations": int(solver.iterations),
             "steps/residual": float(solver.residual),
@@ -140,11 +139,11 @@ class RowMaker:
         }
         return rows | {path: np.asarray(value) for path, value in figures.items()}
 
-    def _of_state(self, path: str, frame: Frame, has_state: bool) -> np.ndarray:
-        values, group = np.asarray(QUANTITIES[path].of(frame.state, self._model.actuators)), group_of(path)
+    def _of_state(self, path: str, instant: Instant, has_state: bool) -> np.ndarray:
+        values, group = np.asarray(QUANTITIES[path].of(instant.state, self._model.actuators)), group_of(path)
         if group == "controls":
-            controls = np.empty((len(frame.controls), *values.shape), values.dtype)
-            for row, step in zip(controls, frame.controls, strict=True):
+            controls = np.empty((len(instant.controls), *values.shape), values.dtype)
+            for row, step in zip(controls, instant.controls, strict=True):
                 row[...] = step[path]
             return controls
         if group == "states":
@@ -166,16 +165,16 @@ class RowMaker:
                 )
         return row
 
-    def _of_pairs(self, frame: Frame) -> dict[str, np.ndarray]:
+    def _of_pairs(self, instant: Instant) -> dict[str, np.ndarray]:
         """The figures of pairs in their columns; a pair without contacts has 0."""
         seen, rows = None, {f"steps/{figure.name}": np.zeros(len(self.pairs)) for figure in OF_PAIRS}
-        if frame.report is not None:
-            seen = frame.report.observation.truth
-        elif len(frame.state.contact_body_pair):
+        if instant.report is not None:
+            seen = instant.report.observation.truth
+        elif len(instant.state.contact_body_pair):
             from taichisoft.control import Observer
 
             # A run that goes on from a recorded state begins with contacts and without a report.
-            seen = Observer(self._model).truth(frame.state)
+            seen = Observer(self._model).truth(instant.state)
         for figure in OF_PAIRS if seen is not None else ():
             for pair, value in figure.values(seen).items():
                 rows[f"steps/{figure.name}"][self._pair_column[pair]] = value
@@ -187,7 +186,7 @@ BEFORE = "recording-before.h5"
 USUAL_LIMIT = 2.0
 """Room for the recording of a run without an end [GB]: nine minutes or so of a gripper at real time."""
 STEPS_BETWEEN_STATES = 10
-"""Steps after which a frame has a whole state again; going on from between two makes them again."""
+"""Steps after which an instant has a whole state again; going on from between two makes them again."""
 
 
 class RecordingOutput(Output):
@@ -198,7 +197,7 @@ class RecordingOutput(Output):
 
         Args:
             folder: folder of the run.
-            every: steps from frame to frame; the last step before the run ends or starts again is a frame in any case.
+            every: steps from instant to instant; the last one before the run ends or starts again is one in any case.
             limit: most room of the recording [GB]: when half of it is full, the file becomes `recording-before.h5`, in
                 place of an older one, and another begins. None for `USUAL_LIMIT` in runs without an end, and none in
                 others.
@@ -206,37 +205,37 @@ class RecordingOutput(Output):
         if limit is not None and not limit > 0.0:
             raise RecordingError(f"--record-limit {limit:g}: must be a positive number of gigabytes")
         if every < 1:
-            raise RecordingError(f"--every {every}: must be at least 1, the number of steps from frame to frame")
+            raise RecordingError(f"--every {every}: must be at least 1, the number of steps from instant to instant")
         self.path = Path(folder) / FILE_NAME
         self.limit = limit
         self._every, self._part_count = every, 1
         self._file: RunningFile | None = None
-        self._last: Frame | None = None
+        self._last: Instant | None = None
         self._solver, self._slide = SolverFigures(), np.zeros((0, 3))
         self._controls: list[dict[str, np.ndarray]] = []
         self._steps_since_state = 0
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Write scene and bodies; the state before the first step becomes frame 0."""
+        """Write scene and bodies; the state before the first step becomes instant 0."""
         self._model = model
         self._rows = RowMaker(model)
         self._slipping = Slipping(len(model.scene.soft_bodies), state)
-        self._begin_file(self._first_frame(state))
+        self._begin_file(self._first_instant(state))
         with named_os_errors(self.path, RecordingError):
             self._before.unlink(missing_ok=True)
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """Take a step; the step before it is written if it is to be a frame."""
+        """Take a step; the step before it is written if it is to be an instant."""
         self._write_or_skip_last()
         self._solver.add(report)
         self._slide = self._slide + self._slipping.add(state)
-        self._last = Frame(state, report, self._solver, self._slide, self.save_controller(), self._controls)
+        self._last = Instant(state, report, self._solver, self._slide, self.save_controller(), self._controls)
 
     def restart(self, state: "State") -> None:
-        """The frames go on with the first state again; what came before stays."""
+        """The instants go on with the first state again; what came before stays."""
         self._write_last(has_state=True)
         self._slipping.restart(state)
-        self._last = self._first_frame(state)
+        self._last = self._first_instant(state)
         self._write_last(has_state=True)
 
     def end(self, outcome: str) -> None:
@@ -262,16 +261,15 @@ class RecordingOutput(Output):
                 makes = f"`taichisoft recording repair {path} -o NEW.h5` makes one"
                 warn_caller(f"{error}; the recording is whole, but not yet an HDF5 file: {makes}")
 
-    def _first_frame(self, state: "State") -> Frame:
-        """The frame of a first state, from which the steps go on."""
-        self._begin_next_frame(state)
-        return Frame(state, None, self._solver, self._slide, self.save_controller())
+    def _first_instant(self, state: "State") -> Instant:
+        self._begin_next_instant(state)
+        return Instant(state, None, self._solver, self._slide, self.save_controller())
 
-    def _begin_next_frame(self, state: "State") -> None:
+    def _begin_next_instant(self, state: "State") -> None:
         self._solver, self._slide, self._controls = SolverFigures(), np.zeros_like(state.rigid_position), []
 
     def _write_or_skip_last(self) -> None:
-        """Make a frame of the last step if it is due, now that another step follows."""
+        """Make an instant of the last step if it is due, now that another step follows."""
         if self._last is None:
             return
         if self._solver.steps < self._every:
@@ -279,31 +277,30 @@ class RecordingOutput(Output):
         else:
             is_due = self._steps_since_state + self._solver.steps >= STEPS_BETWEEN_STATES
             is_full = self.limit is not None and self._file is not None and self._file.size > 0.5e9 * self.limit
-            frame = self._last
+            instant = self._last
             self._write_last(is_due or is_full)
             if is_full:
-                self._begin_next_part(frame)
+                self._begin_next_part(instant)
 
     def _write_last(self, has_state: bool) -> None:
-        """Make a frame of the last step, whatever its number."""
-        frame, self._last = self._last, None
-        if frame is None or self._file is None:
+        instant, self._last = self._last, None
+        if instant is None or self._file is None:
             return
-        self._steps_since_state = 0 if has_state else self._steps_since_state + frame.solver.steps
-        self._begin_next_frame(frame.state)
-        self._file.append(self._rows.rows(frame, has_state), self._rows.signals)
+        self._steps_since_state = 0 if has_state else self._steps_since_state + instant.solver.steps
+        self._begin_next_instant(instant.state)
+        self._file.append(self._rows.rows(instant, has_state), self._rows.signals)
 
     @property
     def _before(self) -> Path:
         return self.path.with_name(BEFORE)
 
-    def _begin_file(self, first: Frame) -> None:
+    def _begin_file(self, first: Instant) -> None:
         rows = self._rows.rows(first, has_state=True)
         constants = constants_image(self._describe)
         self._file = RunningFile(self.path, constants, rows, self._rows.signals)
 
-    def _begin_next_part(self, frame: Frame) -> None:
-        """Go on in another file, whose first frame is the last one of this."""
+    def _begin_next_part(self, instant: Instant) -> None:
+        """Go on in another file, whose first instant is the last one of this."""
         assert self._file is not None
         if self._part_count <= 2:
             dropped = "; what was there before is dropped" if self._part_count == 2 else ""
@@ -316,7 +313,7 @@ class RecordingOutput(Output):
         file.close("continued in another recording")
         with named_os_errors(self.path, RecordingError):
             self._name_full_file()
-        self._begin_file(replace(frame, controls=()))
+        self._begin_file(replace(instant, controls=()))
 
     def _name_full_file(self) -> None:
         """Give the full file its second name; it has the first one until the next file takes that, so one is there."""

@@ -96,7 +96,6 @@ def _repeat_step(simulation: Simulation, control: dict[str, np.ndarray]) -> None
 
 
 def _simulation(recording: Recording, scene: Scene) -> Simulation:
-    """A simulation of a scene with the recorded meshes."""
     return Simulation(
         Model(scene, {body.name: body.mesh(f"{recording.path}: {body.name}") for body in recording.soft_bodies})
     )
@@ -149,13 +148,11 @@ def _young_modulus(state: State, before: dict[str, float], now: dict[str, float]
 
 
 def _anchors(scene: Scene) -> list[list[dict[str, Any]]]:
-    """What is anchored, however stiffly."""
     bodies = scene.soft_bodies.values()
     return [[anchor.model_dump(exclude={"stiffness"}) for anchor in body.anchors] for body in bodies]
 
 
 def _names(scene: Scene) -> dict[str, list[str]]:
-    """Names of what a recorded state belongs to, by kind."""
     return {
         "soft body": list(scene.soft_bodies),
         **{kind.name: list(scene.actuators(kind.plural)) for kind in ACTUATOR_KINDS},

@@ -101,7 +101,6 @@ class DrawnAtEnd(Output):
     """An output that does nothing while the simulation runs, and cannot harm what was computed.
 
     Attributes:
-        name: name of the output.
         folder: folder of the run, where the recording is.
     """
 
@@ -153,7 +152,6 @@ class VideoOutput(DrawnAtEnd):
     """Draws the whole run into a video.
 
     Args:
-        folder: folder of the run, where the recording is.
         file: "NAME.mp4", "NAME.gif", or a folder for PNG files; None for video.mp4 in the run's folder.
         fps: frames per second.
         size: width and height [pixels], "1280x720".

@@ -90,7 +90,7 @@ def draw_states(link: Link) -> None:
 
 
 def _checked(image: np.ndarray, style: Style) -> np.ndarray:
-    if image.shape != (style.size[1], style.size[0], 3) or image.dtype != np.uint8:
+    if image.shape != (style.size[1], style.size[0], 4 if style.transparent else 3) or image.dtype != np.uint8:
         raise RuntimeError(f"drew {image.shape} of {image.dtype}, not {style.size} pixels")
     return np.ascontiguousarray(image)
 
@@ -108,7 +108,6 @@ class LiveRenderer(Renderer):
         """Nothing is started before the first picture.
 
         Args:
-            model: model whose states are drawn.
             size: width and height [pixels].
             camera: a view of `Style`, or the points of eye and target [mm].
         """
@@ -134,7 +133,6 @@ class LiveRenderer(Renderer):
         return CameraFrame(colour, depth, segmentation, intrinsics, camera.axes * [[1.0], [-1.0], [-1.0]], view.eye)
 
     def _drawn(self, state: "State", marks: np.ndarray, camera: PictureCamera | None) -> Any:
-        """What the process answers, see `draw_states`."""
         problem = ""
         if self._process is not None and self._process.drawn == PICTURES_PER_PROCESS:
             self.close()

@@ -9,9 +9,23 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera, outermost_points, radius_around_mean
-from taichisoft_outputs.drawing.colouring import Colouring, merged_ranges, with_ranges, with_visual_surfaces
-from taichisoft_outputs.drawing.overlay import colour_bars_width, letters_of, paint_colour_bars
-from taichisoft_outputs.drawing.painting import Colour, ColourScale, ForceArrows, as_bytes, sample_instants, text_colour
+from taichisoft_outputs.drawing.colouring import (
+    Colouring,
+    ColourScale,
+    merged_ranges,
+    sample_instants,
+    with_ranges,
+    with_visual_surfaces,
+)
+from taichisoft_outputs.drawing.overlay import (
+    Colour,
+    ForceArrows,
+    as_bytes,
+    colour_bars_width,
+    letters_of,
+    paint_colour_bars,
+    text_colour,
+)
 from taichisoft_outputs.drawing.style import SMALLEST, Style, StyleError
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.rendering.video import open_video, render_pictures, render_video, shown_instants, write_png
@@ -26,9 +40,7 @@ def pictures_side_by_side(
     """Draw pictures `folder/NAME.png` in which the recordings stand beside each other.
 
     Args:
-        recordings: paths of the recordings.
         times: times since the last start [s] by the name of the picture; a run that ends earlier shows its end.
-        folder: folder of the pictures, which is made when it does not exist.
         style: how they are drawn; its size is that of the whole picture.
     """
     ends = {path: _end(path) for path in recordings}
@@ -60,12 +72,8 @@ def video_side_by_side(
     """Draw a video in which the recordings stand beside each other; a run that ends earlier stays at its end.
 
     Args:
-        recordings: paths of the recordings.
         file, fps, slow_motion, on_picture: as of `render_video`.
         style: how they are drawn; its size is that of the whole picture.
-
-    Returns:
-        The number of pictures.
     """
     styles, bars = _shared(recordings, style, lambda one: np.unique(shown_instants(one, fps * slow_motion)).tolist())
     with TemporaryDirectory(prefix="taichisoft-side-by-side-") as room:
@@ -95,6 +103,8 @@ def _shared(
         The styles, each of its share of the width that the strip leaves; and the strip that stands to the right of the
         pictures, shape (height, strip_width, 3), dtype uint8, without width where colours mean nothing.
     """
+    if style.transparent:
+        raise StyleError("recordings side by side have a background; draw each by itself to have none")
     ranges, lengths, uprights = [], [], []
     points: dict[tuple[float, ...], list[np.ndarray]] = {}
     scales: dict[str, ColourScale] = {}

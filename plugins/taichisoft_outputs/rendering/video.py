@@ -119,10 +119,10 @@ def key_moments(recording: Recording) -> dict[str, float]:
     Where the base does not move there are only before and after.
     """
     times = recording.times[recording.last_start :]
-    grasped = last_at_rest(recording.base_translation[recording.last_start :])
-    if grasped is None:
+    if last_at_rest(recording.base_translation[recording.last_start :]) is None:
         return {"before": float(times[0]), "after": float(times[-1])}
-    return {"before": float(times[0]), "grasped": float(times[grasped]), "lifted": float(times[-1])}
+    grasped = recording.times[recording.lift_start]
+    return {"before": float(times[0]), "grasped": float(grasped), "lifted": float(times[-1])}
 
 
 def draw_frames(
@@ -135,8 +135,6 @@ def draw_frames(
     """Draw instants one after the other; a process that hangs or crashes is replaced once, and the new one goes on.
 
     Args:
-        recording: path of the recording.
-        style: how they are drawn.
         instants: indices without repetitions.
         take: is called with each image, shape (height, width, 3), dtype uint8.
         stop_if_asked: is called at least every tenth of a second, and may raise.
@@ -226,8 +224,6 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddPic
 
     Args:
         path: "NAME.mp4", "NAME.gif", or a folder that gets `frame_00000.png` and so on.
-        size: width and height of the pictures [pixels].
-        fps: frames per second.
     """
     check_video(path, fps)
     with named_os_errors(path, RenderError):
@@ -299,7 +295,6 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
 
 @contextmanager
 def _frame_folder(path: Path) -> Iterator[AddPicture]:
-    """A folder beside `path` that takes its place at the end."""
     partial = partial_path(path)
     numbers = count()
     try:
@@ -315,7 +310,6 @@ def _frame_folder(path: Path) -> Iterator[AddPicture]:
 
 
 def _check_frame_folder(path: Path) -> None:
-    """Refuse to replace anything but an earlier video."""
     if not path.is_dir():
         raise RenderError(f"{path}: is a file; a video ends with .mp4 or .gif, or is a folder for PNG files")
     for entry in path.iterdir():
@@ -355,6 +349,8 @@ def render_video(
     """
     style = style or Style()
     check_video(file, fps)
+    if style.transparent and file.suffix:
+        raise RenderError(f"{file}: a transparent video is a folder for PNG files, without a suffix")
     check_slow_motion(slow_motion)
     with read_recording(recording) as opened:
         style.check(opened.scene)

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.control import In, Pair
+from taichisoft.control import FIGURES, PAIRS, In
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind
-from taichisoft_outputs.recording.layout import OF_PAIRS
 from taichisoft_outputs.web.page_messages import PageInstant, PageScene
 
 WINDOW = 20.0
@@ -22,39 +21,47 @@ DECIMALS = 4
 LABEL_WIDTH = 64
 """Width of the numbers beside a plot [pixels]: room for "-100,000"."""
 
+TICKS_APART = 20
+"""Least distance of the numbers beside a plot [pixels]: the usual 30 leaves but one where they are round thousands."""
+
+AXES = "#888888"
+"""Colour of axes, which is seen on a light and on a dark page."""
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
-ON_PAGE = [figure for figure in OF_PAIRS if In.PAGE in figure.recorded]
-"""Figures of soft bodies and the main object."""
+ON_PAGE = [figure for figure in FIGURES if In.PAGE in figure.recorded]
+"""Figures of the base, and of soft bodies and the main object."""
 
 
 def plotted_row(
     scene: Scene,
-    efforts: Sequence[float],
-    by_pair: Mapping[str, Mapping[Pair, float]],
-    base_wrench: np.ndarray,
+    efforts: np.ndarray,
+    figures: Mapping[str, tuple[Sequence[Any], np.ndarray]],
     rigid_position: np.ndarray,
 ) -> np.ndarray:
-    """The figures that are plotted at one time, in a row.
+    """The figures that are plotted at one time, in a row, or in a row for each of several times.
 
     Args:
         scene: the scene of the run.
-        efforts: of all actuators: pressures [kPa], tensions at pulled ends [mN].
-        by_pair: values of the figures of `ON_PAGE` by name and pair of bodies.
-        base_wrench: force [mN] and torque [mN mm] on the base, shape (2, 3).
-        rigid_position: centres of mass [mm], shape (rigid_count, 3).
+        efforts: of all actuators: pressures [kPa], tensions at pulled ends [mN], shape (..., actuator_count).
+        figures: names and values of the figures of `ON_PAGE`, see `Recording.figure`.
+        rigid_position: centres of mass [mm], shape (..., rigid_count, 3).
 
     Returns:
-        Efforts [kPa] or [mN], the figures of each soft body on the main object, force and torque on the base, and the
-        height of the object [mm].
+        Efforts, figures of the base and of each soft body on the main object, and the height of the object [mm].
     """
-    shown, bodies = scene.main_object, scene.soft_bodies
-    contacts = []
+    shown, times = scene.main_object, rigid_position.shape[:-2]
+    columns, nothing = [efforts], np.zeros((*times, 1))
     for figure in ON_PAGE:
-        of_pair = {frozenset(pair): value for pair, value in by_pair[figure.name].items()}
-        contacts += [0.0 if shown is None else of_pair.get(frozenset((name, shown)), 0.0) for name in bodies]
-    height = 0.0 if shown is None else rigid_position[list(scene.rigid_bodies).index(shown)] @ scene.up
-    return np.array([*efforts, *contacts, *np.ravel(base_wrench), height])
+        names, values = figures[figure.name]
+        if figure.per is PAIRS:
+            places = {frozenset(pair): number for number, pair in enumerate(names)}
+            numbers = [places.get(frozenset((body, shown))) for body in scene.soft_bodies]
+            columns += [nothing if number is None else values[..., [number]] for number in numbers]
+        else:
+            columns.append(values.reshape(*times, -1))
+    bodies = list(scene.rigid_bodies)
+    columns.append(nothing if shown is None else rigid_position[..., [bodies.index(shown)], :] @ scene.up)
+    return np.concatenate(columns, axis=-1)
 
 
 class History:
@@ -114,9 +121,12 @@ class Curves:
         is_carried = any(body.anchors for body in content.scene.soft_bodies.values())
         groups: Iterable[tuple[str, Sequence[str], int]] = (
             *(_group(content, kind) for kind in ACTUATOR_KINDS),
-            *((figure.drawn.replace(" [", f" on {shown} ["), pressing, len(soft)) for figure in ON_PAGE),
-            ("force on the base [mN]", tuple("xyz") if is_carried else (), 3),
-            ("torque on the base [mN mm]", tuple("xyz") if is_carried else (), 3),
+            *(
+                (figure.drawn.replace(" [", f" on {shown} ["), pressing, len(soft))
+                if figure.per is PAIRS
+                else (figure.drawn, tuple(figure.axes) if is_carried else (), 3)
+                for figure in ON_PAGE
+            ),
             (f"{shown} lifted by [mm]", (shown,) if shown is not None else (), 1),
         )
         for title, names, width in groups:
@@ -145,7 +155,6 @@ class Curves:
 
 
 def _group(content: PageScene, kind: ActuatorKind) -> tuple[str, Sequence[str], int]:
-    """Title, names and number of the columns with the efforts of a kind."""
     names = content.actuators.names_of(kind)
     return f"{kind.effort.words} [{kind.effort.unit}]", names, len(names)
 
@@ -158,11 +167,12 @@ def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
         for index, name in enumerate(names)
     ]
     nothing = np.zeros(2)
+    grey: Any = {"stroke": AXES, "grid": {"stroke": f"{AXES}40", "width": 1}, "ticks": {"stroke": AXES, "width": 1}}
     return gui.add_uplot(
         data=(np.array([0.0, 1.0]), *(nothing for _ in names)),
         series=(uplot.Series(label="time [s]"), *lines),
         scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-        axes=(uplot.Axis(), uplot.Axis(size=LABEL_WIDTH)),
+        axes=(uplot.Axis(**grey), uplot.Axis(size=LABEL_WIDTH, space=TICKS_APART, **grey)),
         title=title,
         legend=uplot.Legend(show=len(names) > 1, live=False),
         aspect=2.2,

@@ -20,20 +20,11 @@ from taichisoft.mechanics import ACTUATOR_KINDS, kind_called
 from taichisoft.mesh import split_triangles
 from taichisoft.scene import red_green_blue
 from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera, fit_camera, radius_around_mean
-from taichisoft_outputs.drawing.colouring import body_colours
-from taichisoft_outputs.drawing.painting import (
-    BODY_AXIS,
-    LINE,
-    ColourScale,
-    arrow_colour,
-    as_bytes,
-    effort_scale,
-    key_light,
-    split_creases,
-)
+from taichisoft_outputs.drawing.colouring import LINE, PLAIN, ColourScale, body_colours, effort_scale
+from taichisoft_outputs.drawing.overlay import BODY_AXIS, arrow_colour, as_bytes
 from taichisoft_outputs.drawing.stage import square_of_plane
 from taichisoft_outputs.drawing.style import BACKGROUND
-from taichisoft_outputs.drawing.surface_painter import Section
+from taichisoft_outputs.drawing.surface_painter import Section, key_light, split_creases
 from taichisoft_outputs.html_template import render
 from taichisoft_outputs.web.address import WebError
 from taichisoft_outputs.web.curves import Curves
@@ -169,6 +160,7 @@ def _cookies(headers: Any) -> dict[str, str]:
 # What the colours and arrows of a page mean: bars of efforts of actuators, and the force of the longest arrow.
 
 TEMPLATE = Path(__file__).with_name("scales_shown.html")
+GAUGES = Path(__file__).with_name("gauges.html")
 
 
 class Scales:
@@ -224,16 +216,8 @@ ASPECT = 1.3
 BACKWARD = 1.35
 """The camera begins so many times further off than the first instant needs, since everything is going to move [-]."""
 
-COLOURS: dict[str, tuple[int, int, int]] = {
-    "soft": (237, 229, 216),
-    "cavity": (0, 118, 128),
-    "membrane": (204, 163, 102),
-    "fibre": (158, 107, 20),
-    "rigid": (58, 92, 168),
-    "obstacle": (140, 148, 158),
-    "floor": (173, 190, 208),
-}
-"""Red, green and blue by kind, each from 0 to 255, of what has no colour of its own in the scene."""
+FLOOR = (0.68, 0.745, 0.815)
+"""Red, green and blue of a floor without a colour of its own [-]."""
 SILICONE_OPACITY = 0.55
 
 LINE_THICKNESS = 0.013
@@ -348,7 +332,7 @@ class SceneView:
             self._scales_shown.content = self._scales.html(self._force_colour)
 
     def _show_surface(self, number: int, vertices: np.ndarray, section: Section | None) -> None:
-        """Where it is cut it has other triangles in each frame, and silicone cannot be seen through."""
+        """Where it is cut it has other triangles in each instant, and silicone cannot be seen through."""
         surface, mesh = self._surfaces[number], self._meshes[number]
         if section is not None and surface.name in section.names:
             corners = vertices[surface.triangles]
@@ -392,7 +376,7 @@ class SceneView:
             f"/{name}",
             vertices * LENGTH_UNIT,
             triangles,
-            color=COLOURS[kind] if own is None else as_bytes(own),
+            color=as_bytes((PLAIN | {"floor": FLOOR})[kind] if own is None else own),
             opacity=_opacity(kind),
             cast_shadow=kind in ("soft", "rigid"),
             receive_shadow=kind in ("floor", "obstacle"),
@@ -477,6 +461,14 @@ KEEP_KEYS_FROM_CAMERA = (
     '<img hidden src="data:," onerror="document.documentElement.addEventListener('
     "'keydown', event => event.stopPropagation())\">"
 )
+# viser has one theme for all viewers, which does not follow what each has chosen in the browser.
+FOLLOW_DARK_MODE = """<img hidden src="data:," onerror="
+const dark = matchMedia('(prefers-color-scheme: dark)'), root = document.documentElement;
+const name = 'data-mantine-color-scheme', wanted = () => dark.matches ? 'dark' : 'light';
+const follow = () => { if (root.getAttribute(name) !== wanted()) root.setAttribute(name, wanted()); };
+dark.onchange = follow;
+new MutationObserver(follow).observe(root, {attributeFilter: [name]});
+follow()">"""
 
 
 class Page:
@@ -485,8 +477,6 @@ class Page:
     Attributes:
         server: server of viser, to which controls can be added.
         port: port at which it listens.
-        view: the scene.
-        curves: the plots.
     """
 
     def __init__(self, host: str, port: int, token: str, content: PageScene, first: PageInstant):
@@ -501,15 +491,26 @@ class Page:
         gui.set_panel_label(content.scene.title or "taichisoft")
         gui.main_panel.dock_right()
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.add_html(FOLLOW_DARK_MODE)
+        self._actuators = content.actuators
         self._text = gui.add_markdown("", order=0.0)
+        self._gauges = gui.add_html("", order=0.2)
         self.view.put_scales(gui.add_html("", order=0.5))
         with gui.add_folder("plots", order=100.0):
             self.curves = Curves(gui, content)
         self.server.on_client_connect(self._fit_window)
 
-    def set_status(self, text: str) -> None:
-        """Put a line of Markdown above everything."""
+    def set_status(self, text: str, instant: PageInstant) -> None:
+        """Put a line of Markdown above everything, and the efforts of actuators, to be read from some metres."""
         self._text.content = text
+        gauges = [
+            (f"{name.removesuffix(f'.{kind.name}')} [{kind.effort.unit}]", f"{value:z.{kind.effort.digits}f}")
+            for kind in ACTUATOR_KINDS
+            for name, value in zip(
+                self._actuators.names_of(kind), self._actuators.of(kind, instant.plotted), strict=True
+            )
+        ]
+        self._gauges.content = render(GAUGES, gauges=gauges) if gauges else ""
 
     async def _fit_window(self, client: Any) -> None:
         """In a window that is higher than wide, such as a phone's, have everything above the panel."""

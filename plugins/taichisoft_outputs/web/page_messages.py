@@ -30,10 +30,7 @@ class PageScene:
     """What stays the same while a page shows one instant after the other.
 
     Attributes:
-        scene: the scene that was or is simulated.
         surfaces: everything with triangles.
-        planes: infinite obstacles.
-        actuators: names of the actuators.
         axes: by name, the axes of bodies that are shown.
     """
 
@@ -84,10 +81,6 @@ def lines_shown(points: Sequence[np.ndarray], efforts: Sequence[np.ndarray]) -> 
     """
     lines = [np.stack([one[:-1], one[1:]], axis=1) for one in points]
     return LinesShown(np.concatenate([np.zeros((0, 2, 3)), *lines]), np.concatenate([np.zeros(0), *efforts]))
-
-
-SHOWN_ONLY = "actuators"
-"""Group of sliders that show something and cannot be moved."""
 
 
 @dataclass(frozen=True)

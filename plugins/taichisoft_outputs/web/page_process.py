@@ -12,7 +12,7 @@ from taichisoft.base import Link
 from taichisoft.control import KeyEvent, Slider
 from taichisoft_outputs.web.curves import History
 from taichisoft_outputs.web.page import KEEP_KEYS_FROM_CAMERA, SPEEDS, Page, clamped
-from taichisoft_outputs.web.page_messages import SHOWN_ONLY, PageSetup, RunEnded, Snapshot, SpeedWanted
+from taichisoft_outputs.web.page_messages import PageSetup, RunEnded, Snapshot, SpeedWanted
 
 # What one viewer may do: sliders, buttons and hotkeys, all of which become key events of the run.
 
@@ -102,12 +102,9 @@ class Controls:
             max=float(slider.highest),
             step=float(slider.step),
             initial_value=_within(slider),
-            disabled=slider.group == SHOWN_ONLY,
         )
         moved = [-math.inf]
         self._sliders[name] = handle, moved
-        if slider.group == SHOWN_ONLY:
-            return
 
         @handle.on_update
         async def _(event: Any) -> None:
@@ -235,13 +232,14 @@ class LivePage:
             self._show_curves()
         if time.monotonic() - self._last_text >= SECONDS_BETWEEN_TEXTS:
             self._last_text = time.monotonic()
-            self.page.set_status(status_line(snapshot))
+            self.page.set_status(status_line(snapshot), snapshot.instant)
             for controls in list(self._controls.values()):
                 controls.follow(snapshot)
 
     def close(self, end: RunEnded) -> None:
         """Say that the run has ended, wait until viewers have received it, and close the page."""
-        self.page.set_status(f"**{self._snapshot.instant.time:.2f} s** · the run has ended: {end.outcome}")
+        last = self._snapshot.instant
+        self.page.set_status(f"**{last.time:.2f} s** · the run has ended: {end.outcome}", last)
         self._show_curves()
         self.page.server.flush()
         time.sleep(SECONDS_TO_DELIVER)

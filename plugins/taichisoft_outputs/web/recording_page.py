@@ -9,7 +9,8 @@ import numpy as np
 from taichisoft.errors import MeshError
 from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.mesh import SectionPlane
-from taichisoft_outputs.drawing.painting import SAMPLES, sample_instants
+from taichisoft_outputs.drawing.colouring import sample_instants
+from taichisoft_outputs.drawing.overlay import SAMPLES
 from taichisoft_outputs.drawing.surface_painter import cut_open
 from taichisoft_outputs.recording.layout import UNFINISHED
 from taichisoft_outputs.recording.reader import Recording, read_recording
@@ -21,13 +22,6 @@ from taichisoft_outputs.web.page_messages import PageInstant, PageScene, lines_s
 INSTANTS_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
 """The file of a run that goes on is looked at again after so many seconds."""
-PLOTTED = (
-    "frame_wrench",
-    "rigid_position",
-    *(kind.effort.name for kind in ACTUATOR_KINDS),
-    *(figure.name for figure in ON_PAGE),
-)
-"""The quantities of a recording that `plotted_row` needs."""
 
 
 class Playback:
@@ -127,7 +121,7 @@ class RecordingPage:
             section = cut_open(self._recording, self._recording.surfaces, number, plane)
         self.page.view.show(shown, section)
         status = f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}"
-        self.page.set_status(self._problem or status)
+        self.page.set_status(self._problem or status, shown)
         self._slider.value = self.playback.position
         past = self._plotted <= number
         signals = {name: values[past] for name, values in self._signals.items()}
@@ -157,9 +151,8 @@ class RecordingPage:
         """Read what the plots show, of as many instants as they can hold."""
         count = self._recording.instant_count
         self._plotted = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
-        columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
-        self._rows = np.array([_plotted_row(self._recording, *values) for values in zip(*columns, strict=True)])
-        self._rows[:, -1] -= self._rows[0, -1]
+        self._rows = _plotted(self._recording, self._plotted)
+        self._rows[:, -1] -= _plotted(self._recording, self._recording.lift_start)[-1]
         signals = self._recording.column("signals")[self._plotted]
         self._signals = {name: signals[:, number] for number, name in enumerate(self._recording.signals)}
 
@@ -200,15 +193,12 @@ def instant_of(recording: Recording, number: int) -> PageInstant:
         for kind in ACTUATOR_KINDS
         if kind.drawn == "lines"
     }
-    plotted = _plotted_row(recording, *(recording.row(name, number) for name in PLOTTED))
-    time = float(recording.row("time", number))
+    time, plotted = float(recording.row("time", number)), _plotted(recording, number)
     return PageInstant(time, recording.poses(number), lines, *recording.contacts(number), plotted)
 
 
-def _plotted_row(recording: Recording, wrench: np.ndarray, places: np.ndarray, *columns: np.ndarray) -> np.ndarray:
-    efforts, of_pairs = columns[: len(ACTUATOR_KINDS)], columns[len(ACTUATOR_KINDS) :]
-    by_pair = {
-        figure.name: dict(zip(recording.pairs, values.tolist(), strict=True))
-        for figure, values in zip(ON_PAGE, of_pairs, strict=True)
-    }
-    return plotted_row(recording.scene, np.concatenate(efforts).tolist(), by_pair, wrench[0], places)
+def _plotted(recording: Recording, instants: Any) -> np.ndarray:
+    efforts = [recording.read(kind.effort.name, instants) for kind in ACTUATOR_KINDS]
+    figures = {figure.name: recording.figure(figure, instants) for figure in ON_PAGE}
+    places = recording.read("rigid_position", instants)
+    return plotted_row(recording.scene, np.concatenate(efforts, axis=-1), figures, places)

@@ -3,14 +3,13 @@
 import math
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft.base import Worker, WorkerLost, extra, require, warn_caller
-from taichisoft.control import KeyEvent, Observer, Slider
+from taichisoft.control import KeyEvent, Observer
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import (
     ACTUATOR_KINDS,
@@ -25,7 +24,6 @@ from taichisoft.running import BINDINGS, Output
 from taichisoft_outputs.web.address import NOT_ENCRYPTED, Address, WebError, find_address
 from taichisoft_outputs.web.curves import ON_PAGE, plotted_row
 from taichisoft_outputs.web.page_messages import (
-    SHOWN_ONLY,
     LinesShown,
     PageInstant,
     PageScene,
@@ -108,7 +106,6 @@ class PageLink:
         self._worker.send(snapshot(self._session, self.newest, self._observer))
 
     def _take_wishes(self) -> None:
-        """Hand on what viewers want, until the page is gone."""
         try:
             while True:
                 message = self._worker.receive()
@@ -143,9 +140,10 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
 
 def snapshot(session: "Session", state: "State", observer: Observer | None = None) -> Snapshot:
     """A run as it is now, in one of its states, seen by an observer of its model if there is one already."""
-    model, efforts = session.simulation.model, state.actuator_effort.tolist()
+    model = session.simulation.model
     seen, report = (observer or Observer(model)).truth(state), session.simulation.report
-    by_pair = {figure.name: figure.values(seen) for figure in ON_PAGE}
+    values = {figure.name: figure.values(seen) for figure in ON_PAGE}
+    figures = {name: (list(of), np.array([*of.values()])) for name, of in values.items()}
     lines = {kind.name: _lines(model, kind, state) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
     return Snapshot(
         PageInstant(
@@ -154,10 +152,10 @@ def snapshot(session: "Session", state: "State", observer: Observer | None = Non
             lines,
             state.contact_point,
             state.contact_impulse / model.scene.time.step,
-            plotted_row(model.scene, efforts, by_pair, state.frame_wrench[0], state.rigid_position),
+            plotted_row(model.scene, state.actuator_effort, figures, state.rigid_position),
             dict(report.signals) if report is not None else {},
         ),
-        sliders=_sliders(session, state),
+        sliders={} if session.replaying else dict(session.sliders),
         paused=session.paused,
         speed=session.pace.speed,
         real_time_factor=session.pace.real_time_factor,
@@ -169,24 +167,6 @@ def _lines(model: "Model", kind: ActuatorKind, state: "State") -> LinesShown:
     lines, actuators = model.actuators.sets[kind.name].lines, model.actuators
     effort, loss = actuators.of(kind, state.actuator_effort), actuators.losses_of(kind, state.actuator_loss)
     return lines_shown([line.points(state, model.frames) for line in lines], segment_efforts(lines, effort, loss))
-
-
-def _sliders(session: "Session", state: "State") -> dict[str, Slider]:
-    """The sliders of the session; of a controller without its own, such that show efforts, such as the pressures."""
-    model, sliders = session.simulation.model, dict(session.sliders)
-    if session.replaying:
-        sliders = {name: replace(one, group=SHOWN_ONLY) for name, one in sliders.items()}
-    if session.controller.sliders:
-        return sliders
-    for kind in ACTUATOR_KINDS:
-        if kind.always_driven:
-            effort, limits = kind.effort, model.scene.limits
-            lowest, highest = (getattr(limits, f"{end}_{effort.name}", None) for end in ("lowest", "highest"))
-            low, high = 0.0 if lowest is None else lowest, effort.furthest if highest is None else highest
-            values = model.actuators.of(kind, state.actuator_effort).tolist()
-            for name, value in zip(model.actuators.names_of(kind), values, strict=True):
-                sliders[name] = Slider(value, low, high, 0.1, effort.unit, SHOWN_ONLY)
-    return sliders
 
 
 class WebOutput(Output):
@@ -204,7 +184,6 @@ class WebOutput(Output):
         """Find a place for the page.
 
         Args:
-            folder: folder of the run; nothing is written there.
             address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
         """
         require("a web page", "viser", install=extra("web"))
