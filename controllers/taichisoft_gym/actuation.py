@@ -180,7 +180,7 @@ class Actuation:
             drives: keys of `Control` that actions ask for, such as "cable_tension"; an actuator is driven by the first
                 of them that fits it, and by none if none does. Empty: the usual one of each.
         """
-        valid = [drive.asked for kind in ACTUATOR_KINDS for drive in kind.drives]
+        valid = [drive.request for kind in ACTUATOR_KINDS for drive in kind.drives]
         for one in drives:
             if one not in valid:
                 raise SceneError(f"actions: there is no '{one}'; {nearest(one, valid, 'there are')}")
@@ -191,7 +191,7 @@ class Actuation:
             for kind, name, table in tables
             for drive in [one for one in _ranked(kind, drives) if one.fits(table)][:1]
         ]
-        idle = next((one for one in drives if all(drive.asked != one for drive, *_ in self._driven)), None)
+        idle = next((one for one in drives if all(drive.request != one for drive, *_ in self._driven)), None)
         if self._driven and idle is not None:
             raise SceneError(f"actions: no actuator of the scene is driven by '{idle}'")
         if not self._driven:
@@ -224,7 +224,7 @@ class Actuation:
         values = self._low + 0.5 * (action + 1.0) * (self._high - self._low)
         asked: dict[str, Any] = {}
         for (drive, name, _), value in zip(self._driven, values.tolist(), strict=False):
-            asked.setdefault(drive.asked, {})[name] = value
+            asked.setdefault(drive.request, {})[name] = value
         if self.arm is not None:
             asked |= self.arm.control(values[len(self._driven) :], state, simulation.model.base_pivot, period)
         if self._travel is not None:
@@ -248,7 +248,7 @@ class Actuation:
 
 def _ranked(kind: ActuatorKind, drives: Sequence[str]) -> list[Drive]:
     """The drives of a kind that are asked for, in that order; all if none is named."""
-    return [one for name in drives for one in kind.drives if one.asked == name] if drives else list(kind.drives)
+    return [one for name in drives for one in kind.drives if one.request == name] if drives else list(kind.drives)
 
 
 def _range(drive: Drive, table: Any, pressure: tuple[float, float]) -> tuple[float, float]:

@@ -230,7 +230,7 @@ VALVE = StateDrive(
     meaning="opening of the valve, mean of all cavities",
     plotted="opening of the valve [-]",
     digits=2,
-    asked="valve",
+    request="valve",
     rate="valve_rate",
     step=0.1,
     furthest=1.0,
@@ -240,7 +240,6 @@ VALVE = StateDrive(
     fits=_has_valve,
     field="valve_opening",
     matters=_has_valve,
-    request="valve_request",
 )
 
 CAVITIES = ActuatorKind(
@@ -253,7 +252,7 @@ CAVITIES = ActuatorKind(
         meaning="mean of all cavities",
         plotted="pressure [kPa]",
         metric="final",
-        asked="pressure",
+        request="pressure",
         rate="pressure_rate",
         step=1.0,
         furthest=150.0,
@@ -261,7 +260,7 @@ CAVITIES = ActuatorKind(
         less="lower the pressure",
         fits=_has_regulator,
     ),
-    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth", fits=lambda cavity: cavity.air == "regulated"),
+    coordinate=Drive("volume_growth", "mm^3", request="volume_growth", fits=lambda cavity: cavity.air == "regulated"),
     value=ActuatorFigure(
         "volume",
         "mm^3",

@@ -102,6 +102,7 @@ class Kernel:
         self._serial = serial
         parameters = inspect.signature(function).parameters.values()
         self._names = [parameter.name for parameter in parameters]
+        self._count = len(self._names)
         self.bundles = {p.name: p.annotation for p in parameters if is_bundle(p.annotation)}
         self.flat = [pair for p in parameters for pair in _flattened(p.name, p.annotation)]
         # Where the numbers stand among the flat arguments, and how each is handed over.
@@ -124,8 +125,12 @@ class Kernel:
             TypeError: an array is not contiguous, or not of the annotated type and number of dimensions; or there are
                 too many arguments or too few.
         """
-        if len(arguments) != len(self._names):
-            raise TypeError(f"kernel {self.__name__} takes {len(self._names)} arguments, not {len(arguments)}")
+        if len(arguments) != self._count:
+            raise TypeError(f"kernel {self.__name__} takes {self._count} arguments, not {len(arguments)}")
+        if not self._number_places:
+            identity = (get_ident(), *map(id, arguments))
+            self._start(self._remembered.get(identity) or self._prepare(identity, arguments))
+            return
         identity = (get_ident(), *map(id, self._pick_held(arguments)))
         launch = self._remembered.get(identity) or self._prepare(identity, arguments)
         numbers = self._pick_numbers(arguments)

@@ -15,7 +15,7 @@ from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
-from taichisoft.control.requests import apply_control
+from taichisoft.control.requests import Requests
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.body_geometry import PosesAhead
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
@@ -42,6 +42,7 @@ class TimeStepper:
         model: constant data.
         state: current state; every step replaces it, see `restore`.
         report: report of the last step; None before the first step.
+        requests: takes over what controllers ask for.
         strain_watch: measures how far soft bodies are stretched, over what their laws hold for.
     """
 
@@ -51,6 +52,7 @@ class TimeStepper:
         self.state = model.initial_state()
         self.report: StepReport | None = None
         self.strain_watch = StrainWatch(model)
+        self.requests = Requests(model)
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
@@ -103,7 +105,7 @@ class TimeStepper:
         """
         started = time.perf_counter()
         control = Control() if control is None else control
-        start = apply_control(self.model, self.state, control)
+        start = self.requests.apply(self.state, control)
         if self._is_static:
             found = self.find_equilibrium(self.state, start)
             taken = time.perf_counter() - started
@@ -161,7 +163,7 @@ class TimeStepper:
         """
         if self.model.scene.time.theta < 1.0:
             raise SceneError("time.theta: derivatives are of implicit Euler's steps alone; leave it 1")
-        start = apply_control(self.model, self.state, control)
+        start = self.requests.apply(self.state, control)
         problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem, solution)
