@@ -86,6 +86,7 @@ class Cavities(ActuatorSet):
         self.valves = Valves(lines, len(settings), time_step)
         self._tubes = [_tube(one.line) for one in settings]
         self.has_law = np.array([one.air != "regulated" for one in settings], dtype=bool)
+        self._has_laws = bool(self.has_law.any())
         self.takes_effort = np.array([CAVITIES.effort.fits(one) for one in settings], dtype=bool)
         self._dead_volume = np.array([one.dead_volume for one in settings])
         self.rest_effort = np.array([one.shut_pressure for one in settings])
@@ -143,6 +144,9 @@ class Cavities(ActuatorSet):
         """The air in the cavities after a step: sealed, through a valve, or as a regulator supplies it."""
         space = value + self._dead_volume
         let_in = air_mass(effort + self.atmosphere, space)
+        if not self._has_laws:
+            flow = (let_in - start.air_mass) / time_step
+            return {"air_mass": let_in, "warm_air_space": space, "air_flow": flow}
         mass, in_tube = np.where(self.has_law, start.air_mass, let_in), start.tube_air_mass.copy()
         flow = (mass - start.air_mass) / time_step
         for number in self.valves.lines:

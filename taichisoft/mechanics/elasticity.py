@@ -173,6 +173,7 @@ class Elasticity:
         self.undamped = stage / np.maximum(element_lag[some], stage)
         turns_ahead = np.array([body.domains is not None and (body.laws.kind != HOOKE).any() for body in bodies])
         self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), stage, 0.0), node_counts)
+        self.turns_ahead = bool(self.node_lead.any())
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
         held = (np.repeat(anchor_factor, node_counts) + stage * beyond)[:, None] * self.anchor_stiffness
         self.inertia = np.repeat(mass_factor, node_counts) * self.node_mass

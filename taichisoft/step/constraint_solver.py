@@ -1,5 +1,6 @@
 """The solver of a step's constraint problem: contacts and actuators, solved together."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -139,7 +140,7 @@ class ActiveSet:
             table.separation,
             table.choice,
         )
-        self.resting_speed = max(self._tolerance, self._time_step * float(np.linalg.norm(state.gravity)))
+        self.resting_speed = max(self._tolerance, self._time_step * math.sqrt(state.gravity @ state.gravity))
         self._reduction.add_wanted(table, beside=False)
 
     def add_violated(self, node_velocity: np.ndarray) -> bool:
@@ -151,7 +152,7 @@ class ActiveSet:
         self._missed[0] = 0.0
         if self._violated_count[0] and self._reduction.add_wanted(self.table, beside=True):
             return True  # rows are renewed for a motion of all contacts: what turns about some of them does not
-        if not (self._follows_turns and self._rigid.angular.any()):
+        if not (self._follows_turns and np.count_nonzero(self._rigid.angular)):
             return False
         self._terms[kernels.MAY_LIFT] = self._renewals >= MOST_LOWERINGS
         renew_rows(
@@ -189,7 +190,7 @@ class ActiveSet:
             self.table.gap[:] -= self._time_step * self.table.separation.unhurried[: self.table.contact_count]
         gap = self.table.gap
         deep = gap < self._deepest_left
-        if not deep.any():
+        if not np.count_nonzero(deep):
             return False
         self._reduction.add(self.table, deep, gap, beside=True)
         return True

@@ -22,7 +22,6 @@ from taichisoft.mechanics.kernels.domain_deformation import (
     Movement,
 )
 from taichisoft.mechanics.kernels.mode_motion import DomainsOfNodes, sample_forces
-from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
 from taichisoft.mechanics.strain import Stretches, spread, valid_stretch
 from taichisoft.step.kernels import loads as kernels
@@ -323,7 +322,7 @@ class DivergenceCheck:
         points = self._points
         kernels.largest_leaps(self._time_step, points)
         leaps = points.largest > self._furthest
-        if leaps.any():
+        if np.count_nonzero(leaps):
             body = int(np.argmax(leaps))
             some = slice(points.body_start[body], points.body_start[body + 1])
             move = np.abs(points.after[some] - points.before[some]).max()
@@ -331,18 +330,16 @@ class DivergenceCheck:
             raise SimulationDiverged(self._names[body], step, cause, self._advice[body])
 
     def _check_actuators(self, value: np.ndarray, step: int) -> None:
-        for kind in ACTUATOR_KINDS:
-            found, of_kind = self._actuators.sets[kind.name], self._actuators.of(kind, value)
-            failure = found.failure(of_kind) if found.names else None
-            if failure is not None:
-                name, cause, advice = failure
-                raise SimulationDiverged(name.partition(".")[0], step, cause, advice)
+        failure = self._actuators.failure(value)
+        if failure is not None:
+            name, cause, advice = failure
+            raise SimulationDiverged(name.partition(".")[0], step, cause, advice)
 
     def _check_inverted(self, before: State, step: int) -> None:
         kernels.count_inverted(self._inverted, self._domains, self._points.after)
-        self.inverted = int(self._inverted.count.sum())
+        self.inverted = int(np.add.reduce(self._inverted.count))
         bad = self._inverted.count > self._largest_inverted
-        if bad.any():
+        if np.count_nonzero(bad):
             body = int(np.argmax(bad))
             count = f"{self._inverted.count[body]} of {self._element_counts[body]}"
             cause = f"has {count} elements turned inside out{self._beyond_its_law(body, before)}"

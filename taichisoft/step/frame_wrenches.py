@@ -10,6 +10,7 @@ from taichisoft.contact.model import Model
 from taichisoft.mechanics.actuator_kind import Line
 from taichisoft.mechanics.cables import CABLES
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
+from taichisoft.mechanics.rigid_body_arrays import FramePlaces
 from taichisoft.mechanics.state import State
 from taichisoft.step.kernels import loads as kernels
 from taichisoft.step.rigid_motion import CarriedBodies
@@ -30,18 +31,22 @@ class FrameWrenches:
         counts = np.diff(actuators.coordinates.entry_start)
         self._coordinate = np.repeat(np.arange(len(counts)), counts)[self._entries]
         pulled = [line for line in model.cables.lines if line.frame >= 0]
+        self._places: FramePlaces | None = None  # of `_pivots`
         self._pulled = [(line, actuators.first_coordinate[actuators.names.index(line.name)]) for line in pulled]
 
-    def cable_forces(self, geometry: ActuatorGeometry, effort: np.ndarray, position: np.ndarray) -> np.ndarray:
-        """Force [mN] of cables on each soft body, and torque about the origin [mN mm], shape (body_count, 2, 3)."""
+    def cable_forces(self, geometry: ActuatorGeometry, effort: np.ndarray, position: np.ndarray) -> np.ndarray | float:
+        """Force [mN] of cables on each soft body, and torque about the origin [mN mm], shape (body_count, 2, 3); 0
+        without cables.
+        """
         some = self._entries
         if some.start == some.stop:
-            return np.zeros((len(self._bodies), 2, 3))
+            return 0.0
         node = self._model.actuators.coordinates.entry_node[some]
         force = effort[self._coordinate, None] * geometry.gradient.soft[some]
         of_bodies = [(node >= nodes.start) & (node < nodes.stop) for _, nodes in self._bodies]
         found = [_resultant(position[node[one]], force[one]) for one in of_bodies]
-        return np.array(found).reshape(-1, 2, 3)
+        forces: np.ndarray = np.array(found).reshape(-1, 2, 3)
+        return forces
 
     def find(
         self,
@@ -50,7 +55,7 @@ class FrameWrenches:
         position: np.ndarray,
         node_velocity: np.ndarray,
         solution: StepSolution,
-        cable_forces: np.ndarray,
+        cable_forces: np.ndarray | float,
         carried: CarriedBodies,
     ) -> np.ndarray:
         """Forces [mN], and torques about the pivots [mN mm], in world axes, in a step, shape (frame_count, 2, 3).
@@ -61,20 +66,24 @@ class FrameWrenches:
         """
         model = self._model
         frames, time_step, theta = model.frames, model.scene.time.step, model.scene.time.theta
-        pivots, centres = frames.pivots(model.places(start)), carried.position
+        places, centres = model.places(start), carried.position
+        if places is not self._places:
+            self._places, self._pivots = places, frames.pivots(places)
+        pivots = self._pivots
         if theta < 1.0:
             position = start.position + theta * (position - start.position)
             pivots = pivots + (1.0 - theta) * (frames.pivots(frames.places(pose_before)) - pivots)
             centres = centres - (1.0 - theta) * time_step * carried.velocity[:, :3]
         wrench = np.zeros((len(frames.names), 2, 3))
-        of_bodies = self._of_bodies(start, position, node_velocity, solution)
-        for (frame, _), by_loads, by_cables in zip(self._bodies, of_bodies, cable_forces, strict=True):
-            wrench[frame] += by_loads + by_cables
+        of_bodies = self._of_bodies(start, position, node_velocity, solution) + cable_forces
+        for (frame, _), of_body in zip(self._bodies, of_bodies, strict=True):
+            wrench[frame] += of_body
         for line, coordinate in self._pulled:
             wrench[line.frame] += self._pull(line, start, float(solution.effort[coordinate]))
-        impulses = solution.rigid_impulse[carried.index] / time_step
-        for frame, impulse, centre in zip(carried.frame.tolist(), impulses, centres, strict=True):
-            wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
+        if len(carried.index):
+            impulses = solution.rigid_impulse[carried.index] / time_step
+            for frame, impulse, centre in zip(carried.frame.tolist(), impulses, centres, strict=True):
+                wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
         for number in reversed(range(1, len(frames.names))):
             if frames.parent[number] >= 0:
                 wrench[frames.parent[number]] += wrench[number]
@@ -123,15 +132,17 @@ class FrameWrenches:
         return np.array([force, np.cross(first, force)])
 
 
+AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
 def _cross(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Vector products of rows, shape (count, 3) each, as by `np.cross`, which takes ten times as long for a few."""
-    after, before = [1, 2, 0], [2, 0, 1]
-    product: np.ndarray = one[:, after] * other[:, before] - one[:, before] * other[:, after]
+    product: np.ndarray = one[:, AFTER] * other[:, BEFORE] - one[:, BEFORE] * other[:, AFTER]
     return product
 
 
 def _resultant(place: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Sums of forces and of their torques about the origin, shape (2, 3), by places and forces, shape (count, 3)."""
     products = np.einsum("ni,nj->ij", place, force)  # not by BLAS, whose sums depend on the number of threads
-    torque = (products - products.T)[[1, 2, 0], [2, 0, 1]]
+    torque = (products - products.T)[AFTER, BEFORE]
     return np.array([force.sum(axis=0), torque])
