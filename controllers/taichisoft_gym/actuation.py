@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -191,6 +192,7 @@ class Actuation:
             for kind, name, table in tables
             for drive in [one for one in _ranked(kind, drives) if one.fits(table)][:1]
         ]
+        self._readers = [(attrgetter(drive.observed), name) for drive, name, _ in self._driven]
         idle = next((one for one in drives if all(drive.request != one for drive, *_ in self._driven)), None)
         if self._driven and idle is not None:
             raise SceneError(f"actions: no actuator of the scene is driven by '{idle}'")
@@ -231,7 +233,7 @@ class Actuation:
             velocity = np.zeros(3)
             velocity[self._moves] = values[len(self._driven) :][: len(self._moves)]
             place = self._axes @ state.base_translation
-            reached = np.clip(place + period * velocity, self._travel.low, self._travel.high)
+            reached = np.minimum(np.maximum(place + period * velocity, self._travel.low), self._travel.high)
             asked["base_velocity"] = (reached - place) / period @ self._axes
             if self._travel.turn:
                 up, furthest = self._axes[2], self._travel.turn
@@ -243,7 +245,7 @@ class Actuation:
 
     def read(self, seen: Observation) -> list[float]:
         """What the actuators are driven by in an observation, in the order of `actuator_channels`."""
-        return [getattr(seen, drive.observed)[name] for drive, name, _ in self._driven]
+        return [values_of(seen)[name] for values_of, name in self._readers]
 
 
 def _ranked(kind: ActuatorKind, drives: Sequence[str]) -> list[Drive]:
