@@ -7,7 +7,6 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from taichisoft import Scene
 from taichisoft.base import right_of
@@ -112,6 +111,8 @@ class ArmMotion:
 
 def _turning(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The rotation vector that turns one rotation vector into another [rad]."""
+    from scipy.spatial.transform import Rotation  # a tenth of a start, for arms alone
+
     first, last = (Rotation.from_rotvec(np.array(one)) for one in (before, after))  # SciPy takes no read-only arrays
     vector: np.ndarray = (last * first.inv()).as_rotvec()
     return vector
