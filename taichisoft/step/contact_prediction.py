@@ -30,6 +30,7 @@ from taichisoft.contact.model import Model
 from taichisoft.contact.surfaces import MovingSurfaces
 from taichisoft.mechanics.kernels.rigid_integration import RigidState
 from taichisoft.mechanics.state import State
+from taichisoft.step.points_of_step import PointsOfStep
 
 # Contacts, and the fraction of the step at which each was measured, shape (capacity,).
 Part = tuple[Contacts, np.ndarray]
@@ -45,10 +46,10 @@ FIRST_CAPACITY = 1024
 class ContactPrediction:
     """Finds the contacts of a step; holds the work space of one simulation."""
 
-    def __init__(self, model: Model, rigid: RigidState):
+    def __init__(self, model: Model, rigid: RigidState, points: PointsOfStep):
         """Prepare for the bodies of `model`; the rigid ones have the poses and velocities of `rigid`."""
         settings, surfaces = model.scene.contact, model.surfaces
-        self._surfaces, self._rigid_now = surfaces, rigid
+        self._surfaces, self._rigid_now, self._points = surfaces, rigid, points
         self._rigid = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
         self._time_step = model.scene.time.step
         self._tolerance = surfaces.gap_tolerance
@@ -57,8 +58,8 @@ class ContactPrediction:
         self._detection = ContactDetection(surfaces, self._moving, settings.contact_distance)
         self._soft = kernels.NodeMotion(
             body_start=np.array([*(body.nodes.start for body in model.soft_bodies), model.node_count], dtype=np.int32),
-            position=np.zeros((model.node_count, 3)),
-            velocity=np.zeros((model.node_count, 3)),
+            position=points.node_before,
+            velocity=points.node_velocity,
         )
         body_count = len(model.body_names)
         self._pairs = BodyPairs(
@@ -211,7 +212,7 @@ class ContactPrediction:
 
     def _find_contacts(self, state: State) -> Part:
         self._state, pairs = state, self._pairs
-        self._soft.position[:], self._soft.velocity[:] = state.position, state.velocity
+        self._points.begin(state)
         self._rigid.linear[:], self._rigid.angular[:] = self._rigid_now.linear, self._rigid_now.angular
         self._falls = self._time_step**2 * math.sqrt(state.gravity @ state.gravity)
         kernels.look_ahead(self._time_step, self._distance, self._falls, self._soft, self._rigid, pairs)

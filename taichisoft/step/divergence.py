@@ -25,6 +25,7 @@ from taichisoft.mechanics.kernels.mode_motion import DomainsOfNodes, sample_forc
 from taichisoft.mechanics.state import State
 from taichisoft.mechanics.strain import Stretches, spread, valid_stretch
 from taichisoft.step.kernels import loads as kernels
+from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.solution import StepReport, StepSolution
 
 if TYPE_CHECKING:
@@ -256,8 +257,8 @@ class DivergenceCheck:
         inverted: number of inverted elements of all soft bodies after the step.
     """
 
-    def __init__(self, model: Model):
-        soft, rigid = model.soft_bodies, model.rigid_bodies
+    def __init__(self, model: Model, points: PointsOfStep):
+        soft, rigid, self._of_step = model.soft_bodies, model.rigid_bodies, points
         self._bodies = soft
         self._time_step = model.scene.time.step
         self._actuators = model.actuators
@@ -269,9 +270,8 @@ class DivergenceCheck:
         shapes = [*(body.rest_position for body in soft), *(body.vertices for body in rigid)]
         self._furthest = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
         starts = [*(body.nodes.start for body in soft), *(model.node_count + np.arange(len(rigid) + 1))]
-        before, velocity, after = (np.empty((model.node_count + len(rigid), 3)) for _ in range(3))
-        largest = np.empty(len(shapes))
-        self._points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), largest)
+        largest, body_start = np.empty(len(shapes)), np.array(starts, dtype=np.int32)
+        self._points = kernels.Points(points.before, points.velocity, points.after, body_start, largest)
         counts = [len(body.elements) for body in soft]
         # Laws of rubber can restore inverted elements, however many.
         follows_hooke = np.array([bool((body.laws.kind == HOOKE).any()) for body in soft])
@@ -289,12 +289,11 @@ class DivergenceCheck:
 
     def check(self, before: State, after: State) -> None:
         """Compare the states of a step."""
-        step, points, count = before.step, self._points, len(after.position)
+        step = before.step
         self._refuse_not_finite(after.rigid_rotation, step, len(self._bodies))
-        points.before[:count], points.before[count:] = before.position, before.rigid_position
-        points.velocity[:count], points.velocity[count:] = before.velocity, before.rigid_velocity
-        points.after[:count], points.after[count:] = after.position, after.rigid_position
-        self._refuse_not_finite(points.after, step)
+        self._of_step.begin(before)
+        self._of_step.end(after.position, after.rigid_position)
+        self._refuse_not_finite(self._points.after, step)
         self._check_leaps(step)
         if self._bodies:
             self._check_inverted(before, step)
@@ -304,7 +303,7 @@ class DivergenceCheck:
         """Whether `check` would find too many elements inverted, with nodes at positions [mm], (node_count, 3)."""
         if not self._bodies or not np.isfinite(position).all():
             return bool(self._bodies)
-        self._points.after[: len(position)] = position
+        self._of_step.end(position)
         kernels.count_inverted(self._inverted, self._domains, self._points.after)
         return bool((self._inverted.count > self._largest_inverted).any())
 

@@ -13,6 +13,7 @@ from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.rigid_body_arrays import FramePlaces
 from taichisoft.mechanics.state import State
 from taichisoft.step.kernels import loads as kernels
+from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.rigid_motion import CarriedBodies
 from taichisoft.step.solution import StepSolution
 
@@ -20,8 +21,8 @@ from taichisoft.step.solution import StepSolution
 class FrameWrenches:
     """Sums up what anchored soft bodies, bodies that frames carry, and cables that they pull exert on frames."""
 
-    def __init__(self, model: Model):
-        self._model, actuators = model, model.actuators
+    def __init__(self, model: Model, points: PointsOfStep):
+        self._model, self._points, actuators = model, points, model.actuators
         bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
         self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]
         self._held = self._lay_out() if self._bodies else None
@@ -99,17 +100,16 @@ class FrameWrenches:
             "overdamped": np.ones(count),
             "static": np.zeros(count),
         }
-        impulse, before, after, place = (np.zeros((count, 3)) for _ in range(4))
         return kernels.HeldBodies(
             nodes=np.array([(nodes.start, nodes.stop) for _, nodes in self._bodies], dtype=np.int32).ravel(),
             mass=elasticity.node_mass.copy(),
             drag=drags[dynamics].copy(),
             constant=np.vstack([body.node_force for body in model.soft_bodies]),
             gravity=np.empty((1, 3)),
-            impulse=impulse,
-            before=before,
-            after=after,
-            place=place,
+            impulse=np.zeros((count, 3)),
+            before=self._points.node_velocity,
+            after=np.zeros((count, 3)),
+            place=self._points.node_after,
             wrench=np.empty((len(self._bodies), 6)),
         )
 
@@ -120,8 +120,9 @@ class FrameWrenches:
         held, time = self._held, self._model.scene.time
         if held is None:
             return np.zeros((0, 2, 3))
-        held.gravity[0], held.impulse[:], held.place[:] = start.gravity, solution.contact_node_impulse, position
-        held.before[:], held.after[:] = start.velocity, node_velocity
+        self._points.begin(start)
+        self._points.end(position)
+        held.gravity[0], held.impulse[:], held.after[:] = start.gravity, solution.contact_node_impulse, node_velocity
         kernels.sum_wrenches(time.step, float(time.dynamics == "inertial"), held)
         return held.wrench.reshape(-1, 2, 3)
 

@@ -145,7 +145,9 @@ class SoftMotion:
         return self._moved(self.system.solver.complete_with(self.on_unknowns(node_impulse)))
 
     def _moved(self, change: np.ndarray) -> np.ndarray:
-        return self.expanded(change) + self.known_velocity
+        velocity = self.expanded(change)
+        velocity += self.known_velocity
+        return velocity
 
     def factorise(self, state: State, impulse: np.ndarray, known_velocity: np.ndarray) -> None:
         """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses on the

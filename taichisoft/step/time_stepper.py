@@ -26,6 +26,7 @@ from taichisoft.step.divergence import DivergenceCheck, Imbalance, StrainWatch
 from taichisoft.step.equilibrium_search import EquilibriumSearch, FoundEquilibrium, StabilityCheck
 from taichisoft.step.frame_wrenches import FrameWrenches
 from taichisoft.step.nonlinear_step import NonlinearStep
+from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepReport, StepSolution, moving_velocity
@@ -56,13 +57,14 @@ class TimeStepper:
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
-        self._prediction = ContactPrediction(model, self._rigid.state)
-        self._constraint_solver = ConstraintSolver(model, self._soft, self._rigid)
+        points = PointsOfStep(model)
+        self._prediction = ContactPrediction(model, self._rigid.state, points)
+        self._constraint_solver = ConstraintSolver(model, self._soft, self._rigid, points)
         self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
         if model.elasticity is not None and self._soft is not None and model.scene.time.most_linearisations > 1:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
-        self._frame_wrenches = FrameWrenches(model)
-        self._divergence_check = DivergenceCheck(model)
+        self._frame_wrenches = FrameWrenches(model, points)
+        self._divergence_check = DivergenceCheck(model, points)
         self._observer = Observer(model)
         self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
         self._imbalance: Imbalance | None = None
