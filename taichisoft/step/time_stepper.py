@@ -61,7 +61,8 @@ class TimeStepper:
         self._prediction = ContactPrediction(model, self._rigid.state, points)
         self._constraint_solver = ConstraintSolver(model, self._soft, self._rigid, points)
         self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
-        if model.elasticity is not None and self._soft is not None and model.scene.time.most_linearisations > 1:
+        self._ends_linearised = model.scene.time.most_linearisations > 1  # solved at the end of the step
+        if model.elasticity is not None and self._soft is not None and self._ends_linearised:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
         self._frame_wrenches = FrameWrenches(model, points)
         self._divergence_check = DivergenceCheck(model, points)
@@ -271,7 +272,7 @@ class TimeStepper:
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
         cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, start.position)
         self._geometry.update(ahead, self.model.placed_pull_points(start))
-        if self.model.scene.time.most_linearisations > 1:  # solved at the end of the step
+        if self._ends_linearised:
             cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, position)
         effort, loss = self.model.actuators.split(solution.effort)
         value, count = self._geometry.value.copy(), int(reported.count[0])
@@ -302,7 +303,7 @@ class TimeStepper:
         self, start: State, end: State, solution: StepSolution, gradient: np.ndarray
     ) -> Callable[[], dict[str, float]]:
         """The function that finds the imbalance of a step, with the actuators' gradients at its start."""
-        if self.model.scene.time.most_linearisations > 1:  # solved at the end of the step
+        if self._ends_linearised:
             gradient = self._geometry.gradient.soft.copy()
 
         def find() -> dict[str, float]:
