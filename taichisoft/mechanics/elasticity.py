@@ -117,6 +117,7 @@ class Elasticity:
             where there are no velocities before the step; shape (node_count,).
         node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: s under laws
             of rubber, else 0; shape (node_count,).
+        turns_ahead: whether that is so of any node.
         undamped: s / (s + b) of each linear element, 1 in overdamped dynamics, shape (linear_count,).
         inertia: masses with their drag on the diagonal of the system's matrix [kg], in overdamped dynamics drag times
             time step, shape (node_count,).
