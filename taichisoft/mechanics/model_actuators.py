@@ -88,7 +88,8 @@ class Actuators(ActuatorNames):
         self.has_law = np.concatenate([one.has_law for one in sets])
         self.always_has_rows = stops | rubs | over_rigid | self.has_law
         self._has_laws = bool(self.has_law.any())
-        self._present = [(kind, self.place(kind)) for kind in ACTUATOR_KINDS if self.names_of(kind)]
+        present = [kind for kind in ACTUATOR_KINDS if self.names_of(kind)]
+        self._present = [(self.sets[kind.name], self.place(kind)) for kind in present]
         self._further = np.setdiff1d(np.arange(self.count), self.first_coordinate[:-1])
 
     @property
@@ -117,13 +118,13 @@ class Actuators(ActuatorNames):
     def after(self, start: State, effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
         """Fields of the state after a step [s] that belong to a kind of actuators alone, see `ActuatorSet.after`."""
         fields: dict[str, np.ndarray] = {}
-        for kind, place in self._present:
-            fields |= self.sets[kind.name].after(start, effort[place], value[place], time_step)
+        for actuators, place in self._present:
+            fields |= actuators.after(start, effort[place], value[place], time_step)
         return fields
 
     def failure(self, value: np.ndarray) -> tuple[str, str, str] | None:
         """See `ActuatorSet.failure`; values of all actuators, shape (actuator_count,)."""
-        failures = (self.sets[kind.name].failure(value[place]) for kind, place in self._present)
+        failures = (actuators.failure(value[place]) for actuators, place in self._present)
         return next((failure for failure in failures if failure is not None), None)
 
     def losses_of(self, kind: ActuatorKind, losses: np.ndarray) -> np.ndarray:
