@@ -150,9 +150,9 @@ class KeyboardController(Controller):
 
     def control(self, observation: Observation) -> Control:
         """The sum of the steps by all keys so far."""
-        asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in self._drives.values()}
+        asked: dict[str, dict[str, float]] = {drive.request: {} for drive in self._drives.values()}
         for name, drive in self._drives.items():
-            asked[drive.asked][name] = self.sliders[name].value
+            asked[drive.request][name] = self.sliders[name].value
         others = [name for name in self._poses if name != BASE]
         return Control(
             base_translation=self._poses[BASE].translation.copy(),

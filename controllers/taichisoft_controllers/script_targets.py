@@ -191,10 +191,10 @@ class Targets:
 
     def control(self, values: np.ndarray, driven: np.ndarray, signals: Mapping[str, float] | None = None) -> Control:
         """The control for values, shape (value_count,), at the places that are driven, shape (len(places),)."""
-        asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in DRIVES}
+        asked: dict[str, dict[str, float]] = {drive.request: {} for drive in DRIVES}
         for (drive, actuator), value, is_driven in zip(self.places, values.tolist(), driven, strict=False):
             if is_driven:
-                asked[drive.asked][actuator] = value
+                asked[drive.request][actuator] = value
         moved: dict[str, dict[str, Any]] = {"frame_translation": {}, "frame_rotation": {}, "frame_angle": {}}
         for name, place in self.frames.items():
             if name in self._axes:

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from taichisoft import Scene
 from taichisoft.base import right_of
@@ -111,6 +111,8 @@ class ArmMotion:
 
 def _turning(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The rotation vector that turns one rotation vector into another [rad]."""
+    from scipy.spatial.transform import Rotation  # a tenth of a start, for arms alone
+
     first, last = (Rotation.from_rotvec(np.array(one)) for one in (before, after))  # SciPy takes no read-only arrays
     vector: np.ndarray = (last * first.inv()).as_rotvec()
     return vector
@@ -180,7 +182,7 @@ class Actuation:
             drives: keys of `Control` that actions ask for, such as "cable_tension"; an actuator is driven by the first
                 of them that fits it, and by none if none does. Empty: the usual one of each.
         """
-        valid = [drive.asked for kind in ACTUATOR_KINDS for drive in kind.drives]
+        valid = [drive.request for kind in ACTUATOR_KINDS for drive in kind.drives]
         for one in drives:
             if one not in valid:
                 raise SceneError(f"actions: there is no '{one}'; {nearest(one, valid, 'there are')}")
@@ -191,7 +193,8 @@ class Actuation:
             for kind, name, table in tables
             for drive in [one for one in _ranked(kind, drives) if one.fits(table)][:1]
         ]
-        idle = next((one for one in drives if all(drive.asked != one for drive, *_ in self._driven)), None)
+        self._readers = [(attrgetter(drive.observed), name) for drive, name, _ in self._driven]
+        idle = next((one for one in drives if all(drive.request != one for drive, *_ in self._driven)), None)
         if self._driven and idle is not None:
             raise SceneError(f"actions: no actuator of the scene is driven by '{idle}'")
         if not self._driven:
@@ -224,14 +227,14 @@ class Actuation:
         values = self._low + 0.5 * (action + 1.0) * (self._high - self._low)
         asked: dict[str, Any] = {}
         for (drive, name, _), value in zip(self._driven, values.tolist(), strict=False):
-            asked.setdefault(drive.asked, {})[name] = value
+            asked.setdefault(drive.request, {})[name] = value
         if self.arm is not None:
             asked |= self.arm.control(values[len(self._driven) :], state, simulation.model.base_pivot, period)
         if self._travel is not None:
             velocity = np.zeros(3)
             velocity[self._moves] = values[len(self._driven) :][: len(self._moves)]
             place = self._axes @ state.base_translation
-            reached = np.clip(place + period * velocity, self._travel.low, self._travel.high)
+            reached = np.minimum(np.maximum(place + period * velocity, self._travel.low), self._travel.high)
             asked["base_velocity"] = (reached - place) / period @ self._axes
             if self._travel.turn:
                 up, furthest = self._axes[2], self._travel.turn
@@ -243,12 +246,12 @@ class Actuation:
 
     def read(self, seen: Observation) -> list[float]:
         """What the actuators are driven by in an observation, in the order of `actuator_channels`."""
-        return [getattr(seen, drive.observed)[name] for drive, name, _ in self._driven]
+        return [values_of(seen)[name] for values_of, name in self._readers]
 
 
 def _ranked(kind: ActuatorKind, drives: Sequence[str]) -> list[Drive]:
     """The drives of a kind that are asked for, in that order; all if none is named."""
-    return [one for name in drives for one in kind.drives if one.asked == name] if drives else list(kind.drives)
+    return [one for name in drives for one in kind.drives if one.request == name] if drives else list(kind.drives)
 
 
 def _range(drive: Drive, table: Any, pressure: tuple[float, float]) -> tuple[float, float]:

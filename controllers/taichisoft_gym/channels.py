@@ -27,7 +27,7 @@ def action_values(action: Any, count: int) -> np.ndarray:
     request = numbers(action)
     if request.shape != (count,) or not np.isfinite(request).all():
         raise SceneError(f"action {action!r}: must be {count} finite numbers from -1 to 1")
-    return np.clip(request, -1.0, 1.0)
+    return np.minimum(np.maximum(request, -1.0), 1.0)
 
 
 def whole_steps(period: float, time_step: float) -> int:
@@ -118,4 +118,4 @@ def saturated(values: np.ndarray, space: Box, name: str = "readings") -> np.ndar
     """Clip values to the range of a space; `name` begins the error."""
     if np.shape(values) != space.shape:
         raise SceneError(f"{name} = {values!r}: must be an array of shape {space.shape}")
-    return np.clip(values, space.low, space.high).astype(np.float32)
+    return np.minimum(np.maximum(values, space.low), space.high).astype(np.float32)

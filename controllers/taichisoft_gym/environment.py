@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -425,7 +426,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
             start.simulation.close()
         self._close_page()
 
-    @property
+    @cached_property
     def fingers(self) -> tuple[str, ...]:
         """Names of the soft bodies with anchors."""
         return tuple(name for name, body in self.scene.soft_bodies.items() if body.anchors)
@@ -446,7 +447,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """Names of the cavities."""
         return self.actuation.cavities
 
-    @property
+    @cached_property
     def object(self) -> str:
         """Name of the rigid body of the task.
 

@@ -137,7 +137,8 @@ class GripperEnvironment(SoftRobotEnvironment):
 
     def touching(self, seen: Observation) -> float:
         """Share of the fingers that press the object [-]."""
-        return float(np.mean([seen.normal_forces.get((finger, self.object), 0.0) > 0.0 for finger in self.fingers]))
+        forces, fingers = seen.normal_forces, self.fingers
+        return sum(forces.get((finger, self.object), 0.0) > 0.0 for finger in fingers) / max(len(fingers), 1)
 
     def speed(self, seen: Observation) -> float:
         """Speed of the object [mm/s]."""
@@ -174,19 +175,21 @@ class Grasp(GripperEnvironment):
     def update(self, seen: Observation) -> None:
         """Count for how long the object has been held."""
         slip = max((seen.slip_speeds.get((finger, self.object), 0.0) for finger in self.fingers), default=0.0)
-        is_up = self.way_of_object(seen)[2] >= self._lift
+        is_up = self._lift_of(seen) >= self._lift
         held = is_up and self.touching(seen) > 0.0 and slip < STICKING and self.speed(seen) < STILL
         self._held_for = self._held_for + self.control_period if held else 0.0
 
     def reward(self, seen: Observation) -> float:
         """Touching, and more for lifting."""
-        return 0.2 * self.touching(seen) + 0.8 * float(np.clip(self.way_of_object(seen)[2] / self._lift, 0.0, 1.0))
+        return 0.2 * self.touching(seen) + 0.8 * min(max(self._lift_of(seen) / self._lift, 0.0), 1.0)
 
     def information(self, seen: Observation) -> dict[str, Any]:
         """Success, lift [mm] and the share of fingers that touch."""
         success = self._held_for >= self._hold and not self.terminated(seen)
-        lift = float(self.way_of_object(seen)[2])
-        return {"is_success": success, "lift": lift, "touching": self.touching(seen)}
+        return {"is_success": success, "lift": self._lift_of(seen), "touching": self.touching(seen)}
+
+    def _lift_of(self, seen: Observation) -> float:
+        return float(self.way_of_object(seen)[2])
 
 
 # Carry-v0: a gripper carries an object to another place on the floor and releases it.
@@ -262,7 +265,7 @@ class Carry(GripperEnvironment):
     def reward(self, seen: Observation) -> float:
         """Grip, progress, and 1 once it is placed."""
         left, touching = self._left(seen), self.touching(seen)
-        progress = float(np.clip(1.0 - left / np.linalg.norm(self.desired_goal), -1.0, 1.0))
+        progress = min(max(1.0 - left / float(np.linalg.norm(self.desired_goal)), -1.0), 1.0)
         # After arrival, releasing is worth more than holding, so that the policy does not hold the object for ever.
         grip = 1.0 - touching if left < self.tolerance else touching
         return 0.2 * grip + 0.8 * progress + float(self._placed(seen))

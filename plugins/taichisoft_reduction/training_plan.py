@@ -60,21 +60,21 @@ def _range(
     drives: tuple[Drive, Drive],
 ) -> tuple[str, float, float]:
     used = [own_run.drives[name] for name in copies if own_run is not None and name in own_run.drives]
-    by_coordinate = any(key == drives[1].asked for key, _, _ in used)
+    by_coordinate = any(key == drives[1].request for key, _, _ in used)
     drive = drives[by_coordinate]
     for name in copies:
         if name in given:
-            return drive.asked, *given[name]
+            return drive.request, *given[name]
     low, high = min((value for _, value, _ in used), default=0.0), max((value for _, _, value in used), default=0.0)
     limit_low, limit_high = _limits(model, copies[0], drive, by_coordinate)
     if (full or low == high) and math.isfinite(limit_high):
-        return drive.asked, min(0.0, limit_low) if math.isfinite(limit_low) else 0.0, limit_high
+        return drive.request, min(0.0, limit_low) if math.isfinite(limit_low) else 0.0, limit_high
     if low == high:
         raise ReductionError(
             f"--range {copies[0]}=LOW:HIGH: needed, since neither the scene's own run drives '{copies[0]}' nor a limit "
             f"ends its {drive.words} [{drive.unit}]"
         )
-    return drive.asked, max(BEYOND * low, limit_low), min(BEYOND * high, limit_high)
+    return drive.request, max(BEYOND * low, limit_low), min(BEYOND * high, limit_high)
 
 
 def _limits(model: "Model", name: str, drive: Drive, by_coordinate: bool) -> tuple[float, float]:

@@ -254,13 +254,13 @@ class RunFrames(Output):
             place = actuators.place(kind)
             for name, number in zip(actuators.names_of(kind), range(place.start, place.stop), strict=True):
                 drive = kind.coordinate if self._last.actuator_imposed[number] else kind.effort
-                drives[name] = (drive.asked, float(self._lowest[number]), float(self._highest[number]))
+                drives[name] = (drive.request, float(self._lowest[number]), float(self._highest[number]))
         return drives
 
 
 # What drives a run of the training: a timetable, or the scene's own controller with other efforts.
 
-DRIVES = tuple(drive.asked for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
+DRIVES = tuple(drive.request for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
 AXES = ("x", "y", "z")
 
 

@@ -245,11 +245,11 @@ def request(model: Model, state: State, geometry: ActuatorGeometry) -> ActuatorR
     has_rows = state.actuator_imposed | actuators.always_has_rows
     load = np.zeros(count)
     load[actuators.first_coordinate[:-1]] = np.where(has_rows, 0.0, state.actuator_target)
-    if has_rows.any():
+    if np.count_nonzero(has_rows):
         requests = _rows(model, state, geometry, load, has_rows.nonzero()[0].tolist())
     else:
         requests = ActuatorRequests(load, *NO_ROWS, geometry.values(), np.zeros(count), ())
-    if model.elasticity is None or not count or not model.elasticity.node_lead.any():
+    if model.elasticity is None or not count or not model.elasticity.turns_ahead:
         return requests
     time, lead = model.scene.time, model.elasticity.node_lead[:, None] * state.velocity
     at_rest = np.zeros((len(state.rigid_position), 6))

@@ -200,12 +200,16 @@ class Model:
 
     def placed_pull_points(self, state: State) -> np.ndarray:
         """Positions of the cables' pull points, moved with their frames [mm], shape (cable_count, 3)."""
-        frame = self.cables.pull_point_frame
-        if (frame < 0).all():
+        if self._pull_points_stay:
             return state.pull_point
+        frame = self.cables.pull_point_frame
         places = self.places(state)
         moved = np.einsum("cij,cj->ci", places.turn[frame], state.pull_point) + places.shift[frame]
         return np.where(frame[:, None] >= 0, moved, state.pull_point)
+
+    @cached_property
+    def _pull_points_stay(self) -> bool:
+        return bool((self.cables.pull_point_frame < 0).all())
 
     def places(self, state: State) -> FramePlaces:
         """Where the frames are in a state."""

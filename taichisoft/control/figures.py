@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from enum import Flag, auto
 from itertools import combinations
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -123,20 +125,21 @@ class Figure:
     factor: float = 1.0
     digits: int = 1
     in_model: "Callable[[Model], Reader] | None" = None
+    _read: Reader = dataclass_field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Fill in what follows from the name and from what it is of."""
         plural = f"{self.name[:-1]}ies" if self.name.endswith("y") else f"{self.name}s"
         field = self.field or (self.name if self.per is BASE else plural)
+        read = self.of or attrgetter(field)
+        of_base = self.of is None and self.per is BASE
         object.__setattr__(self, "field", field)
+        object.__setattr__(self, "_read", (lambda seen: {"": read(seen)}) if of_base else read)
         object.__setattr__(self, "axes", self.axes or self.per.axes)
 
     def values(self, seen: Any) -> Values:
         """Its values in an observation, of what does not depend on a model."""
-        if self.of is not None:
-            return self.of(seen)
-        values = getattr(seen, self.field)
-        return {"": values} if self.per is BASE else values
+        return self._read(seen)
 
     def reader(self, model: "Model") -> Reader:
         """What gives its values in an observation of a model."""

@@ -343,7 +343,7 @@ class Observer:
                 self._last = state, {}
             known = self._last[1]
             if part not in known:
-                known[part] = getattr(self, f"_{part}")(state)
+                known[part] = _WORK[part](self, state)
             return {name: _own(value) for name, value in known[part].items()}
 
     def _tips(self, state: State) -> dict[str, Any]:
@@ -418,6 +418,20 @@ class Observer:
         rates = actuators.sign * rates[actuators.first_coordinate[:-1]]
         shown = [(kind, kind.rate) for kind in ACTUATOR_KINDS if kind.rate is not None]
         return {rate.observed: _numbers(actuators.names_of(kind), actuators.of(kind, rates)) for kind, rate in shown}
+
+
+_WORK: dict[str, Callable[[Observer, State], dict[str, Any]]] = {
+    "tips": Observer._tips,
+    "frames": Observer._frames,
+    "objects": Observer._objects,
+    "contacts": Observer._contacts,
+    "patches": Observer._patches,
+    "tactile": Observer._tactile,
+    "clipped": Observer._clipped,
+    "actuators": Observer._actuators,
+    "rates": Observer._rates,
+}
+"""What works out each part."""
 
 
 def _made_up(known: dict[str, Any]) -> Observation:

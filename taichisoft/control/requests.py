@@ -1,8 +1,9 @@
 """Validate a Control and apply it to the state within the scene's limits."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any
 
@@ -18,47 +19,7 @@ from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
 from taichisoft.scene.rigid_body import BASE, FramePath, FrameSettings, HingeSettings
 
-# What a scene's limits leave of a controller's requests, and which of them they clipped.
-
-
-def limit_actuators(model: Model, state: State, imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
-    """Targets of all actuators within their own ranges and the scene's, and not too far from the last ones.
-
-    Args:
-        model, state: the model, and its state before what is asked for now.
-        imposed: whether each actuator is asked for its coordinate, else for its effort, shape (actuator_count,).
-        request: efforts [kPa] or [mN] and coordinates [mm^3] or [mm] that are asked for, shape (actuator_count,).
-    """
-    actuators, targets = model.actuators, []
-    ranges = actuators.effort_range, actuators.coordinate_range
-    for kind in ACTUATOR_KINDS:
-        place = actuators.place(kind)
-        if place.start == place.stop:
-            continue
-        reaches = [_reach(model, drive) for drive in (kind.effort, kind.coordinate)]
-        # Python's own numbers: numpy takes longer to look at arrays of so few.
-        for number in range(place.start, place.stop):
-            if not actuators.takes_effort[number]:
-                targets.append(float(request[number]))
-                continue
-            by_coordinate = bool(imposed[number])
-            low, high = ranges[by_coordinate][number].tolist()
-            lowest, highest, furthest = reaches[by_coordinate]
-            last = state.actuator_target[number]
-            if by_coordinate != state.actuator_imposed[number]:  # continue from where the other drive has led
-                last = (actuators.own_coordinates(state) if by_coordinate else state.actuator_effort)[number]
-            allowed = min(max(min(max(float(request[number]), low), high), lowest), highest)
-            targets.append(min(max(allowed, float(last) - furthest), float(last) + furthest))
-    return np.array(targets, dtype=np.float64)
-
-
-def _reach(model: Model, drive: Drive) -> tuple[float, float, float]:
-    """Lowest and highest value in the scene's limits, and its largest change in a step."""
-    limits = model.scene.limits
-    low, high = getattr(limits, f"lowest_{drive.name}", None), getattr(limits, f"highest_{drive.name}", None)
-    rate = getattr(limits, drive.rate) if drive.rate else None
-    furthest = math.inf if rate is None else rate * model.scene.time.step
-    return -math.inf if low is None else low, math.inf if high is None else high, furthest
+# What of a controller's requests a scene's limits hold back.
 
 
 def clipped(model: Model, state: State) -> tuple[str, ...]:
@@ -116,16 +77,6 @@ PARTS = (("translation", "velocity"), ("rotation", "angular_velocity"))
 BASE_KEYS = tuple(f"{BASE}_{kind}" for part in PARTS for kind in part)
 FRAME_MAPPINGS = (*(f"frame_{kind}" for part in PARTS for kind in part), "frame_angle")
 """Keys of a control that ask for the motion of the base, and of other frames by name."""
-
-
-def frames_move(model: Model, state: State, control: Control) -> bool:
-    """Whether a frame is asked to move, follows a path, or has not arrived yet."""
-    if any(getattr(control, key) is not None for key in BASE_KEYS) or any(getattr(control, k) for k in FRAME_MAPPINGS):
-        return True
-    if state.frame_velocity.any() or any(one.path is not None for one in model.scene.frames.values()):
-        return True
-    # Of so few numbers Python's lists are compared faster than arrays.
-    return bool(state.frame_request.tolist() != state.frame_pose.tolist())
 
 
 def frame_requests(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
@@ -250,7 +201,7 @@ def observed_frames(model: Model, state: State) -> dict[str, Any]:
 
 DRIVES = tuple(drive for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
 MAPPINGS = (
-    *(drive.asked for drive in (*DRIVES, VALVE)),
+    *(drive.request for drive in (*DRIVES, VALVE)),
     *FRAME_MAPPINGS,
     "pull_points",
     "anchor_positions",
@@ -258,58 +209,132 @@ MAPPINGS = (
     "signals",
 )
 """Keys of a control that ask for actuators, and all that have dictionaries by name."""
+OF_FRAMES = slice(len(DRIVES) + 1, len(DRIVES) + 1 + len(FRAME_MAPPINGS))
+_mappings_of = attrgetter(*MAPPINGS)
 
 
-def requests_of(control: Control, drive: Drive) -> Mapping[str, Any]:
-    """What a control asks for of the actuators that are driven so, by name."""
-    requests: Mapping[str, Any] = getattr(control, drive.asked)
-    return requests
+class Requests:
+    """Takes what controllers ask for over into the states of a model, as far as the scene's limits allow."""
+
+    def __init__(self, model: Model):
+        """Read the limits of a model's scene."""
+        self._model, actuators = model, model.actuators
+        own = actuators.effort_range, actuators.coordinate_range
+        # Lowest and highest target, and its largest change in a step, of efforts and of coordinates.
+        self._limits = np.empty((2, 3, len(actuators.names)))
+        self._limits[:] = np.array([-math.inf, math.inf, math.inf])[:, None]
+        for kind in ACTUATOR_KINDS:
+            place = actuators.place(kind)
+            number = np.arange(place.start, place.stop)[actuators.takes_effort[place]]
+            for limits, ends, drive in zip(self._limits, own, (kind.effort, kind.coordinate), strict=True):
+                lowest, highest, furthest = _reach(model, drive)
+                limits[:2, number], limits[2, number] = np.clip(ends[number].T, lowest, highest), furthest
+        self._follows_path = any(frame.path is not None for frame in model.scene.frames.values())
+
+    def apply(self, state: State, control: Control) -> State:
+        """The state with what `control` asks for; what it does not mention stays as it was asked for last."""
+        if not isinstance(control, Control):
+            raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
+        model, given = self._model, _mappings_of(control)
+        _refuse_other_types(given, control)
+        imposed, request = self._driven(state, given[: len(DRIVES)])
+        target = self._targets(state, imposed, request)
+        changes: dict[str, Any] = {
+            "actuator_imposed": imposed,
+            "actuator_request": request,
+            "actuator_target": target,
+        }
+        if control.valve or model.cavities.valves.lines:
+            changes |= _valves(model, state, control, target)
+        if control.pull_points:
+            changes["pull_point"] = _pull_point(model, state, control)
+        if self._frames_move(state, control, given[OF_FRAMES]):
+            changes |= frame_requests(model, state, control)
+        if control.anchor_positions:
+            changes["anchor_position"] = _anchor_position(model, state, control)
+        if control.gravity is not None:
+            changes["gravity"] = finite(control.gravity, "control.gravity", (3,))
+        if control.young_modulus:
+            changes["young_modulus"] = _young_modulus(model, state, control)
+        return state.changed(**changes)
+
+    def _driven(self, state: State, given: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+        """Whether each actuator is driven by its coordinate, else by its effort, and the value, (actuator_count,).
+
+        `given` is what is asked for of the drives in their order.
+        """
+        imposed, request = state.actuator_imposed, state.actuator_request
+        if not any(given):
+            return imposed, request
+        imposed, request, actuators = imposed.copy(), request.copy(), self._model.actuators
+        for number, kind in enumerate(ACTUATOR_KINDS):
+            efforts, coordinates = given[2 * number : 2 * number + 2]
+            if efforts or coordinates:
+                place = actuators.place(kind)
+                _drive(kind, actuators.sets[kind.name], efforts, coordinates, imposed[place], request[place])
+        return imposed, request
+
+    def _targets(self, state: State, imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
+        """Targets of all actuators within their own ranges and the scene's, and not too far from the last ones.
+
+        Args:
+            state: the state before what is asked for now.
+            imposed: whether each actuator is asked for its coordinate, else for its effort, shape (actuator_count,).
+            request: efforts [kPa] or [mN] and coordinates [mm^3] or [mm] that are asked for, shape (actuator_count,).
+        """
+        low, high, furthest = np.where(imposed, self._limits[1], self._limits[0])
+        last, is_other = state.actuator_target, imposed != state.actuator_imposed
+        if np.count_nonzero(is_other):  # continue from where the other drive has led
+            actuators = self._model.actuators
+            led = np.where(imposed, actuators.own_coordinates(state), state.actuator_effort)
+            last = np.where(is_other, led, last)
+        allowed = np.minimum(np.maximum(request, low), high)
+        targets: np.ndarray = np.minimum(np.maximum(allowed, last - furthest), last + furthest)
+        return targets
+
+    def _frames_move(self, state: State, control: Control, by_name: Sequence[Mapping[str, Any]]) -> bool:
+        """Whether a frame is asked to move, follows a path, or has not arrived yet."""
+        return (
+            self._follows_path
+            or control.base_translation is not None
+            or control.base_rotation is not None
+            or control.base_velocity is not None
+            or control.base_angular_velocity is not None
+            or any(by_name)
+            or bool(np.count_nonzero(state.frame_velocity))
+            or bool(np.count_nonzero(state.frame_request != state.frame_pose))
+        )
 
 
-def apply_control(model: Model, state: State, control: Control) -> State:
-    """The state with what `control` asks for; what it does not mention stays as it was asked for last."""
-    if not isinstance(control, Control):
-        raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
-    for key in MAPPINGS:
-        given = getattr(control, key)
-        if type(given) is not dict and not isinstance(given, Mapping):  # which takes several times as long to find out
-            raise ControlError(f"control.{key}: must be a dictionary by name, not {type(given).__name__}")
+def _reach(model: Model, drive: Drive) -> tuple[float, float, float]:
+    """Lowest and highest value in the scene's limits, and its largest change in a step."""
+    limits = model.scene.limits.model_dump()
+    low, high = limits.get(f"lowest_{drive.name}"), limits.get(f"highest_{drive.name}")
+    rate = limits[drive.rate] if drive.rate else None
+    furthest = math.inf if rate is None else rate * model.scene.time.step
+    return -math.inf if low is None else low, math.inf if high is None else high, furthest
+
+
+def _refuse_other_types(given: Sequence[object], control: Control) -> None:
+    """Refuse what is no dictionary by name, and signals that are no numbers."""
+    if {*map(type, given)} != {dict}:
+        for key, mapping in zip(MAPPINGS, given, strict=True):
+            if not isinstance(mapping, Mapping):
+                raise ControlError(f"control.{key}: must be a dictionary by name, not {type(mapping).__name__}")
     for name, value in control.signals.items():
         if not isinstance(value, Real) or isinstance(value, bool):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
-    changes = _actuator_requests(model, state, control)
-    if control.valve or model.cavities.valves.lines:
-        changes |= _valves(model, state, control, changes["actuator_target"])
-    if control.pull_points:
-        changes["pull_point"] = _pull_point(model, state, control)
-    if frames_move(model, state, control):
-        changes |= frame_requests(model, state, control)
-    if control.anchor_positions:
-        changes["anchor_position"] = _anchor_position(model, state, control)
-    if control.gravity is not None:
-        changes["gravity"] = finite(control.gravity, "control.gravity", (3,))
-    if control.young_modulus:
-        changes["young_modulus"] = _young_modulus(model, state, control)
-    return state.changed(**changes)
-
-
-def _actuator_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
-    """What the actuators are asked for, and how much of it the limits allow."""
-    imposed, request = state.actuator_imposed, state.actuator_request
-    if any(requests_of(control, drive) for drive in DRIVES):
-        imposed, request = imposed.copy(), request.copy()
-        for kind in ACTUATOR_KINDS:
-            place = model.actuators.place(kind)
-            _drive(kind, model.actuators.sets[kind.name], control, imposed[place], request[place])
-    target = limit_actuators(model, state, imposed, request)
-    return {"actuator_imposed": imposed, "actuator_request": request, "actuator_target": target}
 
 
 def _drive(
-    kind: ActuatorKind, actuators: ActuatorSet, control: Control, imposed: np.ndarray, request: np.ndarray
+    kind: ActuatorKind,
+    actuators: ActuatorSet,
+    efforts: Mapping[str, Any],
+    coordinates: Mapping[str, Any],
+    imposed: np.ndarray,
+    request: np.ndarray,
 ) -> None:
     """Fill in whether each actuator of a kind is driven by its coordinate, else by its effort, and the value."""
-    efforts, coordinates = (requests_of(control, drive) for drive in (kind.effort, kind.coordinate))
     both = sorted(efforts.keys() & coordinates.keys())
     if both:
         words = f"{kind.effort.words} and a {kind.coordinate.words}"
@@ -324,7 +349,7 @@ def _driven(
 ) -> Iterator[tuple[int, str, Any]]:
     """Number, key for messages and request of each actuator that is driven so."""
     for name, value in requests.items():
-        index, key = index_of(name, actuators.names, kind.name, drive.asked), f"control.{drive.asked}['{name}']"
+        index, key = index_of(name, actuators.names, kind.name, drive.request), f"control.{drive.request}['{name}']"
         why_not = actuators.why_not(drive, index)
         if why_not:
             raise ControlError(f"{key}: cannot be asked for, {why_not}")

@@ -158,7 +158,7 @@ class Drive(ActuatorFigure):
     """A figure by which actuators can be driven: their effort or their coordinate.
 
     Attributes:
-        asked: key of `Control` that requests it.
+        request: key of `Control` that requests it.
         rate: key of its fastest change in limits of scenes and in steps of scripts; "" where it changes at once.
         step: change by one press of a key.
         furthest: end of sliders where no limit gives one; of coordinates with `relative` a share of the value at rest.
@@ -170,7 +170,7 @@ class Drive(ActuatorFigure):
     A table of a scene may have `lowest_NAME` and `highest_NAME`, by its name, as keys of an actuator and of limits.
     """
 
-    asked: str = ""
+    request: str = ""
     rate: str = ""
     step: float = 0.0
     furthest: float = 0.0
@@ -188,13 +188,7 @@ class Drive(ActuatorFigure):
 
 @dataclass(frozen=True)
 class StateDrive(Drive, StateFigure):
-    """A way to drive actuators beside their efforts and coordinates, such as by valves.
-
-    Attributes:
-        request: field of `State` with the requests, shape (actuator_count of the kind,).
-    """
-
-    request: str = ""
+    """A way to drive actuators beside their efforts and coordinates, such as by valves."""
 
 
 @dataclass(frozen=True)

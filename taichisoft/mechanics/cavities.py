@@ -86,6 +86,7 @@ class Cavities(ActuatorSet):
         self.valves = Valves(lines, len(settings), time_step)
         self._tubes = [_tube(one.line) for one in settings]
         self.has_law = np.array([one.air != "regulated" for one in settings], dtype=bool)
+        self._has_laws = bool(self.has_law.any())
         self.takes_effort = np.array([CAVITIES.effort.fits(one) for one in settings], dtype=bool)
         self._dead_volume = np.array([one.dead_volume for one in settings])
         self.rest_effort = np.array([one.shut_pressure for one in settings])
@@ -143,6 +144,9 @@ class Cavities(ActuatorSet):
         """The air in the cavities after a step: sealed, through a valve, or as a regulator supplies it."""
         space = value + self._dead_volume
         let_in = air_mass(effort + self.atmosphere, space)
+        if not self._has_laws:
+            flow = (let_in - start.air_mass) / time_step
+            return {"air_mass": let_in, "warm_air_space": space, "air_flow": flow}
         mass, in_tube = np.where(self.has_law, start.air_mass, let_in), start.tube_air_mass.copy()
         flow = (mass - start.air_mass) / time_step
         for number in self.valves.lines:
@@ -230,7 +234,7 @@ VALVE = StateDrive(
     meaning="opening of the valve, mean of all cavities",
     plotted="opening of the valve [-]",
     digits=2,
-    asked="valve",
+    request="valve",
     rate="valve_rate",
     step=0.1,
     furthest=1.0,
@@ -240,7 +244,6 @@ VALVE = StateDrive(
     fits=_has_valve,
     field="valve_opening",
     matters=_has_valve,
-    request="valve_request",
 )
 
 CAVITIES = ActuatorKind(
@@ -253,7 +256,7 @@ CAVITIES = ActuatorKind(
         meaning="mean of all cavities",
         plotted="pressure [kPa]",
         metric="final",
-        asked="pressure",
+        request="pressure",
         rate="pressure_rate",
         step=1.0,
         furthest=150.0,
@@ -261,7 +264,7 @@ CAVITIES = ActuatorKind(
         less="lower the pressure",
         fits=_has_regulator,
     ),
-    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth", fits=lambda cavity: cavity.air == "regulated"),
+    coordinate=Drive("volume_growth", "mm^3", request="volume_growth", fits=lambda cavity: cavity.air == "regulated"),
     value=ActuatorFigure(
         "volume",
         "mm^3",

@@ -117,6 +117,7 @@ class Elasticity:
             where there are no velocities before the step; shape (node_count,).
         node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: s under laws
             of rubber, else 0; shape (node_count,).
+        turns_ahead: whether that is so of any node.
         undamped: s / (s + b) of each linear element, 1 in overdamped dynamics, shape (linear_count,).
         inertia: masses with their drag on the diagonal of the system's matrix [kg], in overdamped dynamics drag times
             time step, shape (node_count,).
@@ -173,6 +174,7 @@ class Elasticity:
         self.undamped = stage / np.maximum(element_lag[some], stage)
         turns_ahead = np.array([body.domains is not None and (body.laws.kind != HOOKE).any() for body in bodies])
         self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), stage, 0.0), node_counts)
+        self.turns_ahead = bool(self.node_lead.any())
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
         held = (np.repeat(anchor_factor, node_counts) + stage * beyond)[:, None] * self.anchor_stiffness
         self.inertia = np.repeat(mass_factor, node_counts) * self.node_mass

@@ -87,6 +87,9 @@ class Actuators(ActuatorNames):
         self.takes_effort = np.concatenate([one.takes_effort for one in sets])
         self.has_law = np.concatenate([one.has_law for one in sets])
         self.always_has_rows = stops | rubs | over_rigid | self.has_law
+        self._has_laws = bool(self.has_law.any())
+        present = [kind for kind in ACTUATOR_KINDS if self.names_of(kind)]
+        self._present = [(self.sets[kind.name], self.place(kind)) for kind in present]
         self._further = np.setdiff1d(np.arange(self.count), self.first_coordinate[:-1])
 
     @property
@@ -100,7 +103,7 @@ class Actuators(ActuatorNames):
 
     def laws(self, state: State, time_step: float) -> dict[int, CoordinateLaw]:
         """The laws that actuators follow in the step [s] from a state, by the numbers of the actuators."""
-        if not self.has_law.any():
+        if not self._has_laws:
             return {}
         return {
             self.place(kind).start + number: law
@@ -115,9 +118,14 @@ class Actuators(ActuatorNames):
     def after(self, start: State, effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
         """Fields of the state after a step [s] that belong to a kind of actuators alone, see `ActuatorSet.after`."""
         fields: dict[str, np.ndarray] = {}
-        for kind in ACTUATOR_KINDS:
-            fields |= self.sets[kind.name].after(start, self.of(kind, effort), self.of(kind, value), time_step)
+        for actuators, place in self._present:
+            fields |= actuators.after(start, effort[place], value[place], time_step)
         return fields
+
+    def failure(self, value: np.ndarray) -> tuple[str, str, str] | None:
+        """See `ActuatorSet.failure`; values of all actuators, shape (actuator_count,)."""
+        failures = (actuators.failure(value[place]) for actuators, place in self._present)
+        return next((failure for failure in failures if failure is not None), None)
 
     def losses_of(self, kind: ActuatorKind, losses: np.ndarray) -> np.ndarray:
         """The part of a kind in `State.actuator_loss`, (..., loss_count)."""

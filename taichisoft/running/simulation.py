@@ -101,7 +101,8 @@ class Simulation(TimeStepper):
 
     def warn_of_units(self, control: Control) -> None:
         """Warn once of a pressure or modulus that was probably requested in another unit."""
-        if self._has_warned_of_unit:
+        highest = max(map(abs, control.pressure.values()), default=0.0)
+        if self._has_warned_of_unit or (highest <= PRESSURE.highest and not control.young_modulus):
             return
         line = implausible_request(control)
         if line:

@@ -12,7 +12,6 @@ from taichisoft.base.text import warn_caller
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation, ObservedFigure, find_figure
-from taichisoft.control.requests import apply_control
 from taichisoft.errors import ControlError, EquilibriumNotFound, TaichisoftError
 from taichisoft.mechanics.state import State
 from taichisoft.running.simulation import Simulation, check_simulation
@@ -149,7 +148,7 @@ class Statics:
     def find(self, start: State, control: Control, stable: bool = True) -> Equilibrium:
         """The equilibrium under a control, from a state on."""
         stepper = self._stepper
-        rest = stepper.find_equilibrium(start, apply_control(stepper.model, start, control), stable)
+        rest = stepper.find_equilibrium(start, stepper.requests.apply(start, control), stable)
         no_velocity = np.zeros_like(start.frame_velocity)
         memory = rest.state.sensor_memory.copy()
         memory[1:2] = 0.0  # sensors have long seen what rests: their samples begin anew

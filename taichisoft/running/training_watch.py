@@ -197,7 +197,7 @@ class TrainingWatch:
             for drive, values in ((kind.effort, state.actuator_effort), (kind.coordinate, coordinate)):
                 for name, value in zip(actuators.names_of(kind), actuators.of(kind, values).tolist(), strict=True):
                     key, low, high = self._trained.get(name, ("", 0.0, 0.0))
-                    if key == drive.asked and max(low - value, value - high) > MARGIN * (high - low):
+                    if key == drive.request and max(low - value, value - high) > MARGIN * (high - low):
                         yield (
                             name.partition(".")[0],
                             f"the {drive.words} of '{name}' is {value:.3g} {drive.unit}, trained from {low:.3g} "

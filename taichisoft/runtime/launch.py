@@ -102,6 +102,7 @@ class Kernel:
         self._serial = serial
         parameters = inspect.signature(function).parameters.values()
         self._names = [parameter.name for parameter in parameters]
+        self._count = len(self._names)
         self.bundles = {p.name: p.annotation for p in parameters if is_bundle(p.annotation)}
         self.flat = [pair for p in parameters for pair in _flattened(p.name, p.annotation)]
         # Where the numbers stand among the flat arguments, and how each is handed over.
@@ -124,15 +125,20 @@ class Kernel:
             TypeError: an array is not contiguous, or not of the annotated type and number of dimensions; or there are
                 too many arguments or too few.
         """
-        if len(arguments) != len(self._names):
-            raise TypeError(f"kernel {self.__name__} takes {len(self._names)} arguments, not {len(arguments)}")
+        if len(arguments) != self._count:
+            raise TypeError(f"kernel {self.__name__} takes {self._count} arguments, not {len(arguments)}")
+        if not self._number_places:
+            identity = (get_ident(), *map(id, arguments))
+            self._start(self._remembered.get(identity) or self._prepare(identity, arguments))
+            return
         identity = (get_ident(), *map(id, self._pick_held(arguments)))
         launch = self._remembered.get(identity) or self._prepare(identity, arguments)
         numbers = self._pick_numbers(arguments)
         if numbers != launch.numbers:
+            for (place, kind), number, before in zip(self._number_places, numbers, launch.numbers, strict=True):
+                if number != before:
+                    launch.compiled.set_number(launch.context, place, kind(number))
             launch.numbers = numbers
-            for (place, kind), number in zip(self._number_places, numbers, strict=True):
-                launch.compiled.set_number(launch.context, place, kind(number))
         self._start(launch)
 
     @staticmethod
@@ -161,7 +167,7 @@ class Kernel:
         with _preparing:
             if self._compiled is None:
                 self._compiled = self._compile()
-            launch = _Launch(self._compiled, flat, arguments, self._serial)
+            launch = _Launch(self._compiled, flat, arguments, len(self._number_places), self._serial)
             of_thread = [known for known in self._remembered if known[0] == identity[0]]
             if len(of_thread) >= REMEMBERED:
                 del self._remembered[of_thread[0]]
@@ -203,10 +209,10 @@ class _Launch:
 
     __slots__ = ("_arguments", "address", "compiled", "context", "numbers", "run")
 
-    def __init__(self, compiled: Any, flat: list[Any], arguments: tuple[Any, ...], serial: bool):
+    def __init__(self, compiled: Any, flat: list[Any], arguments: tuple[Any, ...], numbers: int, serial: bool):
         self.compiled, self.run = compiled, compiled.run
         self.context, self.address = compiled.make_context(flat, serial)
-        self.numbers: tuple[Any, ...] | None = None
+        self.numbers: tuple[Any, ...] = (None,) * numbers
         self._arguments = arguments
 
 

@@ -51,6 +51,7 @@ V3 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave")
 _LOADED: dict[str, "MachineCode"] = {}
 _THREAD = threading.local()
 ALONE = "alone"
+_pack_integer, _pack_float = struct.Struct("<i").pack_into, struct.Struct("<d").pack_into
 _Function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
@@ -100,6 +101,7 @@ class MachineCode:
     def __init__(self, name: str, data: bytes):
         layout, code = data.split(b"\n", 1)
         self._layout = json.loads(layout)
+        self._places = self._layout["places"]
         self.run = _Function(_linked(code, symbol(name)))
 
     def make_context(self, flat: list[Any], serial: bool) -> tuple["_Context", int]:
@@ -108,7 +110,7 @@ class MachineCode:
         A `serial` launch wakes no other thread.
         """
         context = _Context(self._layout["size"], serial)
-        for place, array in zip(self._layout["places"], flat, strict=True):
+        for place, array in zip(self._places, flat, strict=True):
             if isinstance(array, np.ndarray):
                 shape, dimensions, pointer = place
                 struct.pack_into(f"<{dimensions}i", context.arguments, shape, *array.shape[:dimensions])
@@ -117,8 +119,8 @@ class MachineCode:
 
     def set_number(self, context: "_Context", place: int, number: float) -> None:
         """Set argument `place` of a context."""
-        kind = "<i" if isinstance(number, int) else "<d"
-        struct.pack_into(kind, context.arguments, *self._layout["places"][place], number)
+        pack_into = _pack_integer if isinstance(number, int) else _pack_float
+        pack_into(context.arguments, *self._places[place], number)
 
 
 class _Context:

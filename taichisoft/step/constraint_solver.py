@@ -1,5 +1,6 @@
 """The solver of a step's constraint problem: contacts and actuators, solved together."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from taichisoft.mechanics.kernels.rigid_integration import RigidState
 from taichisoft.mechanics.kernels.sparse_columns import GROUP
 from taichisoft.mechanics.state import State
 from taichisoft.runtime.language import THREADS
+from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution, moving_velocity
@@ -106,8 +108,8 @@ class ActiveSet:
         resting_speed: approach without restitution, the change of speed by gravity in a step [mm/s].
     """
 
-    def __init__(self, model: Model, rigid: RigidState):
-        """Prepare for the bodies of `model`, with the rigid bodies in `rigid`."""
+    def __init__(self, model: Model, rigid: RigidState, points: PointsOfStep):
+        """Prepare for the bodies of `model`, with the rigid bodies in `rigid` and nodes in `points`."""
         settings = model.scene.contact
         self._surfaces, self._rigid, self._first_rigid = model.surfaces, rigid, len(model.soft_bodies)
         self._time_step, self._tolerance = model.scene.time.step, settings.tolerance
@@ -118,13 +120,13 @@ class ActiveSet:
         terms[kernels.HAS_RESTITUTION], terms[kernels.THETA] = model.restitution.any(), model.scene.time.theta
         self._follows_turns = model.scene.time.theta == 1.0
         self._violated_count, self._missed = np.zeros(1, dtype=np.int32), np.zeros(1)
-        self._node_position = np.zeros((model.node_count, 3))
+        self._points = points
         self.table, self.resting_speed, self._renewals = NO_CONTACTS, 0.0, 0
 
-    def begin(self, table: ContactTable, state: State, node_velocity: np.ndarray) -> None:
+    def begin(self, table: ContactTable, state: State) -> None:
         """Choose the contacts that are expected to push; the rigid bodies have the velocities of the start."""
         self.table, self._renewals = table, 0
-        self._node_position[:] = state.position  # reused: a kernel launch with new arrays takes longer
+        self._points.begin(state)
         self._reduction.begin(table, state)
         kernels.begin_separation(
             self._first_rigid,
@@ -134,12 +136,12 @@ class ActiveSet:
             self._surfaces.gap_tolerance,
             self._surfaces.vertex_is_round,
             self._surfaces.carriers,
-            node_velocity,
+            self._points.node_velocity,
             self._rigid,
             table.separation,
             table.choice,
         )
-        self.resting_speed = max(self._tolerance, self._time_step * float(np.linalg.norm(state.gravity)))
+        self.resting_speed = max(self._tolerance, self._time_step * math.sqrt(state.gravity @ state.gravity))
         self._reduction.add_wanted(table, beside=False)
 
     def add_violated(self, node_velocity: np.ndarray) -> bool:
@@ -151,7 +153,7 @@ class ActiveSet:
         self._missed[0] = 0.0
         if self._violated_count[0] and self._reduction.add_wanted(self.table, beside=True):
             return True  # rows are renewed for a motion of all contacts: what turns about some of them does not
-        if not (self._follows_turns and self._rigid.angular.any()):
+        if not (self._follows_turns and np.count_nonzero(self._rigid.angular)):
             return False
         self._terms[kernels.MAY_LIFT] = self._renewals >= MOST_LOWERINGS
         renew_rows(
@@ -160,7 +162,7 @@ class ActiveSet:
             self.table.found,
             self._surfaces.vertex_is_round,
             self._surfaces.carriers,
-            self._node_position,
+            self._points.node_before,
             node_velocity,
             self._rigid,
             self.table.separation,
@@ -189,7 +191,7 @@ class ActiveSet:
             self.table.gap[:] -= self._time_step * self.table.separation.unhurried[: self.table.contact_count]
         gap = self.table.gap
         deep = gap < self._deepest_left
-        if not deep.any():
+        if not np.count_nonzero(deep):
             return False
         self._reduction.add(self.table, deep, gap, beside=True)
         return True
@@ -240,11 +242,11 @@ class ConstraintSolver:
     bodies, a contact has three more rows, of moments.
     """
 
-    def __init__(self, model: Model, soft: SoftMotion | None, rigid: RigidMotion):
+    def __init__(self, model: Model, soft: SoftMotion | None, rigid: RigidMotion, points: PointsOfStep):
         """Allocate the work space, and load the kernels of the contact solver if bodies may touch."""
         self._model, self._soft, self._rigid = model, soft, rigid
         self._time_step, self._settings = model.scene.time.step, model.scene.contact
-        self._active_set = ActiveSet(model, rigid.state)
+        self._active_set = ActiveSet(model, rigid.state, points)
         self._has_restitution = bool(model.restitution.any())
         self._impacts = Impacts(self._settings.tolerance, self._settings.max_iterations)
         if model.surfaces.may_touch.any():
@@ -281,8 +283,7 @@ class ConstraintSolver:
             self._rows.rows.size[:] = 0
             return self._solution(problem, self._velocities_after(problem), 0)
         if start is None:
-            self._velocity[:] = problem.start.velocity
-            self._active_set.begin(problem.contacts, problem.start, self._velocity)
+            self._active_set.begin(problem.contacts, problem.start)
         else:
             problem.contacts.impulse[:] = start.contact_impulse
         iterations = 0

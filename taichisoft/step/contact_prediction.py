@@ -17,6 +17,7 @@ in the last step where they touched, since that is where they are until the law 
 motion bends surfaces so far that they come too close, their contacts there are added.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -29,6 +30,7 @@ from taichisoft.contact.model import Model
 from taichisoft.contact.surfaces import MovingSurfaces
 from taichisoft.mechanics.kernels.rigid_integration import RigidState
 from taichisoft.mechanics.state import State
+from taichisoft.step.points_of_step import PointsOfStep
 
 # Contacts, and the fraction of the step at which each was measured, shape (capacity,).
 Part = tuple[Contacts, np.ndarray]
@@ -44,10 +46,10 @@ FIRST_CAPACITY = 1024
 class ContactPrediction:
     """Finds the contacts of a step; holds the work space of one simulation."""
 
-    def __init__(self, model: Model, rigid: RigidState):
+    def __init__(self, model: Model, rigid: RigidState, points: PointsOfStep):
         """Prepare for the bodies of `model`; the rigid ones have the poses and velocities of `rigid`."""
         settings, surfaces = model.scene.contact, model.surfaces
-        self._surfaces, self._rigid_now = surfaces, rigid
+        self._surfaces, self._rigid_now, self._points = surfaces, rigid, points
         self._rigid = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
         self._time_step = model.scene.time.step
         self._tolerance = surfaces.gap_tolerance
@@ -56,8 +58,8 @@ class ContactPrediction:
         self._detection = ContactDetection(surfaces, self._moving, settings.contact_distance)
         self._soft = kernels.NodeMotion(
             body_start=np.array([*(body.nodes.start for body in model.soft_bodies), model.node_count], dtype=np.int32),
-            position=np.zeros((model.node_count, 3)),
-            velocity=np.zeros((model.node_count, 3)),
+            position=points.node_before,
+            velocity=points.node_velocity,
         )
         body_count = len(model.body_names)
         self._pairs = BodyPairs(
@@ -77,6 +79,7 @@ class ContactPrediction:
         self._buffers, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
         self._at_the_end = np.ones(FIRST_CAPACITY)
         self._depth = settings.alarm_distance
+        self._whole = np.ones((body_count, body_count))
         self._is_needed = bool(surfaces.may_touch.any())
         self._change = self._soft._replace(velocity=np.zeros((model.node_count, 3)))
         self._rigid_change = rigid._replace(linear=np.zeros_like(rigid.linear), angular=np.zeros_like(rigid.angular))
@@ -106,15 +109,18 @@ class ContactPrediction:
         """
         if not self._is_needed or self._is_static:
             return None
-        before = np.hstack([self._rigid.linear, self._rigid.angular])
-        change = self._approach_with(node_velocity - self._soft.velocity, rigid_velocity - before)
+        np.subtract(node_velocity, self._soft.velocity, out=self._change.velocity)
+        np.subtract(rigid_velocity[:, :3], self._rigid.linear, out=self._rigid_change.linear)
+        np.subtract(rigid_velocity[:, 3:], self._rigid.angular, out=self._rigid_change.angular)
+        change = self._approach_of_change()
         may_touch = self._surfaces.may_touch
         is_short = may_touch & (self._sought < self._distance + change)
         bends = may_touch & (change > NEAREST * self._distance) & (self._passed > 0.0)
-        if self._is_at_the_end and not (is_short | bends).any():
+        if self._is_at_the_end and not np.count_nonzero(is_short | bends):
             return None
         # Where a part f of the step had passed, the rest of it, with the change, or all of it, less that part.
-        self._displacements = change, self._approach_with(node_velocity, rigid_velocity)
+        self._set_change(node_velocity, rigid_velocity)
+        self._displacements = change, self._approach_of_change()
         is_short = may_touch & (self._sought < self._distance + self._bounds())
         self._is_bent = not bool(is_short.any())
         if self._is_bent and bends.any():
@@ -195,9 +201,8 @@ class ContactPrediction:
         change, whole = self._displacements
         return np.minimum(change + (1.0 - self._passed) * self._approach, whole + self._passed * self._approach)
 
-    def _approach_with(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
-        """Bounds of the approach of bodies with these velocities [mm], shape (body_count, body_count)."""
-        self._set_change(node_velocity, rigid_velocity)
+    def _approach_of_change(self) -> np.ndarray:
+        """Bounds of the approach of bodies with the velocities of the change [mm], shape (body_count, body_count)."""
         kernels.measure_approach(self._time_step, self._change, self._rigid_change, self._pairs)
         return self._pairs.approach.copy()
 
@@ -207,15 +212,11 @@ class ContactPrediction:
 
     def _find_contacts(self, state: State) -> Part:
         self._state, pairs = state, self._pairs
-        self._soft.position[:], self._soft.velocity[:] = state.position, state.velocity
+        self._points.begin(state)
         self._rigid.linear[:], self._rigid.angular[:] = self._rigid_now.linear, self._rigid_now.angular
-        self._falls = self._time_step**2 * float(np.linalg.norm(state.gravity))
+        self._falls = self._time_step**2 * math.sqrt(state.gravity @ state.gravity)
         kernels.look_ahead(self._time_step, self._distance, self._falls, self._soft, self._rigid, pairs)
-        self._approach, self._sought, self._passed = (
-            pairs.approach.copy(),
-            pairs.reach.copy(),
-            np.ones_like(pairs.reach),
-        )
+        self._approach, self._sought, self._passed = pairs.approach.copy(), pairs.reach.copy(), self._whole.copy()
         self._is_at_the_end = not pairs.count[FAST]
         if pairs.count[FAST]:
             return self._find_on_the_move()

@@ -22,10 +22,10 @@ from taichisoft.mechanics.kernels.domain_deformation import (
     Movement,
 )
 from taichisoft.mechanics.kernels.mode_motion import DomainsOfNodes, sample_forces
-from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
 from taichisoft.mechanics.strain import Stretches, spread, valid_stretch
 from taichisoft.step.kernels import loads as kernels
+from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.solution import StepReport, StepSolution
 
 if TYPE_CHECKING:
@@ -257,8 +257,8 @@ class DivergenceCheck:
         inverted: number of inverted elements of all soft bodies after the step.
     """
 
-    def __init__(self, model: Model):
-        soft, rigid = model.soft_bodies, model.rigid_bodies
+    def __init__(self, model: Model, points: PointsOfStep):
+        soft, rigid, self._of_step = model.soft_bodies, model.rigid_bodies, points
         self._bodies = soft
         self._time_step = model.scene.time.step
         self._actuators = model.actuators
@@ -270,9 +270,8 @@ class DivergenceCheck:
         shapes = [*(body.rest_position for body in soft), *(body.vertices for body in rigid)]
         self._furthest = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
         starts = [*(body.nodes.start for body in soft), *(model.node_count + np.arange(len(rigid) + 1))]
-        before, velocity, after = (np.empty((model.node_count + len(rigid), 3)) for _ in range(3))
-        largest = np.empty(len(shapes))
-        self._points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), largest)
+        largest, body_start = np.empty(len(shapes)), np.array(starts, dtype=np.int32)
+        self._points = kernels.Points(points.before, points.velocity, points.after, body_start, largest)
         counts = [len(body.elements) for body in soft]
         # Laws of rubber can restore inverted elements, however many.
         follows_hooke = np.array([bool((body.laws.kind == HOOKE).any()) for body in soft])
@@ -290,12 +289,11 @@ class DivergenceCheck:
 
     def check(self, before: State, after: State) -> None:
         """Compare the states of a step."""
-        step, points, count = before.step, self._points, len(after.position)
+        step = before.step
         self._refuse_not_finite(after.rigid_rotation, step, len(self._bodies))
-        points.before[:count], points.before[count:] = before.position, before.rigid_position
-        points.velocity[:count], points.velocity[count:] = before.velocity, before.rigid_velocity
-        points.after[:count], points.after[count:] = after.position, after.rigid_position
-        self._refuse_not_finite(points.after, step)
+        self._of_step.begin(before)
+        self._of_step.end(after.position, after.rigid_position)
+        self._refuse_not_finite(self._points.after, step)
         self._check_leaps(step)
         if self._bodies:
             self._check_inverted(before, step)
@@ -305,7 +303,7 @@ class DivergenceCheck:
         """Whether `check` would find too many elements inverted, with nodes at positions [mm], (node_count, 3)."""
         if not self._bodies or not np.isfinite(position).all():
             return bool(self._bodies)
-        self._points.after[: len(position)] = position
+        self._of_step.end(position)
         kernels.count_inverted(self._inverted, self._domains, self._points.after)
         return bool((self._inverted.count > self._largest_inverted).any())
 
@@ -323,7 +321,7 @@ class DivergenceCheck:
         points = self._points
         kernels.largest_leaps(self._time_step, points)
         leaps = points.largest > self._furthest
-        if leaps.any():
+        if np.count_nonzero(leaps):
             body = int(np.argmax(leaps))
             some = slice(points.body_start[body], points.body_start[body + 1])
             move = np.abs(points.after[some] - points.before[some]).max()
@@ -331,18 +329,16 @@ class DivergenceCheck:
             raise SimulationDiverged(self._names[body], step, cause, self._advice[body])
 
     def _check_actuators(self, value: np.ndarray, step: int) -> None:
-        for kind in ACTUATOR_KINDS:
-            found, of_kind = self._actuators.sets[kind.name], self._actuators.of(kind, value)
-            failure = found.failure(of_kind) if found.names else None
-            if failure is not None:
-                name, cause, advice = failure
-                raise SimulationDiverged(name.partition(".")[0], step, cause, advice)
+        failure = self._actuators.failure(value)
+        if failure is not None:
+            name, cause, advice = failure
+            raise SimulationDiverged(name.partition(".")[0], step, cause, advice)
 
     def _check_inverted(self, before: State, step: int) -> None:
         kernels.count_inverted(self._inverted, self._domains, self._points.after)
-        self.inverted = int(self._inverted.count.sum())
+        self.inverted = int(np.add.reduce(self._inverted.count))
         bad = self._inverted.count > self._largest_inverted
-        if bad.any():
+        if np.count_nonzero(bad):
             body = int(np.argmax(bad))
             count = f"{self._inverted.count[body]} of {self._element_counts[body]}"
             cause = f"has {count} elements turned inside out{self._beyond_its_law(body, before)}"

@@ -10,8 +10,10 @@ from taichisoft.contact.model import Model
 from taichisoft.mechanics.actuator_kind import Line
 from taichisoft.mechanics.cables import CABLES
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
+from taichisoft.mechanics.rigid_body_arrays import FramePlaces
 from taichisoft.mechanics.state import State
 from taichisoft.step.kernels import loads as kernels
+from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.rigid_motion import CarriedBodies
 from taichisoft.step.solution import StepSolution
 
@@ -19,8 +21,8 @@ from taichisoft.step.solution import StepSolution
 class FrameWrenches:
     """Sums up what anchored soft bodies, bodies that frames carry, and cables that they pull exert on frames."""
 
-    def __init__(self, model: Model):
-        self._model, actuators = model, model.actuators
+    def __init__(self, model: Model, points: PointsOfStep):
+        self._model, self._points, actuators = model, points, model.actuators
         bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
         self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]
         self._held = self._lay_out() if self._bodies else None
@@ -30,18 +32,22 @@ class FrameWrenches:
         counts = np.diff(actuators.coordinates.entry_start)
         self._coordinate = np.repeat(np.arange(len(counts)), counts)[self._entries]
         pulled = [line for line in model.cables.lines if line.frame >= 0]
+        self._places: FramePlaces | None = None  # of `_pivots`
         self._pulled = [(line, actuators.first_coordinate[actuators.names.index(line.name)]) for line in pulled]
 
-    def cable_forces(self, geometry: ActuatorGeometry, effort: np.ndarray, position: np.ndarray) -> np.ndarray:
-        """Force [mN] of cables on each soft body, and torque about the origin [mN mm], shape (body_count, 2, 3)."""
+    def cable_forces(self, geometry: ActuatorGeometry, effort: np.ndarray, position: np.ndarray) -> np.ndarray | float:
+        """Force [mN] of cables on each soft body, and torque about the origin [mN mm], shape (body_count, 2, 3); 0
+        without cables.
+        """
         some = self._entries
         if some.start == some.stop:
-            return np.zeros((len(self._bodies), 2, 3))
+            return 0.0
         node = self._model.actuators.coordinates.entry_node[some]
         force = effort[self._coordinate, None] * geometry.gradient.soft[some]
         of_bodies = [(node >= nodes.start) & (node < nodes.stop) for _, nodes in self._bodies]
         found = [_resultant(position[node[one]], force[one]) for one in of_bodies]
-        return np.array(found).reshape(-1, 2, 3)
+        forces: np.ndarray = np.array(found).reshape(-1, 2, 3)
+        return forces
 
     def find(
         self,
@@ -50,7 +56,7 @@ class FrameWrenches:
         position: np.ndarray,
         node_velocity: np.ndarray,
         solution: StepSolution,
-        cable_forces: np.ndarray,
+        cable_forces: np.ndarray | float,
         carried: CarriedBodies,
     ) -> np.ndarray:
         """Forces [mN], and torques about the pivots [mN mm], in world axes, in a step, shape (frame_count, 2, 3).
@@ -61,20 +67,24 @@ class FrameWrenches:
         """
         model = self._model
         frames, time_step, theta = model.frames, model.scene.time.step, model.scene.time.theta
-        pivots, centres = frames.pivots(model.places(start)), carried.position
+        places, centres = model.places(start), carried.position
+        if places is not self._places:
+            self._places, self._pivots = places, frames.pivots(places)
+        pivots = self._pivots
         if theta < 1.0:
             position = start.position + theta * (position - start.position)
             pivots = pivots + (1.0 - theta) * (frames.pivots(frames.places(pose_before)) - pivots)
             centres = centres - (1.0 - theta) * time_step * carried.velocity[:, :3]
         wrench = np.zeros((len(frames.names), 2, 3))
-        of_bodies = self._of_bodies(start, position, node_velocity, solution)
-        for (frame, _), by_loads, by_cables in zip(self._bodies, of_bodies, cable_forces, strict=True):
-            wrench[frame] += by_loads + by_cables
+        of_bodies = self._of_bodies(start, position, node_velocity, solution) + cable_forces
+        for (frame, _), of_body in zip(self._bodies, of_bodies, strict=True):
+            wrench[frame] += of_body
         for line, coordinate in self._pulled:
             wrench[line.frame] += self._pull(line, start, float(solution.effort[coordinate]))
-        impulses = solution.rigid_impulse[carried.index] / time_step
-        for frame, impulse, centre in zip(carried.frame.tolist(), impulses, centres, strict=True):
-            wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
+        if len(carried.index):
+            impulses = solution.rigid_impulse[carried.index] / time_step
+            for frame, impulse, centre in zip(carried.frame.tolist(), impulses, centres, strict=True):
+                wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
         for number in reversed(range(1, len(frames.names))):
             if frames.parent[number] >= 0:
                 wrench[frames.parent[number]] += wrench[number]
@@ -90,17 +100,16 @@ class FrameWrenches:
             "overdamped": np.ones(count),
             "static": np.zeros(count),
         }
-        impulse, before, after, place = (np.zeros((count, 3)) for _ in range(4))
         return kernels.HeldBodies(
             nodes=np.array([(nodes.start, nodes.stop) for _, nodes in self._bodies], dtype=np.int32).ravel(),
             mass=elasticity.node_mass.copy(),
             drag=drags[dynamics].copy(),
             constant=np.vstack([body.node_force for body in model.soft_bodies]),
             gravity=np.empty((1, 3)),
-            impulse=impulse,
-            before=before,
-            after=after,
-            place=place,
+            impulse=np.zeros((count, 3)),
+            before=self._points.node_velocity,
+            after=np.zeros((count, 3)),
+            place=self._points.node_after,
             wrench=np.empty((len(self._bodies), 6)),
         )
 
@@ -111,8 +120,9 @@ class FrameWrenches:
         held, time = self._held, self._model.scene.time
         if held is None:
             return np.zeros((0, 2, 3))
-        held.gravity[0], held.impulse[:], held.place[:] = start.gravity, solution.contact_node_impulse, position
-        held.before[:], held.after[:] = start.velocity, node_velocity
+        self._points.begin(start)
+        self._points.end(position)
+        held.gravity[0], held.impulse[:], held.after[:] = start.gravity, solution.contact_node_impulse, node_velocity
         kernels.sum_wrenches(time.step, float(time.dynamics == "inertial"), held)
         return held.wrench.reshape(-1, 2, 3)
 
@@ -123,15 +133,17 @@ class FrameWrenches:
         return np.array([force, np.cross(first, force)])
 
 
+AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
 def _cross(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Vector products of rows, shape (count, 3) each, as by `np.cross`, which takes ten times as long for a few."""
-    after, before = [1, 2, 0], [2, 0, 1]
-    product: np.ndarray = one[:, after] * other[:, before] - one[:, before] * other[:, after]
+    product: np.ndarray = one[:, AFTER] * other[:, BEFORE] - one[:, BEFORE] * other[:, AFTER]
     return product
 
 
 def _resultant(place: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Sums of forces and of their torques about the origin, shape (2, 3), by places and forces, shape (count, 3)."""
     products = np.einsum("ni,nj->ij", place, force)  # not by BLAS, whose sums depend on the number of threads
-    torque = (products - products.T)[[1, 2, 0], [2, 0, 1]]
+    torque = (products - products.T)[AFTER, BEFORE]
     return np.array([force.sum(axis=0), torque])

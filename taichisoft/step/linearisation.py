@@ -10,7 +10,7 @@ from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
-from taichisoft.control.requests import DRIVES, apply_control
+from taichisoft.control.requests import DRIVES
 from taichisoft.errors import ControlError, nearest
 from taichisoft.mechanics.cavities import CAVITIES, VALVE
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
@@ -160,9 +160,9 @@ class _NearEnds:
         if one.value is None or amount == 0.0:
             return start
         value = one.value + amount
-        if one.name.startswith(VALVE.asked):  # which no limit holds back
+        if one.name.startswith(VALVE.request):  # which no limit holds back
             value = min(max(value, VALVE.nearest), VALVE.furthest)
-        return apply_control(stepper.model, stepper.state, asking(start, {one.name: value}, self._control))
+        return stepper.requests.apply(stepper.state, asking(start, {one.name: value}, self._control))
 
     def _is_moved(self, side: State) -> bool:
         start = self._derivative.start
@@ -184,7 +184,7 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
                 values[VALVE] = float(start.valve_request[index])
             for drive, value in values.items():
                 if not actuators.why_not(drive, index):
-                    yield Input(f"{drive.asked}.{name}", drive.unit, value)
+                    yield Input(f"{drive.request}.{name}", drive.unit, value)
     if all(body.modes is None for body in model.soft_bodies):
         for row, (key, (unit, _)) in enumerate(BASE.items()):
             for axis, letter in enumerate(AXES):
@@ -210,7 +210,7 @@ def asking(state: State, values: Mapping[str, float], control: Control = NOTHING
             pose = np.array(state.frame_request[0, list(BASE).index(key)] if pose is None else pose, dtype=np.float64)
             pose[_axis(name, of)] = value
             changes: dict[str, Any] = {key: pose, BASE[key][1]: None}
-        elif key in [drive.asked for drive in (*DRIVES, VALVE)] and of:
+        elif key in [drive.request for drive in (*DRIVES, VALVE)] and of:
             changes = {key: {**getattr(control, key), of: value}}
         else:
             example = "pressure.finger1.cavity or base_translation.x"
@@ -224,11 +224,11 @@ def asked_for(model: Model, state: State, name: str) -> float:
     key, _, of = name.partition(".")
     if key in BASE:
         return float(state.frame_request[0, list(BASE).index(key), _axis(name, of)])
-    if key == VALVE.asked and of in model.cavities.names:
+    if key == VALVE.request and of in model.cavities.names:
         return float(state.valve_request[model.cavities.names.index(of)])
     for kind in ACTUATOR_KINDS:
         for drive in (kind.effort, kind.coordinate):
-            if drive.asked == key and of in model.actuators.names_of(kind):
+            if drive.request == key and of in model.actuators.names_of(kind):
                 place = model.actuators.names.index(of)
                 same = bool(state.actuator_imposed[place]) == (drive is kind.coordinate)
                 return float(state.actuator_request[place]) if same else 0.0

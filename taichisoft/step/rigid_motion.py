@@ -148,7 +148,8 @@ class RigidMotion:
         for velocity in velocities if len(end.position) else ():
             end.linear[:], end.angular[:] = velocity[:, :3], velocity[:, 3:]
             kernels.integrate(self._time_step, end)
-        self.carried.place(end)
+        if len(self.carried.index):
+            self.carried.place(end)
         return end.position.copy(), end.quaternion.copy()
 
 

@@ -73,8 +73,7 @@ class SoftMotion:
         self.follow_frames(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
-            turn, shift = (part[self._frame_of_modes] for part in self.frames)
-            self.system.reduced.begin(turn, shift, state.gravity, self._model.scene.time.step, has_inertia)
+            self.system.reduced.begin(*self._frames_of_modes, state.gravity, self._model.scene.time.step, has_inertia)
         if state.young_modulus is not self._young_modulus:
             self._young_modulus = state.young_modulus
             stiffening = state.young_modulus / self._model.young_modulus
@@ -145,7 +144,9 @@ class SoftMotion:
         return self._moved(self.system.solver.complete_with(self.on_unknowns(node_impulse)))
 
     def _moved(self, change: np.ndarray) -> np.ndarray:
-        return self.expanded(change) + self.known_velocity
+        velocity = self.expanded(change)
+        velocity += self.known_velocity
+        return velocity
 
     def factorise(self, state: State, impulse: np.ndarray, known_velocity: np.ndarray) -> None:
         """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses on the
@@ -170,6 +171,7 @@ class SoftMotion:
         if state.frame_pose is not self._frame_pose:
             places, self._frame_pose = self._model.places(state), state.frame_pose
             self.frames.turn[:], self.frames.shift[:] = places.turn, places.shift
+            self._frames_of_modes = places.turn[self._frame_of_modes], places.shift[self._frame_of_modes]
 
     def _refuse_moved_anchors(self, state: State) -> None:
         """Modes follow a frame; they cannot follow anchors that move by themselves."""

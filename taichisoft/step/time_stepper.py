@@ -15,7 +15,7 @@ from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
-from taichisoft.control.requests import apply_control
+from taichisoft.control.requests import Requests
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.body_geometry import PosesAhead
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
@@ -26,6 +26,7 @@ from taichisoft.step.divergence import DivergenceCheck, Imbalance, StrainWatch
 from taichisoft.step.equilibrium_search import EquilibriumSearch, FoundEquilibrium, StabilityCheck
 from taichisoft.step.frame_wrenches import FrameWrenches
 from taichisoft.step.nonlinear_step import NonlinearStep
+from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepReport, StepSolution, moving_velocity
@@ -42,6 +43,7 @@ class TimeStepper:
         model: constant data.
         state: current state; every step replaces it, see `restore`.
         report: report of the last step; None before the first step.
+        requests: takes over what controllers ask for.
         strain_watch: measures how far soft bodies are stretched, over what their laws hold for.
     """
 
@@ -51,16 +53,19 @@ class TimeStepper:
         self.state = model.initial_state()
         self.report: StepReport | None = None
         self.strain_watch = StrainWatch(model)
+        self.requests = Requests(model)
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
-        self._prediction = ContactPrediction(model, self._rigid.state)
-        self._constraint_solver = ConstraintSolver(model, self._soft, self._rigid)
+        points = PointsOfStep(model)
+        self._prediction = ContactPrediction(model, self._rigid.state, points)
+        self._constraint_solver = ConstraintSolver(model, self._soft, self._rigid, points)
         self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
-        if model.elasticity is not None and self._soft is not None and model.scene.time.most_linearisations > 1:
+        self._ends_linearised = model.scene.time.most_linearisations > 1  # solved at the end of the step
+        if model.elasticity is not None and self._soft is not None and self._ends_linearised:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
-        self._frame_wrenches = FrameWrenches(model)
-        self._divergence_check = DivergenceCheck(model)
+        self._frame_wrenches = FrameWrenches(model, points)
+        self._divergence_check = DivergenceCheck(model, points)
         self._observer = Observer(model)
         self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
         self._imbalance: Imbalance | None = None
@@ -103,7 +108,7 @@ class TimeStepper:
         """
         started = time.perf_counter()
         control = Control() if control is None else control
-        start = apply_control(self.model, self.state, control)
+        start = self.requests.apply(self.state, control)
         if self._is_static:
             found = self.find_equilibrium(self.state, start)
             taken = time.perf_counter() - started
@@ -161,7 +166,7 @@ class TimeStepper:
         """
         if self.model.scene.time.theta < 1.0:
             raise SceneError("time.theta: derivatives are of implicit Euler's steps alone; leave it 1")
-        start = apply_control(self.model, self.state, control)
+        start = self.requests.apply(self.state, control)
         problem, solution = self._solve(start)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem, solution)
@@ -267,7 +272,7 @@ class TimeStepper:
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
         cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, start.position)
         self._geometry.update(ahead, self.model.placed_pull_points(start))
-        if self.model.scene.time.most_linearisations > 1:  # solved at the end of the step
+        if self._ends_linearised:
             cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, position)
         effort, loss = self.model.actuators.split(solution.effort)
         value, count = self._geometry.value.copy(), int(reported.count[0])
@@ -298,7 +303,7 @@ class TimeStepper:
         self, start: State, end: State, solution: StepSolution, gradient: np.ndarray
     ) -> Callable[[], dict[str, float]]:
         """The function that finds the imbalance of a step, with the actuators' gradients at its start."""
-        if self.model.scene.time.most_linearisations > 1:  # solved at the end of the step
+        if self._ends_linearised:
             gradient = self._geometry.gradient.soft.copy()
 
         def find() -> dict[str, float]:
