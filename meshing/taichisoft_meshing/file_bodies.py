@@ -20,33 +20,45 @@ from taichisoft.base import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh, boundary_triangles, element_volumes
 from taichisoft.scene import BASE, Positive, Table
-from taichisoft_meshing.body_tables import BasePlane, Count, FittedSizes, Sizes, SolidSizes, preset_sizes
-from taichisoft_meshing.cad_body import CadBody, import_solids, read_step
+from taichisoft_meshing.body_tables import (
+    BasePlane,
+    Count,
+    FittedSizes,
+    Sizes,
+    SolidSizes,
+    follow_curvature,
+    follow_walls,
+    preset_sizes,
+    set_sizes,
+    with_base,
+)
+from taichisoft_meshing.cad_body import CadBody, Opening, import_solids, read_step, with_caps
 from taichisoft_meshing.closed_shells import (
     NEAR,
+    HollowBody,
     Shell,
     angles_between,
     area_vectors,
     diagonal,
     joined_sides,
+    read_hollow_body,
     undirected_sides,
 )
 from taichisoft_meshing.geometry_file import CheckedGeometry
 from taichisoft_meshing.gmsh_session import (
+    NO_GROUPS,
     SURFACE_ALGORITHMS,
     TETRAHEDRON,
     TRIANGLE,
     CurvedSides,
+    compare_volumes,
     curve_sides,
     curved_sides,
     first_success,
     gmsh_session,
+    meshed_body,
     with_curved_sides,
 )
-from taichisoft_meshing.hollow_body import HollowBody, read_hollow_body
-from taichisoft_meshing.meshed_body import NO_GROUPS, compare_volumes, meshed_body, with_base
-from taichisoft_meshing.openings import Opening, with_caps
-from taichisoft_meshing.size_growth import follow_curvature, follow_walls, set_sizes
 from taichisoft_meshing.wall_quality import cavity_names
 
 # The mesher of STEP files: gmsh fills the solids that OpenCASCADE has read, and the mesh gets the drawing's names.

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from taichisoft_meshing.body_tables import element_count, refuse_too_many
 from taichisoft_meshing.geometry_file import ROUNDING, at_least, at_most
-from taichisoft_meshing.size_search import element_count, refuse_too_many
 
 Length = Annotated[float, Field(gt=0)]
 LengthOrNone = Annotated[float, Field(ge=0)]  # 0: left out

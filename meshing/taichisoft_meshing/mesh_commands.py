@@ -98,7 +98,7 @@ def with_options(
     job: "MeshJob", order: int | None, faces: Sequence[str] | None, solids: Sequence[str] | None, close_inlets: bool
 ) -> "MeshJob":
     """A job with what the options of the same names say in its tables."""
-    from taichisoft_meshing.scene_meshes import merge_tables
+    from taichisoft_meshing.mesh_job import merge_tables
 
     changes: dict[str, Any] = {}
     for key, numbered in (("faces", faces), ("solids", solids)):
@@ -133,7 +133,7 @@ def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dic
     if size is not None and not 0.0 < size < math.inf:
         raise MeshError(f"--size {size:g}: must be a positive, finite number of millimetres")
     if nodes is not None:
-        from taichisoft_meshing.size_search import refuse_nodes
+        from taichisoft_meshing.body_tables import refuse_nodes
 
         refuse_nodes(nodes, f"--nodes {nodes}")
     return asked
@@ -212,7 +212,7 @@ def _show_mesh(console: "Console", path: Path, output: Path | None, section: "Se
     from taichisoft.mesh import read_unchecked_mesh
     from taichisoft.running import print_warning
     from taichisoft_meshing.mesh_quality import QualityLimits, cautions, faults, measure, mesh_tables, missed_limits
-    from taichisoft_meshing.mesh_record import mesh_figures, write_record
+    from taichisoft_meshing.mesh_set import mesh_figures, write_record
     from taichisoft_meshing.report_picture import draw_report
 
     mesh = read_unchecked_mesh(path)
@@ -253,7 +253,7 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
     from taichisoft.mesh import read_surface
     from taichisoft.running import print_warning
     from taichisoft_meshing.mesh_quality import surface_table
-    from taichisoft_meshing.mesh_record import surface_figures, write_record
+    from taichisoft_meshing.mesh_set import surface_figures, write_record
     from taichisoft_meshing.wall_quality import connected_pieces, measure_surface
 
     vertices, triangles = read_surface(path)
@@ -274,8 +274,8 @@ def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]
     """Print the solids, faces and openings of a STEP body, and write or draw them."""
     from taichisoft.running import print_warning
     from taichisoft_meshing.body_pictures import body_tables, draw_faces
-    from taichisoft_meshing.mesh_process import read_step_apart
-    from taichisoft_meshing.mesh_record import body_figures, write_record
+    from taichisoft_meshing.mesh_job import read_step_apart
+    from taichisoft_meshing.mesh_set import body_figures, write_record
 
     body = read_step_apart(path)
     console.print(body_tables(body))
@@ -286,6 +286,26 @@ def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]
     elif output is not None:
         write_record({"file": path.name, **body_figures(body)}, output)
     return []
+
+
+def mesh_cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Delete them all; scenes make again what they need.")] = False,
+) -> None:
+    """Show where the meshes that scenes asked for are kept, and how large they are."""
+    from taichisoft.base import SUFFIX, say
+    from taichisoft_meshing.mesh_job import cache_folder
+
+    folder = cache_folder()
+    kept = sorted(folder.glob("*.msh"))
+    size = sum(path.stat().st_size for path in kept)
+    about = f"{len(kept)} mesh{'es' * (len(kept) != 1)}, {size / 1e6:.1f} MB, in {folder}"
+    if clear:
+        try:
+            for path in [*kept, *folder.glob(f"*{SUFFIX}"), *folder.glob(".*.partial")]:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise MeshError(f"{folder}: cannot be cleared: {error.strerror or error}") from error
+    say(f"{'deleted ' * clear}{about}")
 
 
 # `taichisoft mould`: what to cast a finger in, and whether it can be printed and opened.
@@ -318,8 +338,8 @@ def mould(
     It is for two castings, as PneuNets are made. Of any other body it is the negative in two halves, with its
     undercuts listed. The exit code is 1 where a part does not come off, cannot be printed, or does not fit.
     """
-    from taichisoft_meshing.mesh_process import write_mould_apart
     from taichisoft_meshing.mesh_set import prepare_folder
+    from taichisoft_meshing.mould_parts import write_mould_apart
 
     if surfaces:
         job = surfaces_job(files, set_, {})
@@ -447,8 +467,7 @@ def mesh(
     from rich.console import Console  # --help need not wait for any of these
 
     from taichisoft.running import print_line, print_warning
-    from taichisoft_meshing.mesh_job import require_fit
-    from taichisoft_meshing.mesh_process import make_mesh_apart
+    from taichisoft_meshing.mesh_job import make_mesh_apart, require_fit
     from taichisoft_meshing.mesh_quality import mesh_tables
     from taichisoft_meshing.mesh_set import prepare, write_output
 

@@ -23,8 +23,8 @@ from taichisoft_meshing.file_bodies import StepBody
 from taichisoft_meshing.finger_dimensions import THINNEST_WALL, FingerParameters, end
 from taichisoft_meshing.geometry_file import make_geometry
 from taichisoft_meshing.gmsh_session import gmsh_session
-from taichisoft_meshing.mesh_job import MeshJob
-from taichisoft_meshing.mesh_record import write_record
+from taichisoft_meshing.mesh_job import MeshJob, call_with_plugins
+from taichisoft_meshing.mesh_set import write_record
 from taichisoft_meshing.mould_assembly import Assembly, triangulate, write_assembly, write_step
 from taichisoft_meshing.mould_check import RECORD, find_parallel_crossings
 from taichisoft_meshing.pneunet_finger import (
@@ -432,6 +432,11 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
         record = {"kind": "negative", "parting": f"{'xyz'[plane[0]]} = {plane[1] + 0.0:g}"}
     sizes = {"wall_mm": form["wall"], "printable_mm": form["printable"]}
     write_record({"name": name, **record, **sizes, "casts": casts}, folder / RECORD)
+
+
+def write_mould_apart(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
+    """Write a mould as `write_mould` does, in a process of its own."""
+    call_with_plugins(write_mould, job, folder, form)
 
 
 def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: Mapping[str, Any]) -> list[Any]:

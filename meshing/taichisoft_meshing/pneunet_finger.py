@@ -8,18 +8,18 @@ import numpy as np
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
+from taichisoft_meshing.body_tables import GROWTH
 from taichisoft_meshing.finger_dimensions import FingerDimensions, FingerParameters, starts
 from taichisoft_meshing.geometry_file import CheckedGeometry
 from taichisoft_meshing.gmsh_session import (
     GmshFailure,
+    compare_volumes,
     curved_sides,
     gmsh_session,
     obey_size_fields,
     tetrahedra,
     with_curved_sides,
 )
-from taichisoft_meshing.meshed_body import compare_volumes
-from taichisoft_meshing.size_search import GROWTH
 from taichisoft_meshing.wall_quality import cavity_names, skins_and_cavities
 
 # The boxes of a finger's slots, air and layers, in the axes of the mesh.

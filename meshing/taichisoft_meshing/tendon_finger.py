@@ -11,11 +11,10 @@ from pydantic import Field, model_validator
 
 from taichisoft.mesh import VolumeMesh, with_middle_nodes
 from taichisoft.scene import NotNegative, Positive, Table
+from taichisoft_meshing.body_tables import GROWTH, element_count, refuse_too_many
 from taichisoft_meshing.geometry_file import ROUNDING, CheckedGeometry, at_least, at_most
-from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
-from taichisoft_meshing.meshed_body import compare_volumes
+from taichisoft_meshing.gmsh_session import compare_volumes, gmsh_session, obey_size_fields, tetrahedra
 from taichisoft_meshing.pneunet_finger import TOUCH, drawn_out, surface_groups
-from taichisoft_meshing.size_search import GROWTH, element_count, refuse_too_many
 
 THINNEST = 0.1
 """Least silicone that must remain anywhere [mm]."""

@@ -8,7 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 import taichisoft_meshing
-from taichisoft_meshing.mesh_cache import cache_folder
+from taichisoft_meshing.mesh_job import cache_folder
 
 
 @pytest.fixture

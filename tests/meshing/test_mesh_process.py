@@ -14,10 +14,9 @@ from test_odd_input import told
 
 from taichisoft.errors import MeshError
 from taichisoft.running import plugins
-from taichisoft_meshing import mesh_process
-from taichisoft_meshing.mesh_job import MeshJob, make_mesh
-from taichisoft_meshing.mesh_process import make_mesh_apart
-from taichisoft_meshing.size_search import MOST_ELEMENTS, element_count
+from taichisoft_meshing import mesh_job
+from taichisoft_meshing.body_tables import MOST_ELEMENTS, element_count
+from taichisoft_meshing.mesh_job import MeshJob, make_mesh, make_mesh_apart
 
 KIND = """
 import os, time
@@ -60,7 +59,7 @@ import sys
 from pathlib import Path
 from taichisoft.running.plugins import load_plugin
 from taichisoft_meshing.mesh_job import MeshJob
-from taichisoft_meshing.mesh_process import make_mesh_apart
+from taichisoft_meshing.mesh_job import make_mesh_apart
 
 load_plugin(Path(sys.argv[1]))
 make_mesh_apart(MeshJob("odd", {"does": "wait", "begun": sys.argv[2]}, Path("body.toml"), {}))
@@ -91,7 +90,7 @@ def test_who_is_killed_while_a_mesh_is_made_leaves_no_process(odd: Path, tmp_pat
 def test_a_mesh_that_does_not_end_has_a_limit_and_says_that_it_goes_on(
     odd: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(mesh_process, "BETWEEN_LINES", 0.2)
+    monkeypatch.setattr(mesh_job, "BETWEEN_LINES", 0.2)
     with caplog.at_level("INFO"), pytest.raises(MeshError, match=r"body\.toml: .* took more than 0\.5 s; take larger"):
         make_mesh_apart(MeshJob("odd", {"does": "wait"}, odd, {}), time_limit=0.5)
     assert "body.toml: 0 s so far" in caplog.text

@@ -18,8 +18,7 @@ from taichisoft.running import plugins
 from taichisoft.running.simulation import load_meshes
 from taichisoft.scene import data_folder, scene_from_dict, scene_to_toml
 from taichisoft_meshing import gmsh_session, mesh_job
-from taichisoft_meshing.mesh_cache import cache_folder
-from taichisoft_meshing.scene_meshes import merge_tables, mesh_for_scene
+from taichisoft_meshing.mesh_job import cache_folder, merge_tables, mesh_for_scene
 
 
 class Wedge(Geometry):
@@ -254,7 +253,7 @@ def test_a_name_of_neither_a_mesh_nor_a_geometry_lists_both() -> None:
 SAVE_FINGER = f"""
 import numpy, sys
 from pathlib import Path
-from taichisoft_meshing.scene_meshes import mesh_for_scene
+from taichisoft_meshing.mesh_job import mesh_for_scene
 mesh = mesh_for_scene(Path({str(FINGER)!r}), size=16.0)
 numpy.savez(sys.argv[1], nodes=mesh.nodes, elements=mesh.elements, **mesh.surface_groups)
 """

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from taichisoft import Geometry, VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft_meshing.size_search import MOST_MESHES, WITHIN, size_for_nodes
+from taichisoft_meshing.body_tables import MOST_MESHES, WITHIN, size_for_nodes
 
 
 def spiral(count: int) -> VolumeMesh:

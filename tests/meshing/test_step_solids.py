@@ -18,13 +18,11 @@ from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh, boundary_triangles, count_open_edges, element_volumes, enclosed_volume
 from taichisoft.scene import scene_from_dict
 from taichisoft_meshing.body_pictures import draw_faces
-from taichisoft_meshing.cad_body import read_step
+from taichisoft_meshing.cad_body import cap_triangles, read_step, rims
 from taichisoft_meshing.file_bodies import StepBody, through_edges
 from taichisoft_meshing.mesh_commands import with_options
-from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_job import MeshJob, mesh_for_scene
 from taichisoft_meshing.mesh_quality import faults, measure
-from taichisoft_meshing.openings import cap_triangles, rims
-from taichisoft_meshing.scene_meshes import mesh_for_scene
 from taichisoft_meshing.wall_quality import find_walls
 
 LENGTH, WIDTH, HEIGHT, LAYER = 40.0, 12.0, 12.0, 2.0

@@ -8,8 +8,7 @@ import pytest
 from solid_shapes import Surface, arrays, ball, box, save, together, turned_round
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.closed_shells import Shell, closed_shells
-from taichisoft_meshing.hollow_body import HollowBody, hollow_body, read_hollow_body
+from taichisoft_meshing.closed_shells import HollowBody, Shell, closed_shells, hollow_body, read_hollow_body
 
 BODY = box((30, 20, 20))
 

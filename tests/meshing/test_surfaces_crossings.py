@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from solid_shapes import Surface, arrays, ball, box, moved, surface_of
 
-from taichisoft_meshing.hollow_body import Crossings, find_crossings
+from taichisoft_meshing.closed_shells import Crossings, find_crossings
 
 
 def crossings(*surfaces: Surface) -> Crossings:

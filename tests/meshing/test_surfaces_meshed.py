@@ -13,8 +13,7 @@ from taichisoft.errors import MeshError
 from taichisoft.mesh import boundary_triangles, enclosed_volume
 from taichisoft_meshing import file_bodies
 from taichisoft_meshing.file_bodies import SurfacesBody
-from taichisoft_meshing.gmsh_session import GmshFailure
-from taichisoft_meshing.meshed_body import _surfaces, compare_volumes
+from taichisoft_meshing.gmsh_session import GmshFailure, _surfaces, compare_volumes
 
 
 @pytest.fixture
