@@ -26,7 +26,7 @@ from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.mesh_job import MeshJob, call_with_plugins
 from taichisoft_meshing.mesh_set import write_record
 from taichisoft_meshing.mould_assembly import Assembly, triangulate, write_assembly, write_step
-from taichisoft_meshing.mould_check import RECORD, find_parallel_crossings
+from taichisoft_meshing.mould_check import RECORD, ray_crossings
 from taichisoft_meshing.pneunet_finger import (
     Box,
     Draft,
@@ -127,7 +127,7 @@ def _held(corners: np.ndarray, plane: Plane) -> int:
     grid = np.meshgrid(*(np.arange(lower[one] + 0.317 * spacing, upper[one], spacing) for one in others))
     starts = np.full((grid[0].size, 3), lower[axis] - 1.0)
     starts[:, others] = np.stack([one.ravel() for one in grid], axis=1)
-    crossings = find_parallel_crossings(starts, np.eye(3)[axis], corners)
+    crossings = ray_crossings(starts, np.eye(3)[axis], corners)
     heights = lower[axis] - 1.0 + crossings.distance
     crossed = np.bincount(crossings.ray, minlength=len(starts))
     below = np.bincount(crossings.ray, heights <= position, len(starts))
