@@ -22,7 +22,7 @@ from taichisoft_controllers.keyboard_controller import FRAME_KEY, KeyboardContro
 from taichisoft_controllers.script_file import RATES, Interpolation, Script, Step, read_script
 from taichisoft_controllers.script_targets import Way
 from taichisoft_controllers.scripted_controller import LargestValues, StepController, scaling
-from taichisoft_controllers.settings import DRIVES, read_drive
+from taichisoft_controllers.settings import read_drive
 
 # The steps of an arm's script: what those of the controller "scripted" have, and where the arm goes.
 
@@ -75,8 +75,8 @@ class ArmStep(Step):
         if self.move is not None and self.joints is not None:
             raise ValueError("move and joints are both given; give one of them")
         if self.move is not None and self.duration is not None:
-            for key in ("speed", "turning_speed"):
-                if getattr(self.move, key) is not None:
+            for key, speed in self.move:
+                if key in ("speed", "turning_speed") and speed is not None:
                     raise ValueError(f"duration and move.{key} are both given; give one of them")
         return self
 
@@ -338,8 +338,7 @@ class ArmController(Controller):
     def __init__(self, settings: ArmSettings):
         """Read the arm and its script."""
         self._base = CarriedBase(MountedArm(settings), settings.tool, settings.ramp)
-        keys = {key: getattr(settings, key) for key in KeyboardSettings.model_fields}
-        self._keys = ArmKeys(self._base, **keys)
+        self._keys = ArmKeys(self._base, **settings.model_dump(include=set(KeyboardSettings.model_fields)))
         self._script = _read(settings, self._base)
         self.interactive = self._script is None
         self.bindings = self._keys.bindings
@@ -409,7 +408,6 @@ def _read(settings: ArmSettings, base: CarriedBase) -> StepController | None:
         return None
     path = find_file(settings.script, "scripts", (".toml",), error=SceneError)
     content = read_script(path, ArmScript)
-    largest = {drive.name: getattr(settings, drive.name) for drive in DRIVES}
-    factors: Mapping[Drive, float] = scaling(content, path, largest)
+    factors: Mapping[Drive, float] = scaling(content, path, dict(settings))
     smooth = (settings.interpolation or content.interpolation) == "smooth"
     return StepController(path, content.steps or (), smooth, factors, base)

@@ -183,7 +183,7 @@ def _check_joints(robot: Any, path: Path) -> None:
             continue
         low, high = joint.limit.lower or 0.0, joint.limit.upper or 0.0
         if low > high or low == np.inf or high == -np.inf:
-            raise SceneError(f"{where}: its limits, {low:g} and {high:g}, leave it no way")
+            raise SceneError(f"{where}: its limits are {low:g} and {high:g}; the lower must be below the upper")
         far = max((abs(one) for one in (low, high) if np.isfinite(one)), default=0.0)
         if far > FAR:
             said = ("rad", "degrees") if joint.type == "revolute" else ("m", "mm")
@@ -302,7 +302,7 @@ def _chain_joint(joint: Any, before: np.ndarray, path: Path) -> ChainJoint:
             raise SceneError(f"{where}: has no limits; give them, or make it continuous")
         lowest, highest = unit * (limit.lower or 0.0), unit * (limit.upper or 0.0)
         if not (np.isfinite([lowest, highest]).all() and lowest < highest):
-            raise SceneError(f"{where}: its limits, {limit.lower} and {limit.upper}, leave it no way")
+            raise SceneError(f"{where}: its limits are {limit.lower} and {limit.upper}; must be finite, the lower below the upper")
     speed = unit * (limit.velocity or 0.0) if limit is not None else 0.0
     if not np.isfinite(speed) or speed <= 0.0:
         speed = USUAL_SPEED[slides]

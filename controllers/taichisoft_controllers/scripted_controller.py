@@ -33,7 +33,9 @@ class KeyframeController(Controller):
     def reset(self, model: "Model") -> None:
         """Lay out the values by the model's cavities and cables."""
         self._targets = targets = Targets(model, FreeBase())
-        efforts = [self._efforts(index) for index in range(len(self._keyframes))]
+        places = [f"{self._path}: keyframes.{index}" for index in range(len(self._keyframes))]
+        entries = list(zip(self._keyframes, places, strict=True))
+        efforts = [targets.read_efforts(keyframe, where, self._factors) for keyframe, where in entries]
         named = np.zeros(len(targets.places), dtype=bool)
         named[[place for values in efforts for place in values]] = True
         self._driven = named | targets.driven_first
@@ -43,9 +45,11 @@ class KeyframeController(Controller):
         table = np.zeros((len(efforts), len(targets.places)))
         for row, values in zip(table, efforts, strict=True):
             row[list(values)] = list(values.values())
-        for drive, part in targets.parts.items():
-            table[:, part] *= self._factors[drive]
-        self._values = np.column_stack([table, *self._frames(), translations, rotations])
+        poses = {name: np.zeros((len(entries), 6)) for name in targets.frames}
+        for index, (keyframe, where) in enumerate(entries):
+            for name, pose in targets.read_frames(keyframe, where).items():
+                poses[name][index] = np.nan_to_num(pose)
+        self._values = np.column_stack([table, *poses.values(), translations, rotations])
 
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
@@ -63,28 +67,6 @@ class KeyframeController(Controller):
         base = self._values[:, self._targets.base]
         moved = np.flatnonzero((base[1:] != base[:-1]).any(axis=1))
         return max(observation.time, float(self._times[moved[-1] + 1])) if len(moved) else observation.time
-
-    def _efforts(self, index: int) -> dict[int, float]:
-        """What a keyframe asks of actuators, by the place in the array of targets."""
-        values: dict[int, float] = {}
-        for drive in DRIVES:
-            given = getattr(self._keyframes[index], drive.name)
-            try:
-                values |= self._targets.read(drive, {} if given is None else given)
-            except SceneError as error:
-                raise SceneError(f"{self._path}: keyframes.{index}.{drive.name}: {error}") from error
-        return values
-
-    def _frames(self) -> list[np.ndarray]:
-        """Poses of each frame that can be asked to move in all keyframes, 0 where not given, (keyframe_count, 6)."""
-        poses = {name: np.zeros((len(self._keyframes), 6)) for name in self._targets.frames}
-        for index, keyframe in enumerate(self._keyframes):
-            try:
-                for name, pose in self._targets.read_frames(keyframe.frames).items():
-                    poses[name][index] = np.nan_to_num(pose)
-            except SceneError as error:
-                raise SceneError(f"{self._path}: keyframes.{index}.frames: {error}") from error
-        return list(poses.values())
 
     def _check_complete(self, efforts: Sequence[Mapping[int, float]]) -> None:
         """Refuse keyframes between which something would be undefined."""
@@ -274,38 +256,26 @@ class StepController(Controller):
             way = change[place].reshape(2, 3)
             change[place] = np.repeat(np.linalg.norm(way, axis=1) * [1.0, math.degrees(1.0)], 3)
         rate = np.full(len(start), math.inf)  # where none is given nothing moves
+        rates = dict(step)
         for drive, part in self._targets.parts.items():
-            given = getattr(step, drive.rate)
-            if given is not None:
-                rate[part] = self._factors[drive] * given
+            if rates[drive.rate] is not None:
+                rate[part] = self._factors[drive] * rates[drive.rate]
         for name, frame in step.frames.items():
             speeds = [math.inf if speed is None else speed for speed in (frame.speed, frame.turning_speed)]
             rate[self._targets.frames[name]] = np.repeat(speeds, 3)
         return Ramp(start, target, change / rate, smooth=False)
 
     def _frames(self, index: int) -> dict[str, np.ndarray]:
-        """Poses of frames that a step asks for, NaN for what stays, shape (6,) each, by name."""
-        try:
-            return self._targets.read_frames(self._steps[index].frames)
-        except SceneError as error:
-            raise SceneError(f"{self._path}: steps.{index}.frames: {error}") from error
+        return self._targets.read_frames(self._steps[index], f"{self._path}: steps.{index}")
 
     def _efforts(self, index: int) -> dict[int, float]:
-        """What a step asks of actuators, scaled, by the place in the array of targets."""
-        step = self._steps[index]
-        values: dict[int, float] = {}
-        for drive in DRIVES:
-            given = getattr(step, drive.name)
-            try:
-                read = self._targets.read(drive, {} if given is None else given)
-            except SceneError as error:
-                raise SceneError(f"{self._path}: steps.{index}.{drive.name}: {error}") from error
-            values |= {place: self._factors[drive] * value for place, value in read.items()}
+        """What a step requests of actuators, by the place in the array of targets."""
+        where = f"{self._path}: steps.{index}"
+        values = self._targets.read_efforts(self._steps[index], where, self._factors)
         actuators = [actuator for (_, actuator), place in self._targets.places.items() if place in values]
-        for actuator in actuators:
-            if actuators.count(actuator) > 1:
-                where = f"{self._path}: steps.{index}"
-                raise SceneError(f"{where}: '{actuator}' is given a pull and a tension; give one of them")
+        twice = next((actuator for actuator in actuators if actuators.count(actuator) > 1), None)
+        if twice is not None:
+            raise SceneError(f"{where}: '{twice}' is given a pull and a tension; give one of them")
         return values
 
     def _label(self, index: int) -> str:

@@ -10,6 +10,7 @@ from rich.console import Group
 from taichisoft.base import WorkerLost, atomic_file, call_apart, require
 from taichisoft.errors import MeshError
 from taichisoft_meshing.cad_body import CadBody
+from taichisoft_meshing.closed_shells import area_vectors
 from taichisoft_meshing.mesh_quality import aligned_table
 from taichisoft_meshing.mould_check import CheckedPart
 
@@ -98,7 +99,7 @@ def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarra
     stage = Stage(SIZE)  # a process can have only one
     images = []
     for corners, colours in parts:
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = area_vectors(corners)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         views = []
         for up in (np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])):
@@ -160,7 +161,7 @@ def _draw(axes: Any, body: CadBody, eye: np.ndarray) -> None:
     right /= np.linalg.norm(right)
     view = np.column_stack([right, np.cross(towards, right), towards])
     corners = (body.nodes @ view)[body.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(corners)
     facing = normals[:, 2] / np.linalg.norm(normals, axis=1)
     skin = np.isin(body.face_of, list(body.outside))
     seen = np.flatnonzero(skin & (facing > 1e-6))

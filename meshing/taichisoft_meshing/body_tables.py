@@ -1,7 +1,7 @@
 """The tables that bodies from files share: their base, the sizes of their elements, and how gmsh is told of these."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
@@ -127,8 +127,7 @@ class Sizes(Table):
                 f"{f'; is the body in another unit? {meant}' if meant else ''}"
             )
         smallest = largest * (self.smallest / self.largest if self.smallest and self.largest else 1.0)
-        refuse_too_many(element_count(volume, largest, largest), "size", largest)
-        refuse_too_many(element_count(volume, largest, smallest, cavity_volumes), "smallest", smallest, power=2)
+        refuse_sizes(largest, smallest, volume, cavity_volumes, ("size", "smallest"))
         return FittedSizes(largest, smallest, self.curvature, self.elements_across_walls)
 
 
@@ -206,6 +205,18 @@ def refuse_too_many(count: float, key: str, size: float, power: int = 3) -> None
             f"{key} = {size:g}: must be at least {least:.2g} mm; it would make about {count:.0e} elements, and "
             f"{MOST_ELEMENTS:.0e} are the most"
         )
+
+
+def refuse_sizes(
+    largest: float,
+    smallest: float,
+    volume: float,
+    cavity_volumes: Sequence[float] = (),
+    keys: tuple[str, str] = ("mesh.largest", "mesh.smallest"),
+) -> None:
+    """Raise ValueError, which names a key, where sizes [mm] give too many elements in volumes [mm^3]."""
+    refuse_too_many(element_count(volume, largest, largest), keys[0], largest)
+    refuse_too_many(element_count(volume, largest, smallest, cavity_volumes), keys[1], smallest, power=2)
 
 
 def refuse_nodes(nodes: int, key: str) -> None:
@@ -304,6 +315,19 @@ def set_sizes(gmsh: Any, sizes: FittedSizes, cavity_surfaces: Sequence[int]) -> 
         ):
             field.setNumber(growing, option, value)
         obey_size_fields(gmsh)
+
+
+def add_box_of_size(
+    gmsh: Any, lower: Iterable[float], upper: Iterable[float], inside: float, outside: float, sharp: bool = False
+) -> None:
+    """Add a field: a size in a box between two corners, from which sizes grow, or jump, to that outside [mm]."""
+    field = gmsh.model.mesh.field
+    tag = field.add("Box")
+    options = {"VIn": inside, "VOut": outside, "Thickness": 0.0 if sharp else (outside - inside) / GROWTH}
+    for axis, low, high in zip("XYZ", lower, upper, strict=True):
+        options |= {f"{axis}Min": low, f"{axis}Max": high}
+    for option, value in options.items():
+        field.setNumber(tag, option, value)
 
 
 def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], feature_angle: float) -> None:

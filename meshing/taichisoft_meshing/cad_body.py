@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base import SIZE, implausible
 from taichisoft.errors import MeshError
@@ -17,8 +15,8 @@ from taichisoft.mesh import VolumeMesh, enclosed_volume, require_suffix
 from taichisoft_meshing.body_tables import PRESETS
 from taichisoft_meshing.closed_shells import NEAR, area_vectors, diagonal, facing_sides
 from taichisoft_meshing.geometry_file import STEP_SUFFIXES
-from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, first_success
-from taichisoft_meshing.wall_quality import winding_numbers
+from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, first_success, numbered
+from taichisoft_meshing.wall_quality import joined_pieces, winding_numbers
 
 # Caps: triangles over the opening of a surface, whose corners are nodes of its rim.
 
@@ -173,9 +171,8 @@ def _parted(triangles: np.ndarray, sides: np.ndarray, loop: list[int]) -> list[n
     ends = triangles.ravel()[np.column_stack([side, side - side % 3 + (side + 1) % 3])]
     edges = np.sort(np.column_stack([loop, np.roll(loop, -1)]), axis=1)
     pairs = sides[~np.isin(np.sort(ends, axis=1) @ numbers, edges @ numbers)] // 3
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(triangles),) * 2)
-    count, piece = connected_components(graph, directed=False)
-    return [piece == number for number in range(2)] if count == 2 else []
+    piece = joined_pieces(len(triangles), pairs)
+    return [piece == number for number in range(2)] if piece.max() == 1 else []
 
 
 def _cap(nodes: np.ndarray, triangles: np.ndarray, loop: list[int]) -> np.ndarray | None:
@@ -393,10 +390,9 @@ class CadBody:
             and n @ m > 1 - NEAR
             and abs(n @ (faces[one].centre - faces[other].centre)) < near
         ]
-        size = max(faces) + 1
-        label = connected_components(coo_matrix((np.ones(len(joined)), np.array(joined).reshape(-1, 2).T), (size,) * 2))
+        region = joined_pieces(max(faces) + 1, np.array(joined, dtype=int).reshape(-1, 2)).tolist()
         lowest: dict[int, int] = {}
-        return {face: lowest.setdefault(int(label[1][face]), face) for face in sorted(self.outside)}
+        return {face: lowest.setdefault(region[face], face) for face in sorted(self.outside)}
 
     @cached_property
     def openings(self) -> tuple[Opening, ...]:
@@ -491,21 +487,16 @@ def _face(model: Any, tag: int, number_of: dict[int, int]) -> CadFace:
 
 
 def _triangulation(mesh: Any, faces: Iterable[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    tags, coordinates, _ = mesh.getNodes()
-    order = np.argsort(tags)
-    corners = [mesh.getElementsByType(TRIANGLE, face)[1].reshape(-1, 3) for face in faces]
-    face_of = np.repeat(list(faces), [len(some) for some in corners])
-    used, triangles = np.unique(np.concatenate(corners), return_inverse=True)
-    nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    return nodes, triangles.reshape(-1, 3), face_of
+    corners = [mesh.getElementsByType(TRIANGLE, face)[1] for face in faces]
+    nodes, triangles, _ = numbered(mesh, np.concatenate(corners))
+    return nodes, triangles.reshape(-1, 3), np.repeat(list(faces), [len(its) // 3 for its in corners])
 
 
 def _shells(nodes: np.ndarray, triangles: np.ndarray, face_of: np.ndarray, faces: set[int]) -> list[frozenset[int]]:
     """The boundary's pieces, each the numbers of its faces: the outside, then each void."""
     here = np.isin(face_of, list(faces))
     pairs = facing_sides(triangles[here]) // 3
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(here.sum(),) * 2)
-    count, piece = connected_components(graph, directed=False)
-    sizes = [diagonal(nodes[triangles[here][piece == number]].reshape(-1, 3)) for number in range(count)]
-    order = [int(np.argmax(sizes)), *(number for number in range(count) if number != np.argmax(sizes))]
+    piece = joined_pieces(here.sum(), pairs)
+    sizes = [diagonal(nodes[triangles[here][piece == number]].reshape(-1, 3)) for number in range(piece.max() + 1)]
+    order = sorted(range(len(sizes)), key=lambda number: number != np.argmax(sizes))  # the others as they come
     return [frozenset(face_of[here][piece == number].tolist()) for number in order]

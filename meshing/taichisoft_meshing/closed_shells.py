@@ -6,14 +6,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from taichisoft.base import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.mesh import common_points, enclosed_volume, pairs_of_meeting_boxes, read_surface
-from taichisoft_meshing.wall_quality import winding_numbers
+from taichisoft_meshing.wall_quality import joined_pieces, winding_numbers
 
 # Lengths, edges and angles of triangulated surfaces.
 
@@ -100,7 +98,7 @@ def closed_shells(vertices: np.ndarray, triangles: np.ndarray, source: str) -> l
         source: begins every error and warning.
     """
     triangles = _with_merged_vertices(vertices, triangles, source)
-    piece = _pieces(len(triangles), _neighbours(vertices, triangles, source))
+    piece = joined_pieces(len(triangles), _neighbours(vertices, triangles, source))
     order = np.argsort(np.unique(piece, return_index=True)[1]).tolist()
     names = [f"{source}, shell {number + 1} of {len(order)}" for number in range(len(order))]
     named = zip(order, names if len(order) > 1 else [source], strict=True)
@@ -113,7 +111,7 @@ def _with_merged_vertices(vertices: np.ndarray, triangles: np.ndarray, source: s
     pairs = cKDTree(vertices).query_pairs(near, output_type="ndarray")
     if not len(pairs):
         return triangles
-    cluster = _pieces(len(vertices), pairs)
+    cluster = joined_pieces(len(vertices), pairs)
     _, first = np.unique(cluster, return_index=True)
     merged = f"{len(vertices) - len(first)} vertices lie within {near:.2g} mm of another one and are merged with it"
     warn_caller(f"{source}: {merged}")
@@ -182,19 +180,12 @@ def _refuse_pinches(vertices: np.ndarray, triangles: np.ndarray, source: str) ->
     _, begin = joined_sides(triangles)  # a corner has the number of the side that begins at it
     end = begin - begin % 3 + (begin + 1) % 3
     # Neighbours pass their common edge in opposite directions.
-    fan = _pieces(triangles.size, np.vstack([np.column_stack([begin[:, i], end[:, 1 - i]]) for i in (0, 1)]))
+    fan = joined_pieces(triangles.size, np.vstack([np.column_stack([begin[:, i], end[:, 1 - i]]) for i in (0, 1)]))
     fans = np.unique(np.column_stack([triangles.ravel(), fan]), axis=0)[:, 0]
     pinched = np.flatnonzero(np.bincount(fans) > 1)
     if len(pinched):
         place = np.round(vertices[pinched[0]], 3).tolist()
         raise MeshError(f"{source}: touches itself in a single point at {place} mm; widen the joint or part it")
-
-
-def _pieces(count: int, pairs: np.ndarray) -> np.ndarray:
-    """Number of the piece of each of `count` things, of which pairs, shape (pair_count, 2), are joined."""
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    found: np.ndarray = connected_components(graph, directed=False)[1]
-    return found
 
 
 # Places where closed surfaces go through themselves or each other, or touch.

@@ -13,8 +13,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base import warn_caller
 from taichisoft.errors import MeshError
@@ -59,7 +57,7 @@ from taichisoft_meshing.gmsh_session import (
     meshed_body,
     with_curved_sides,
 )
-from taichisoft_meshing.wall_quality import cavity_names
+from taichisoft_meshing.wall_quality import cavity_names, joined_pieces
 
 # The mesher of STEP files: gmsh fills the solids that OpenCASCADE has read, and the mesh gets the drawing's names.
 
@@ -351,8 +349,8 @@ def _flat_faced(shell: Shell, angle: float) -> bool:
     normals = area_vectors(corners)
     neighbours = joined_sides(shell.triangles)[1] // 3
     smooth = neighbours[angles_between(normals, neighbours) < angle]
-    graph = coo_matrix((np.ones(len(smooth)), smooth.T), shape=(len(normals), len(normals)))
-    count, face = connected_components(graph, directed=False)
+    face = joined_pieces(len(normals), smooth)
+    count = face.max() + 1
     mean_normal = np.column_stack([np.bincount(face, normals[:, axis], count) for axis in range(3)])
     lengths = np.linalg.norm(mean_normal, axis=1, keepdims=True)
     if (lengths == 0).any():

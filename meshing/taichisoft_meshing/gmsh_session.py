@@ -107,14 +107,19 @@ def tetrahedra(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         Node positions [mm], shape (node_count, 3); elements, shape (element_count, 4); gmsh's number of each node,
         in ascending order.
     """
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
     corner_tags = gmsh.model.mesh.getElementsByType(TETRAHEDRON)[1]
     if len(corner_tags) == 0:
         raise GmshFailure("no tetrahedra came out")
+    nodes, corners, used = numbered(gmsh.model.mesh, corner_tags)
+    return nodes, corners.reshape(-1, 4).astype(np.int32), used
+
+
+def numbered(mesh: Any, corner_tags: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nodes of `gmsh.model.mesh` that are corners, the corners as indices of them, and gmsh's number of each."""
+    tags, coordinates, _ = mesh.getNodes()
     order = np.argsort(tags)
     used, corners = np.unique(corner_tags, return_inverse=True)
-    nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    return nodes, corners.reshape(-1, 4).astype(np.int32), used
+    return coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]], corners, used
 
 
 def obey_size_fields(gmsh: Any) -> None:

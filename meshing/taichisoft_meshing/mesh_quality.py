@@ -8,8 +8,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 from rich.console import Group
 from rich.table import Table
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base import SIZE, implausible, plain
 from taichisoft.mesh import ADVICE, TOO_STIFF, VolumeMesh, element_volumes
@@ -20,6 +18,7 @@ from taichisoft_meshing.wall_quality import (
     cavities_outside,
     dihedral_angles,
     edge_lengths,
+    joined_pieces,
     measure_surfaces,
     measure_walls,
     neighbours,
@@ -94,8 +93,7 @@ def measure(mesh: VolumeMesh) -> MeshQuality:
 def _component_count(elements: np.ndarray) -> int:
     behind = neighbours(elements)
     element, face = np.nonzero(behind >= 0)
-    graph = coo_matrix((np.ones(len(element)), (element, behind[element, face])), shape=(len(elements),) * 2)
-    return int(connected_components(graph, directed=False)[0])
+    return int(joined_pieces(len(elements), np.column_stack([element, behind[element, face]])).max()) + 1
 
 
 # The judgement of a mesh: faults, missed limits (table [quality] of a geometry file), and cautions.

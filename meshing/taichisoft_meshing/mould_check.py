@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import read_surface
+from taichisoft_meshing.closed_shells import area_vectors
+from taichisoft_meshing.wall_quality import joined_pieces
 
 
 @dataclass(frozen=True)
@@ -245,9 +245,8 @@ def find_undercuts(part: np.ndarray, others: Mapping[str, np.ndarray], way: np.n
         more = np.concatenate([held, (nearby[:, None] + around).reshape(-1, 3)])
         lines, entry, leaving, first = _held_lines(more, across, way, part, corners)
         pairs = cKDTree(lines).query_pairs(0.8 * spacing, output_type="ndarray")
-        joined = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(lines), len(lines)))
-        count, cluster = connected_components(joined, directed=False)
-        for number in range(count):
+        cluster = joined_pieces(len(lines), pairs)
+        for number in range(cluster.max() + 1):
             of = cluster == number
             ends = np.concatenate([lines[of] + along[of, None] * way for along in (entry, leaving)])
             lower, upper = ends.min(axis=0), ends.max(axis=0)
@@ -277,7 +276,7 @@ def wall_thickness(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     Returns:
         Thickness [mm], shape (count,), the points, (count, 3), and the triangles, (count,).
     """
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(corners)
     areas = np.linalg.norm(normals, axis=1)
     chosen = np.flatnonzero(areas > 1e-9)
     chosen = chosen[:: 1 + len(chosen) // (2 * LINES)]
@@ -300,7 +299,7 @@ def _lines_along(
     the grid among the lines [mm]."""
     points = []
     for corners in (part, *others):
-        facing = corners[np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ way) > 1e-4]
+        facing = corners[np.abs(area_vectors(corners) @ way) > 1e-4]
         points.append(inner_points(facing[:: 1 + len(facing) // LINES]))
     across = np.linalg.svd(way[None])[2][1:]
     flat = part.reshape(-1, 3) @ across.T

@@ -8,7 +8,7 @@ import numpy as np
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
-from taichisoft_meshing.body_tables import GROWTH
+from taichisoft_meshing.body_tables import add_box_of_size
 from taichisoft_meshing.finger_dimensions import FingerDimensions, FingerParameters, starts
 from taichisoft_meshing.geometry_file import CheckedGeometry
 from taichisoft_meshing.gmsh_session import (
@@ -435,26 +435,15 @@ def _mesh_with_sizes(gmsh: Any, finger: FingerParameters) -> None:
     reach = np.full(3, thin_walls(finger)[-1])
     walls = [box.grown(reach, reach) for box in (channel_box(finger), *chamber_boxes(finger))]
     for box in walls:
-        _add_box_field(gmsh, box, sizes.smallest, sizes.largest, (sizes.largest - sizes.smallest) / GROWTH)
+        add_box_of_size(gmsh, box.lower, box.upper, sizes.smallest, sizes.largest)
     obey_size_fields(gmsh)
     mesh.generate(2)
     if layer_count(finger) == 1:
         gmsh.option.setNumber("Mesh.MeshSizeMin", 0)
         for box in walls:
-            _add_box_field(gmsh, box, INSIDE * sizes.smallest, sizes.largest, 0.0)
+            add_box_of_size(gmsh, box.lower, box.upper, INSIDE * sizes.smallest, sizes.largest, sharp=True)
         obey_size_fields(gmsh)
     mesh.generate(3)
-
-
-def _add_box_field(gmsh: Any, box: Box, inside: float, outside: float, distance: float) -> None:
-    """Set the size [mm] inside a box, which becomes that outside over a distance [mm] around it."""
-    field = gmsh.model.mesh.field
-    tag = field.add("Box")
-    options = {"VIn": inside, "VOut": outside, "Thickness": distance}
-    for axis, low, high in zip("XYZ", box.lower, box.upper, strict=True):
-        options |= {f"{axis}Min": low, f"{axis}Max": high}
-    for option, value in options.items():
-        field.setNumber(tag, option, value)
 
 
 PRESETS = {"coarse": 3.6, "medium": 1.55, "fine": 1.0}

@@ -128,10 +128,15 @@ def cavity_names(count: int) -> list[str]:
 
 def connected_pieces(triangles: np.ndarray, node_count: int) -> list[np.ndarray]:
     """The triangles, each (count, 3), of every piece of a surface that shares no node with the others."""
-    starts, ends = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
-    graph = coo_matrix((np.ones(len(starts)), (starts, ends)), shape=(node_count, node_count))
-    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    piece = joined_pieces(node_count, triangles[:, [0, 1, 1, 2]].reshape(-1, 2))[triangles[:, 0]]
     return [triangles[piece == number] for number in np.unique(piece)]
+
+
+def joined_pieces(count: int, pairs: np.ndarray) -> np.ndarray:
+    """Number of the piece of each of `count` things, shape (count,), of which pairs, (pair_count, 2), are joined."""
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    pieces: np.ndarray = connected_components(graph, directed=False)[1]
+    return pieces
 
 
 # The shapes of tetrahedra, and their neighbours.
