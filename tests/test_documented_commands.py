@@ -200,7 +200,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(video, "draw_frames", draw_nothing)
     monkeypatch.setattr(body_pictures, "draw_parts", lambda parts: [])
     monkeypatch.setattr(mesh_job, "_known_elsewhere", lambda job: False)
-    monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
+    monkeypatch.setattr(mesh_job, "requested_mesh", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
     monkeypatch.setattr(training_plan, "PRESSES", 2)
     monkeypatch.setattr(shape_reduction, "ATTEMPTS", 1)

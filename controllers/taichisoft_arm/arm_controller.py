@@ -120,10 +120,10 @@ class CarriedBase:
         if not (observation.base_translation.any() or observation.base_rotation.any()):
             return self.arm.start
         motion = motion_of_base(observation.base_translation, observation.base_rotation, self.pivot)
-        found = solve(self.arm.chain, self.arm.link_pose(motion), self.arm.start)
-        if found is None:
+        values = solve(self.arm.chain, self.arm.link_pose(motion), self.arm.start)
+        if values is None:
             raise ControllerFailed("the base is where the arm cannot bring it; begin at the start, or with this arm")
-        return found
+        return values
 
     def reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
         """The joints as they were asked for: they keep within the scene's limits beforehand."""
@@ -277,18 +277,18 @@ class ArmKeys(KeyboardController):
             self.sliders[joint.name] = moved(Slider(lowest, lowest, highest, 1.0, unit), value * factor)
         self._say("")
 
-    def _jog(self, way: np.ndarray, turn: np.ndarray) -> None:
+    def _jog(self, shift: np.ndarray, turn: np.ndarray) -> None:
         """Move the goal by a way [mm] and a turn about the tool [rad], in the chosen axes, shape (3,) each."""
         arm, tool = self._base.arm, self._base.tool
         motion = arm.motions(self._goal)[-1]
         axes = motion[:3, :3] @ self._world if self._in_tool_axes else self._world
         turned = Rotation.from_rotvec(axes @ turn).as_matrix() @ motion[:3, :3]
-        place = motion[:3, :3] @ tool + motion[:3, 3] + axes @ way
-        found = solve_near(arm.chain, arm.link_pose(pose_of(place - turned @ tool, turned)), self._goal)
-        if found is None:
+        place = motion[:3, :3] @ tool + motion[:3, 3] + axes @ shift
+        values = solve_near(arm.chain, arm.link_pose(pose_of(place - turned @ tool, turned)), self._goal)
+        if values is None:
             self._say("; the arm does not reach further")
         else:
-            self._set_goal(found)
+            self._set_goal(values)
 
     def _say(self, more: str) -> None:
         moves = f"keys move {self._frame}, " if self._frame != BASE else ""

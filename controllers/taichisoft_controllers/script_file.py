@@ -280,7 +280,9 @@ class Script(Table):
     def highest(self, drive: Drive) -> float:
         """The highest value that is asked for in a way to drive; minus infinity without any."""
         entries = [dict(entry)[drive.name] for entry in (*(self.keyframes or ()), *(self.steps or ()))]
-        numbers = [list(one.values()) if isinstance(one, dict) else [one] for one in entries if one is not None]
+        numbers = [
+            list(value.values()) if isinstance(value, dict) else [value] for value in entries if value is not None
+        ]
         return max(itertools.chain(*numbers), default=-math.inf)
 
 

@@ -70,12 +70,12 @@ class KeyframeController(Controller):
 
     def _check_complete(self, efforts: Sequence[Mapping[int, float]]) -> None:
         """Refuse keyframes between which something would be undefined."""
-        driven = [way for way, is_driven in zip(self._targets.places, self._driven, strict=True) if is_driven]
+        driven = [place for place, is_driven in zip(self._targets.places, self._driven, strict=True) if is_driven]
         actuators = [actuator for _, actuator in driven]
         for actuator in actuators:
             if actuators.count(actuator) > 1:
-                ways = " and a ".join(drive.words for drive, other in driven if other == actuator)
-                raise SceneError(f"{self._path}: '{actuator}' is given a {ways}; keyframes have one of them")
+                drives = " and a ".join(drive.words for drive, other in driven if other == actuator)
+                raise SceneError(f"{self._path}: '{actuator}' is given a {drives}; keyframes have one of them")
         for index, values in enumerate(efforts):
             for drive, actuator in driven:
                 if self._targets.places[drive, actuator] not in values:
@@ -189,8 +189,8 @@ class StepController(Controller):
         rows = {}
         for index in range(len(self._steps)):
             times = self._begun[index : index + 2]
-            said = ("not begun", "from {:.2f} s, not done", "{:.2f} to {:.2f} s")[len(times)]
-            rows[self._label(index)] = said.format(*times)
+            text = ("not begun", "from {:.2f} s, not done", "{:.2f} to {:.2f} s")[len(times)]
+            rows[self._label(index)] = text.format(*times)
         return rows
 
     def _values(self, observation: Observation) -> np.ndarray:

@@ -23,9 +23,9 @@ def body_tables(body: CadBody) -> Group:
     def place(point: np.ndarray) -> str:
         return ", ".join(f"{value:.4g}" for value in np.round(point, 3) + 0.0)
 
-    solids = [(f"{one.number}", one.name, f"{one.volume:.1f}") for one in body.solids]
+    solids = [(f"{part.number}", part.name, f"{part.volume:.1f}") for part in body.solids]
     of_void = {face: f"cavity {number}" for number, void in enumerate(body.voids, 1) for face in void}
-    of_void |= {face: f"opening {number}" for number, one in enumerate(body.openings, 1) for face in one.faces}
+    of_void |= {face: f"opening {number}" for number, part in enumerate(body.openings, 1) for face in part.faces}
     of_void |= dict.fromkeys(body.flat_end, "base, unless another is named")
     faces = [
         (
@@ -39,7 +39,7 @@ def body_tables(body: CadBody) -> Group:
         for face in body.faces
     ]
     air = [(f"cavity {number}", f"{volume:.1f}", "closed") for number, volume in enumerate(body.void_volumes, 1)]
-    air += [(f"opening {number}", f"{one.volume:.1f}", str(one)) for number, one in enumerate(body.openings, 1)]
+    air += [(f"opening {number}", f"{part.volume:.1f}", str(part)) for number, part in enumerate(body.openings, 1)]
     return Group(
         aligned_table(body.path.name, (">solid", "name", ">volume [mm³]"), solids),
         aligned_table("", (">face", "solids", ">area [mm²]", "centre [mm]", "normal", ""), faces),

@@ -149,7 +149,7 @@ def find_openings(
     """
     sides = facing_sides(triangles)
     region = np.array([regions[face] for face in face_of.tolist()])[sides // 3]
-    found: dict[frozenset[int], Opening] = {}  # two regions may have the same rim
+    openings: dict[frozenset[int], Opening] = {}  # two regions may have the same rim
     for number in np.unique(region[region[:, 0] != region[:, 1]]).tolist():
         border = np.flatnonzero((region == number).sum(axis=1) == 1)
         side = np.where(region[border, 0] == number, *sides[border].T)
@@ -159,10 +159,12 @@ def find_openings(
             parts = [] if cap is None else _parted(triangles, sides, loop)
             if cap is not None and parts:
                 behind = min(parts, key=lambda part: diagonal(nodes[triangles[part].ravel()]))
-                one = _opening(nodes, triangles, face_of, behind, cap)
-                found.setdefault(one.faces, one)
-    outermost = [one for one in found.values() if not any(one.faces < other.faces for other in found.values())]
-    return tuple(sorted(outermost, key=lambda one: (-float(f"{one.volume:.2g}"), min(one.faces))))
+                opening = _opening(nodes, triangles, face_of, behind, cap)
+                openings.setdefault(opening.faces, opening)
+    outermost = [
+        opening for opening in openings.values() if not any(opening.faces < other.faces for other in openings.values())
+    ]
+    return tuple(sorted(outermost, key=lambda opening: (-float(f"{opening.volume:.2g}"), min(opening.faces))))
 
 
 def _parted(triangles: np.ndarray, sides: np.ndarray, loop: list[int]) -> list[np.ndarray]:
@@ -285,7 +287,7 @@ def _refuse_loose_solids(gmsh: Any, path: Path, tags: list[int], volumes: list[f
     while waiting:
         joined.add(tag := waiting.pop())
         faces = gmsh.model.getAdjacencies(3, tag)[1]
-        waiting += {int(one) for face in faces for one in gmsh.model.getAdjacencies(2, face)[0]} - joined
+        waiting += {int(solid) for face in faces for solid in gmsh.model.getAdjacencies(2, face)[0]} - joined
     loose = [number for number, tag in enumerate(tags) if tag not in joined]
     if loose:
         sizes = ", ".join(f"{volume:.4g}" for volume in volumes)
@@ -383,12 +385,12 @@ class CadBody:
         pairs = np.unique(self.face_of[outside][facing_sides(self.triangles[outside]) // 3], axis=0)
         near = NEAR * diagonal(self.nodes)
         joined = [
-            (one, other)
-            for one, other in pairs.tolist()
-            if (n := faces[one].normal) is not None
-            and (m := faces[other].normal) is not None
+            (first, second)
+            for first, second in pairs.tolist()
+            if (n := faces[first].normal) is not None
+            and (m := faces[second].normal) is not None
             and n @ m > 1 - NEAR
-            and abs(n @ (faces[one].centre - faces[other].centre)) < near
+            and abs(n @ (faces[first].centre - faces[second].centre)) < near
         ]
         region = joined_pieces(max(faces) + 1, np.array(joined, dtype=int).reshape(-1, 2)).tolist()
         lowest: dict[int, int] = {}
@@ -419,7 +421,7 @@ class CadBody:
             if heights.max() < NEAR * diagonal(vertices):
                 depth[region] = -heights.min()
         deep = [region for region in depth if depth[region] >= DEEP * max(depth.values())]
-        opened = [region for region in deep if any(region == self.regions[one.beside] for one in self.openings)]
+        opened = [region for region in deep if any(region == self.regions[opening.beside] for opening in self.openings)]
         area = {region: sum(face.area for face in ends[region]) for region in deep}
         deep.sort(key=lambda region: -area[region])
         if len(opened) == 1:

@@ -57,8 +57,8 @@ def facing_sides(triangles: np.ndarray) -> np.ndarray:
 
 def angles_between(normals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Angles [rad] between the normals, shape (triangle_count, 3), of pairs of triangles, shape (pair_count, 2)."""
-    one, other = normals[pairs[:, 0]], normals[pairs[:, 1]]
-    return np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), np.einsum("nd,nd->n", one, other))
+    first, second = normals[pairs[:, 0]], normals[pairs[:, 1]]
+    return np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), np.einsum("nd,nd->n", first, second))
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +224,7 @@ def find_crossings(vertices: np.ndarray, triangles: np.ndarray, shell: np.ndarra
     """
     edges, sides = joined_sides(triangles)
     own = sides[:, 0] // 3
-    found = [_folds(vertices[triangles], sides // 3)]
+    parts = [_folds(vertices[triangles], sides // 3)]
     size = diagonal(vertices)
     for edge, triangle in pairs_of_meeting_boxes(vertices[edges], vertices[triangles], NEAR * size):
         apart = (edges[edge][:, :, None] != triangles[triangle][:, None, :]).all(axis=(1, 2))
@@ -232,10 +232,10 @@ def find_crossings(vertices: np.ndarray, triangles: np.ndarray, shell: np.ndarra
         reach = np.where(shell[own[edge]] == shell[triangle], SAME_SHELL_NEAR, NEAR) * size
         place = common_points(vertices[edges[edge]], vertices[triangles[triangle]], reach)
         hit = np.isfinite(place).all(axis=1)
-        found.append((np.column_stack([own[edge], triangle])[hit], place[hit]))
-    pairs = np.sort(np.vstack([pairs for pairs, _ in found]), axis=1)
+        parts.append((np.column_stack([own[edge], triangle])[hit], place[hit]))
+    pairs = np.sort(np.vstack([pairs for pairs, _ in parts]), axis=1)
     pairs, once = np.unique(pairs, axis=0, return_index=True)
-    return Crossings(pairs, np.vstack([places for _, places in found])[once])
+    return Crossings(pairs, np.vstack([places for _, places in parts])[once])
 
 
 def _folds(corners: np.ndarray, neighbours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -321,12 +321,12 @@ def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> Holl
     return HollowBody(outermost, tuple(inner))
 
 
-def _same(one: Shell, other: Shell) -> bool:
+def _same(first: Shell, second: Shell) -> bool:
     """Whether two shells have the same vertices, up to the rounding of single precision, and the same volume."""
-    if len(one.vertices) != len(other.vertices) or abs(one.volume - other.volume) > 1e-5 * one.volume:
+    if len(first.vertices) != len(second.vertices) or abs(first.volume - second.volume) > 1e-5 * first.volume:
         return False
-    near = NEAR * diagonal(one.vertices)
-    distances, partners = cKDTree(one.vertices).query(other.vertices)
+    near = NEAR * diagonal(first.vertices)
+    distances, partners = cKDTree(first.vertices).query(second.vertices)
     return bool(distances.max() <= near) and len(np.unique(partners)) == len(partners)
 
 
@@ -342,18 +342,18 @@ def _refuse_crossings(shells: Sequence[Shell], outermost: Shell) -> None:
     if not len(crossings.triangles):
         return
     involved = owner[crossings.triangles]
-    one, other = involved[0].tolist()
+    first, second = involved[0].tolist()
     count = (involved == involved[0]).all(axis=1).sum()
     numbers = " and ".join(map(str, (crossings.triangles[0] - triangle_starts[involved[0]]).tolist()))
     pairs = f"{count} pair{'' if count == 1 else 's'} of triangles"
     where = f"{pairs}, the first ({numbers}) at {_rounded(crossings.places[0])} mm"
-    if one == other:
-        raise MeshError(f"{shells[one].source}: cuts through itself: {where}")
-    if shells[other] is outermost:
-        one, other = other, one
-    crossed = "the outer surface" if shells[one] is outermost else "another cavity"
+    if first == second:
+        raise MeshError(f"{shells[first].source}: cuts through itself: {where}")
+    if shells[second] is outermost:
+        first, second = second, first
+    crossed = "the outer surface" if shells[first] is outermost else "another cavity"
     raise MeshError(
-        f"{shells[other].source}: crosses or touches {crossed}, {shells[one].source}: {where}; "
+        f"{shells[second].source}: crosses or touches {crossed}, {shells[first].source}: {where}; "
         "silicone must remain between them"
     )
 

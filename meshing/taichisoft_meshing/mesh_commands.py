@@ -58,13 +58,13 @@ Section = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of \\[quality], too.")]
 
 
-def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
+def geometry_job(name: str, overrides: Sequence[str] | None, request: Mapping[str, Any]) -> "MeshJob":
     """Prepare to mesh a geometry file, a STEP file or a shipped finger.
 
     Args:
         name: the path of the file, or the name of the finger.
         overrides: texts "key=value" for the tables of the file.
-        asked: the result of `asked_size`.
+        request: the result of `requested_size`.
     """
     from taichisoft.mesh import SURFACE_SUFFIXES
     from taichisoft.scene import find_file
@@ -75,23 +75,23 @@ def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str,
     if file.suffix.lower() in SURFACE_SUFFIXES:
         raise MeshError(f"{name}: is not a geometry file (.toml); --surfaces meshes it as it is")
     kind, tables = read_tables(file)
-    return MeshJob(kind, overridden(tables, overrides), file, asked)
+    return MeshJob(kind, overridden(tables, overrides), file, request)
 
 
-def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
+def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, request: Mapping[str, Any]) -> "MeshJob":
     """Prepare to mesh surfaces as a geometry file beside the first one would.
 
     Args:
         names: paths of the outer surface, then of cavities.
         overrides: texts "key=value" for the tables of the geometry file.
-        asked: the result of `asked_size`.
+        request: the result of `requested_size`.
     """
     from taichisoft_meshing.mesh_job import MeshJob
 
     first, *others = (Path(name).expanduser() for name in names)
     cavities = [os.path.relpath(cavity, first.parent) for cavity in others]
     tables = {"outer": first.name, "cavity": cavities}
-    return MeshJob("surfaces", overridden(tables, overrides), first, asked)
+    return MeshJob("surfaces", overridden(tables, overrides), first, request)
 
 
 def with_options(
@@ -125,18 +125,19 @@ def section_plane(text: str | None) -> "SectionPlane | None":
     return None if text is None else SectionPlane.parse(text)
 
 
-def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
+def requested_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
     """The one of the three options that was given, by its name; empty when none was."""
-    asked = {name: value for name, value in (("size", size), ("nodes", nodes), ("preset", preset)) if value is not None}
-    if len(asked) > 1:
-        raise MeshError(f"{' and '.join(f'--{name}' for name in asked)}: only one of them can be given")
+    options = {"size": size, "nodes": nodes, "preset": preset}
+    request = {name: value for name, value in options.items() if value is not None}
+    if len(request) > 1:
+        raise MeshError(f"{' and '.join(f'--{name}' for name in request)}: only one of them can be given")
     if size is not None and not 0.0 < size < math.inf:
         raise MeshError(f"--size {size:g}: must be a positive, finite number of millimetres")
     if nodes is not None:
         from taichisoft_meshing.body_tables import refuse_nodes
 
         refuse_nodes(nodes, f"--nodes {nodes}")
-    return asked
+    return request
 
 
 def overridden(tables: Mapping[str, Any], overrides: Sequence[str] | None) -> dict[str, Any]:
@@ -291,7 +292,7 @@ def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]
 def mesh_cache(
     clear: Annotated[bool, typer.Option("--clear", help="Delete them all; scenes make again what they need.")] = False,
 ) -> None:
-    """Show where the meshes that scenes asked for are kept, and how large they are."""
+    """Show where the meshes made for scenes are kept, and how large they are."""
     from taichisoft.base import SUFFIX, say
     from taichisoft_meshing.mesh_job import cache_folder
 
@@ -393,8 +394,8 @@ def _report(folder: Path, materials: dict[str, "Material | None"]) -> None:
     for cast in casts:
         for part in cast.parts:
             wall = "" if part.thickness == float("inf") else f"{part.thickness:.2f}"
-            way, undercuts = _direction(part.comes_off), str(len(part.undercuts)) if part.comes_off is not None else ""
-            table.add_row(part.file.stem, way, f"{part.volume / 1000:.2f}", wall, undercuts)
+            undercuts = str(len(part.undercuts)) if part.comes_off is not None else ""
+            table.add_row(part.file.stem, _direction(part.comes_off), f"{part.volume / 1000:.2f}", wall, undercuts)
     console.print(table)
     for cast, written in zip(casts, record["casts"], strict=True):
         print_line(console, f"{cast.name}: parts and silicone fill the block to {abs(cast.unfilled):.1e}")
@@ -425,12 +426,12 @@ def pour_line(pour: dict[str, Any], material: "Material | None") -> str:
     return f"{line}: {whole * share:.1f} {unit} of A and {whole * (1 - share):.1f} {unit} of B, by {mixing.by}"
 
 
-def _direction(way: Any) -> str:
+def _direction(direction: Any) -> str:
     """A direction in words: "+y"."""
-    if way is None:
+    if direction is None:
         return "stays"
-    axis = max(range(3), key=lambda one: abs(way[one]))
-    return f"{'+' if way[axis] > 0 else '-'}{'xyz'[axis]}"
+    axis = max(range(3), key=lambda number: abs(direction[number]))
+    return f"{'+' if direction[axis] > 0 else '-'}{'xyz'[axis]}"
 
 
 # `taichisoft mesh`: from a geometry file, a STEP file or surfaces to a mesh.
@@ -474,8 +475,8 @@ def mesh(
     require("taichisoft mesh", "gmsh", "matplotlib")
     if len(files) > 1 and not surfaces:
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
-    asked = asked_size(size, nodes, preset)
-    job = surfaces_job(files, set_, asked) if surfaces else geometry_job(files[0], set_, asked)
+    request = requested_size(size, nodes, preset)
+    job = surfaces_job(files, set_, request) if surfaces else geometry_job(files[0], set_, request)
     job = with_options(job, order, face, solid, close_inlets)
     plane = section_plane(section)
     prepare(output)

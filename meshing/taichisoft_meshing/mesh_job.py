@@ -81,10 +81,10 @@ def named_files(value: Any, folder: Path) -> Iterator[Path]:
     elif isinstance(value, str) and value:
         path = folder / Path(value).expanduser()
         try:
-            found = path.is_file()
+            is_file = path.is_file()
         except (OSError, ValueError):  # text that can be no path
-            found = False
-        if found:
+            is_file = False
+        if is_file:
             yield path
 
 
@@ -120,18 +120,18 @@ class MeshJob:
         kind: name of the geometry kind.
         tables: tables of the geometry, overridden values included.
         file: path of the geometry file; begins every error, and files that the tables name lie beside it.
-        asked: `size` [mm], `preset` or `nodes`; empty for the geometry's own size.
+        request: `size` [mm], `preset` or `nodes`; empty for the geometry's own size.
     """
 
     kind: Any
     tables: Mapping[str, Any]
     file: Path
-    asked: Mapping[str, Any]
+    request: Mapping[str, Any]
 
     def fingerprint(self) -> str:
         """A hash of all inputs of the mesh."""
         kind = find_kind(self.kind, self.file)
-        return fingerprint(kind, {**self.tables, "kind": self.kind}, self.file.parent, self.asked)
+        return fingerprint(kind, {**self.tables, "kind": self.kind}, self.file.parent, self.request)
 
 
 @dataclass(frozen=True)
@@ -169,13 +169,13 @@ def make_mesh(job: MeshJob, stage: Callable[[str], None] = lambda name: None) ->
         geometry = make_geometry(job.kind, job.tables, job.file)
         stage("meshing")
         start = time.perf_counter()
-        mesh = mesh_as_asked(geometry, job.file, **job.asked)
+        mesh = requested_mesh(geometry, job.file, **job.request)
         seconds = time.perf_counter() - start
     stage("measuring")
     quality = measure(mesh)
-    said = dict.fromkeys(" ".join(str(warning.message).split()) for warning in warned)
+    given = dict.fromkeys(" ".join(str(warning.message).split()) for warning in warned)
     limits = quality_limits(job.tables, job.file)
-    return MadeMesh(job, geometry, mesh, quality, limits, (*said, *cautions(quality)), seconds)
+    return MadeMesh(job, geometry, mesh, quality, limits, (*given, *cautions(quality)), seconds)
 
 
 def require_fit(made: MadeMesh, remedy: str) -> None:
@@ -184,7 +184,7 @@ def require_fit(made: MadeMesh, remedy: str) -> None:
         raise MeshError(f"{made.job.file}: {summary(made.problems)}; try another size, or {remedy}")
 
 
-def mesh_as_asked(
+def requested_mesh(
     geometry: Geometry, file: Path, size: float | None = None, preset: str | None = None, nodes: int | None = None
 ) -> VolumeMesh:
     """Mesh a geometry, at its own size unless a size, a preset or a number of nodes is given.
@@ -369,12 +369,12 @@ def mesh_for_scene(
     """
     kind, tables = read_tables(file)
     possible = {"size": size, "preset": preset, "nodes": nodes}
-    asked: dict[str, Any] = {key: value for key, value in possible.items() if value is not None}
-    wish = "".join(f", {key} {value}" for key, value in asked.items())
+    request: dict[str, Any] = {key: value for key, value in possible.items() if value is not None}
+    wish = "".join(f", {key} {value}" for key, value in request.items())
     tables = merge_tables(tables, set or {})
     if order is not None:
         tables = merge_tables(tables, {"mesh": {"order": order}})
-    job = MeshJob(kind, tables, file, asked)
+    job = MeshJob(kind, tables, file, request)
     path = _cache_path(job)
     mesh = kept_mesh(path)
     if mesh is not None:

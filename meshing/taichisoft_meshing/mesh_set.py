@@ -153,7 +153,7 @@ def mesh_record(made: MadeMesh, files: Iterable[Path]) -> dict[str, Any]:
         "kind": job.kind,
         "file": job.file.name,
         "parameters": job.tables if parameters is None else parameters,
-        "asked": job.asked,
+        "asked": job.request,
         "inputs_sha256": _hash_of_inputs(job),
         "versions": {"taichisoft": taichisoft.__version__, "gmsh": gmsh_version()},
         **mesh_figures(made.mesh, made.quality),
@@ -205,7 +205,7 @@ def body_figures(body: CadBody) -> dict[str, Any]:
     return {
         "extent_mm": [_rounded(length) for length in body.extent],
         "solids": [
-            {"number": one.number, "name": one.name, "volume_mm3": _rounded(one.volume, 12)} for one in body.solids
+            {"number": part.number, "name": part.name, "volume_mm3": _rounded(part.volume, 12)} for part in body.solids
         ],
         "faces": [
             {
@@ -221,12 +221,12 @@ def body_figures(body: CadBody) -> dict[str, Any]:
         "cavities_mm3": [_rounded(volume, 12) for volume in body.void_volumes],
         "openings": [
             {
-                "face": one.beside,
-                "centre_mm": one.centre.round(6).tolist(),
-                "area_mm2": _rounded(one.area),
-                "volume_mm3": _rounded(one.volume),
+                "face": part.beside,
+                "centre_mm": part.centre.round(6).tolist(),
+                "area_mm2": _rounded(part.area),
+                "volume_mm3": _rounded(part.volume),
             }
-            for one in body.openings
+            for part in body.openings
         ],
     }
 

@@ -115,7 +115,7 @@ def _triangulated(gmsh: Any, assembly: Assembly, name: str) -> dict[str, tuple[n
         raise GmshFailure(f"parts of {name} overlap")
     triangulate(gmsh)
     pieces_of = iter(origins)
-    found = {}
+    surfaces = {}
     for part, of_part in assembly.parts.items():
         pieces = [piece for _ in of_part for piece in next(pieces_of)]
         faces = [face for _, face in gmsh.model.getBoundary(pieces, combined=True, oriented=False)]
@@ -123,11 +123,11 @@ def _triangulated(gmsh: Any, assembly: Assembly, name: str) -> dict[str, tuple[n
             warnings.simplefilter("ignore")  # gmsh turns triangles as it likes
             shells = closed_shells(*triangles_of(gmsh, faces), f"{name}-{part}")
         starts = np.cumsum([0, *(len(shell.vertices) for shell in shells)])
-        found[part] = (
+        surfaces[part] = (
             np.concatenate([shell.vertices for shell in shells]),
             np.concatenate([shell.triangles + start for shell, start in zip(shells, starts, strict=False)]),
         )
-    return found
+    return surfaces
 
 
 @contextmanager

@@ -120,13 +120,13 @@ def negative(gmsh: Any, outside: Callable[[Any], Any], plane: Plane, wall: float
 def _held(corners: np.ndarray, plane: Plane) -> int:
     """Number of lines across a plane on which one of the halves would be held by the body."""
     axis, position = plane
-    others = [one for one in range(3) if one != axis]
+    others = [number for number in range(3) if number != axis]
     points = corners.reshape(-1, 3)
     lower, upper = points.min(axis=0), points.max(axis=0)
     spacing = (upper - lower)[others].max() / GRID
-    grid = np.meshgrid(*(np.arange(lower[one] + 0.317 * spacing, upper[one], spacing) for one in others))
+    grid = np.meshgrid(*(np.arange(lower[number] + 0.317 * spacing, upper[number], spacing) for number in others))
     starts = np.full((grid[0].size, 3), lower[axis] - 1.0)
-    starts[:, others] = np.stack([one.ravel() for one in grid], axis=1)
+    starts[:, others] = np.stack([number.ravel() for number in grid], axis=1)
     crossings = ray_crossings(starts, np.eye(3)[axis], corners)
     heights = lower[axis] - 1.0 + crossings.distance
     crossed = np.bincount(crossings.ray, minlength=len(starts))

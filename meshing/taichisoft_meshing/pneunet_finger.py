@@ -131,8 +131,8 @@ def walled_boxes(finger: FingerDimensions) -> list[WalledBox]:
 
 def thin_walls(finger: FingerDimensions) -> np.ndarray:
     """Thicknesses of the thin walls [mm], thinnest first, shape (count,) with count of at least 1."""
-    found = np.sort(np.concatenate([walled.walls.ravel() for walled in walled_boxes(finger)]))
-    return found[found <= THIN * found[0]]
+    thicknesses = np.sort(np.concatenate([walled.walls.ravel() for walled in walled_boxes(finger)]))
+    return thicknesses[thicknesses <= THIN * thicknesses[0]]
 
 
 def layer_count(finger: FingerDimensions) -> int:
@@ -188,9 +188,9 @@ def _chamber(finger: FingerDimensions, number: int) -> WalledBox:
     return WalledBox(box, np.array([below, above]), np.array(shared))
 
 
-def _overlap(one: Box, other: Box) -> bool:
+def _overlap(first: Box, second: Box) -> bool:
     """Whether two boxes share a stretch along x."""
-    return bool(one.lower[0] < other.upper[0] and other.lower[0] < one.upper[0])
+    return bool(first.lower[0] < second.upper[0] and second.lower[0] < first.upper[0])
 
 
 # The parts of a finger that scenes name: groups of its tetrahedra and of its boundary triangles.
@@ -334,12 +334,12 @@ def inlet_bore(occ: Any, finger: FingerParameters, end: float, deeper: float = 0
     return 3, occ.addCylinder(begin, middle, 0, end - begin, 0, 0, finger.inlet.diameter / 2)
 
 
-def drawn_out(occ: Any, corners: Sequence[tuple[float, float, float]], way: tuple[float, float, float]) -> Solids:
+def drawn_out(occ: Any, corners: Sequence[tuple[float, float, float]], shift: tuple[float, float, float]) -> Solids:
     """The solid between a polygon and the same one shifted."""
     points = [occ.addPoint(*corner) for corner in corners]
     sides = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
     face = occ.addPlaneSurface([occ.addCurveLoop(sides)])
-    return [part for part in occ.extrude([(2, face)], *way) if part[0] == 3]
+    return [part for part in occ.extrude([(2, face)], *shift) if part[0] == 3]
 
 
 def _inner_solids(occ: Any, finger: FingerParameters) -> Solids:

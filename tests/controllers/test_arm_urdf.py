@@ -172,7 +172,10 @@ BESIDE = '<link name="jaw"/><joint name="grip" type="revolute"><parent link="mou
         (('<parent link="lower"/>', ""), "'slide' has 0 of <parent>"),
         (('name="slide" ', ""), "a joint has no name"),
         (('<origin xyz="0.1 0 0"/>', '<origin XYZ="0.1 0 0"/>'), "origin has 'XYZ'; must be xyz or rpy"),
-        (("</robot>", BESIDE.format('<limit lower="inf" upper="inf"/>') + "</robot>"), "'grip': its limits are inf and"),
+        (
+            ("</robot>", BESIDE.format('<limit lower="inf" upper="inf"/>') + "</robot>"),
+            "'grip': its limits are inf and",
+        ),
         (("</robot>", BESIDE.format('<limit lower="1" upper="-1"/>') + "</robot>"), "'grip': its limits are 1 and -1"),
         (("</robot>", BESIDE.format('<axis xyz="0 0 0"/>') + "</robot>"), "'grip': its axis has no direction"),
     ],
