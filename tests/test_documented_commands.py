@@ -186,7 +186,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from matplotlib.figure import Figure
 
     from taichisoft.scene import shipped
-    from taichisoft_meshing import body_pictures, mesh_job, mesh_process
+    from taichisoft_meshing import body_pictures, mesh_job
     from taichisoft_outputs.rendering import video
     from taichisoft_outputs.web import recording_page, web_output
     from taichisoft_reduction import shape_reduction, training_plan
@@ -200,8 +200,8 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Figure, "savefig", save_nothing)
     monkeypatch.setattr(video, "draw_frames", draw_nothing)
     monkeypatch.setattr(body_pictures, "draw_parts", lambda parts: [])
-    monkeypatch.setattr(mesh_process, "_known_elsewhere", lambda job: False)
-    monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
+    monkeypatch.setattr(mesh_job, "_known_elsewhere", lambda job: False)
+    monkeypatch.setattr(mesh_job, "requested_mesh", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
     monkeypatch.setattr(training_plan, "PRESSES", 2)
     monkeypatch.setattr(shape_reduction, "ATTEMPTS", 1)

@@ -16,7 +16,7 @@ from taichisoft.scene import find_file, scene_from_dict, scene_to_toml
 from taichisoft_benchmarks.cases import Case, ContactsCase, SceneCase, StepsCase
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.regular_meshes import bar
-from taichisoft_meshing.scene_meshes import mesh_for_scene
+from taichisoft_meshing.mesh_job import mesh_for_scene
 
 TUTORIAL_MESHES = {"tutorial-coarse": "pneunetCutCoarse.vtk", "tutorial-medium": "pneunetCut.vtk"}
 """Files in the folder of SOFA's tutorial that take the place of shipped meshes."""

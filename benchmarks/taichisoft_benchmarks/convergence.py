@@ -23,8 +23,8 @@ from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.one_body import bend
 from taichisoft_benchmarks.pages import PageOption, fill_section, heading, row, run_program, svg_axes
 from taichisoft_meshing.geometry_file import read_geometry
+from taichisoft_meshing.mesh_job import mesh_for_scene
 from taichisoft_meshing.mesh_quality import measure
-from taichisoft_meshing.scene_meshes import mesh_for_scene
 from taichisoft_studies.refinement import MESH_ORDER
 
 SIZES = "18,12,10,7.75,6,5,4"

@@ -93,12 +93,12 @@ def measure_meshing(case: MeshingCase) -> Measured:
     import gmsh  # noqa: F401
 
     from taichisoft_meshing.geometry_file import read_geometry
-    from taichisoft_meshing.mesh_job import mesh_as_asked
+    from taichisoft_meshing.mesh_job import requested_mesh
     from taichisoft_meshing.wall_quality import radius_ratios
 
     file = find_file(FINGER, "fingers", ())
     started = time.perf_counter()
-    mesh = mesh_as_asked(read_geometry(file), file, preset=case.preset)
+    mesh = requested_mesh(read_geometry(file), file, preset=case.preset)
     seconds = time.perf_counter() - started
     worst = radius_ratios(mesh.nodes, mesh.elements).min()
     return Measured(

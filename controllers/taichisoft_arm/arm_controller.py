@@ -22,7 +22,7 @@ from taichisoft_controllers.keyboard_controller import FRAME_KEY, KeyboardContro
 from taichisoft_controllers.script_file import RATES, Interpolation, Script, Step, read_script
 from taichisoft_controllers.script_targets import Way
 from taichisoft_controllers.scripted_controller import LargestValues, StepController, scaling
-from taichisoft_controllers.settings import DRIVES, read_drive
+from taichisoft_controllers.settings import read_drive
 
 # The steps of an arm's script: what those of the controller "scripted" have, and where the arm goes.
 
@@ -75,8 +75,8 @@ class ArmStep(Step):
         if self.move is not None and self.joints is not None:
             raise ValueError("move and joints are both given; give one of them")
         if self.move is not None and self.duration is not None:
-            for key in ("speed", "turning_speed"):
-                if getattr(self.move, key) is not None:
+            for key, speed in self.move:
+                if key in ("speed", "turning_speed") and speed is not None:
                     raise ValueError(f"duration and move.{key} are both given; give one of them")
         return self
 
@@ -120,10 +120,10 @@ class CarriedBase:
         if not (observation.base_translation.any() or observation.base_rotation.any()):
             return self.arm.start
         motion = motion_of_base(observation.base_translation, observation.base_rotation, self.pivot)
-        found = solve(self.arm.chain, self.arm.link_pose(motion), self.arm.start)
-        if found is None:
+        values = solve(self.arm.chain, self.arm.link_pose(motion), self.arm.start)
+        if values is None:
             raise ControllerFailed("the base is where the arm cannot bring it; begin at the start, or with this arm")
-        return found
+        return values
 
     def reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
         """The joints as they were asked for: they keep within the scene's limits beforehand."""
@@ -277,18 +277,18 @@ class ArmKeys(KeyboardController):
             self.sliders[joint.name] = moved(Slider(lowest, lowest, highest, 1.0, unit), value * factor)
         self._say("")
 
-    def _jog(self, way: np.ndarray, turn: np.ndarray) -> None:
+    def _jog(self, shift: np.ndarray, turn: np.ndarray) -> None:
         """Move the goal by a way [mm] and a turn about the tool [rad], in the chosen axes, shape (3,) each."""
         arm, tool = self._base.arm, self._base.tool
         motion = arm.motions(self._goal)[-1]
         axes = motion[:3, :3] @ self._world if self._in_tool_axes else self._world
         turned = Rotation.from_rotvec(axes @ turn).as_matrix() @ motion[:3, :3]
-        place = motion[:3, :3] @ tool + motion[:3, 3] + axes @ way
-        found = solve_near(arm.chain, arm.link_pose(pose_of(place - turned @ tool, turned)), self._goal)
-        if found is None:
+        place = motion[:3, :3] @ tool + motion[:3, 3] + axes @ shift
+        values = solve_near(arm.chain, arm.link_pose(pose_of(place - turned @ tool, turned)), self._goal)
+        if values is None:
             self._say("; the arm does not reach further")
         else:
-            self._set_goal(found)
+            self._set_goal(values)
 
     def _say(self, more: str) -> None:
         moves = f"keys move {self._frame}, " if self._frame != BASE else ""
@@ -338,8 +338,7 @@ class ArmController(Controller):
     def __init__(self, settings: ArmSettings):
         """Read the arm and its script."""
         self._base = CarriedBase(MountedArm(settings), settings.tool, settings.ramp)
-        keys = {key: getattr(settings, key) for key in KeyboardSettings.model_fields}
-        self._keys = ArmKeys(self._base, **keys)
+        self._keys = ArmKeys(self._base, **settings.model_dump(include=set(KeyboardSettings.model_fields)))
         self._script = _read(settings, self._base)
         self.interactive = self._script is None
         self.bindings = self._keys.bindings
@@ -409,7 +408,6 @@ def _read(settings: ArmSettings, base: CarriedBase) -> StepController | None:
         return None
     path = find_file(settings.script, "scripts", (".toml",), error=SceneError)
     content = read_script(path, ArmScript)
-    largest = {drive.name: getattr(settings, drive.name) for drive in DRIVES}
-    factors: Mapping[Drive, float] = scaling(content, path, largest)
+    factors: Mapping[Drive, float] = scaling(content, path, dict(settings))
     smooth = (settings.interpolation or content.interpolation) == "smooth"
     return StepController(path, content.steps or (), smooth, factors, base)

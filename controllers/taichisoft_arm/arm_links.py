@@ -64,7 +64,7 @@ def _turns(matrix: np.ndarray) -> list[float]:
 def _free_name(name: str, taken: Mapping[str, Any]) -> str:
     plain = name.translate(dict.fromkeys(map(ord, ".|/"), "_"))
     names = [plain, *(f"{plain}_{number}" for number in range(2, len(taken) + 3))]
-    return next(one for one in names if one not in taken)
+    return next(free for free in names if free not in taken)
 
 
 def _shape(part: LinkPart) -> dict[str, Any]:

@@ -140,10 +140,10 @@ def straight_path(
     count = max(2, *(math.ceil(way / step) for way, step in zip((length, angle), STRAIGHT_STEP, strict=True)))
     shares, table = np.linspace(0.0, 1.0, count + 1), [start]
     for share in shares[1:]:
-        found = solve_near(arm.chain, link_pose(share), table[-1])
-        if found is None or (np.abs(found - table[-1])[~arm.chain.slides] > LEAP).any():
-            _refuse(arm, table[-1], tool_from + share * (tool_to - tool_from), motion, tool_to, found is None)
-        table.append(found)
+        values = solve_near(arm.chain, link_pose(share), table[-1])
+        if values is None or (np.abs(values - table[-1])[~arm.chain.slides] > LEAP).any():
+            _refuse(arm, table[-1], tool_from + share * (tool_to - tool_from), motion, tool_to, values is None)
+        table.append(values)
     joints = np.array(table)
     rate = _highest_rate(arm, limits, joints, arm.rates(joints, tool, tool_to - tool_from, turn))
     for way, speed in zip((length, angle), speeds, strict=True):
@@ -151,8 +151,8 @@ def straight_path(
 
     def place(share: float) -> np.ndarray:
         near = np.array([np.interp(share, shares, column) for column in joints.T])
-        found = solve_near(arm.chain, link_pose(share), near)
-        return near if found is None else found
+        values = solve_near(arm.chain, link_pose(share), near)
+        return near if values is None else values
 
     moves = length > 1e-9 or angle > 1e-12
     return JointPath(start, joints[-1], TrapezoidalProfile(rate if moves else 0.0, limits.ramp), place)

@@ -70,13 +70,13 @@ class MountedArm:
             self.start = self.values_of(settings.joints, "controller.settings.joints")
         elif settings.mount is not None:
             middle = np.clip(np.zeros(len(self.chain.joints)), self.chain.lowest, self.chain.highest)
-            found = solve(self.chain, inverse_pose(self._root) @ settings.mount.pose, middle)
-            if found is None:
+            values = solve(self.chain, inverse_pose(self._root) @ settings.mount.pose, middle)
+            if values is None:
                 raise SceneError(
                     f"controller.settings.mount.position = {list(settings.mount.position)}: the arm's link cannot be "
                     "there, turned like this; move the mount, or the arm"
                 )
-            self.start = found
+            self.start = values
         frames = self.chain.frames(self.start)
         self._frames_at_start = self._root @ frames
         self._undo_frames = np.array([inverse_pose(frame) for frame in self._frames_at_start])
@@ -162,15 +162,15 @@ class MountedArm:
         """
         motions = self.motions(values)
         vectors = Rotation.from_matrix(motions[:, :3, :3]).as_rotvec()
-        asked: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "base_translation": motions[-1, :3, :3] @ pivot + motions[-1, :3, 3] - pivot,
             "base_rotation": vectors[-1],
         }
         if frames:
             numbers = {name: number for number, name in enumerate(self.frame_names())}
-            asked["frame_translation"] = {name: motions[numbers[name], :3, 3] for name in frames}
-            asked["frame_rotation"] = {name: vectors[numbers[name]] for name in frames}
-        return asked
+            arguments["frame_translation"] = {name: motions[numbers[name], :3, 3] for name in frames}
+            arguments["frame_rotation"] = {name: vectors[numbers[name]] for name in frames}
+        return arguments
 
     def parts(self, look: Look) -> list[tuple[LinkPart, np.ndarray]]:
         """Shapes of the links, each with its pose in the scene at the start, shape (4, 4) [mm]."""

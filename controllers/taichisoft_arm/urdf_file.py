@@ -101,15 +101,15 @@ def read_arm(path: Path, link: str | None = None) -> ArmDescription:
         raise SceneError(f"{path}: no joint moves the link '{end}'")
     numbers = {joint.name: number + 1 for number, joint in enumerate(moving)}
     _warn_of_mimics(robot, numbers, path)
-    placed = {one.name: _placed(one.name, parents, numbers) for one in robot.links}
+    placed = {part.name: _placed(part.name, parents, numbers) for part in robot.links}
     joints = tuple(_chain_joint(joint, placed[joint.parent][1], path) for joint in moving)
     colours = {material.name: material for material in robot.materials}
     looks: tuple[Look, ...] = ("visual", "collision")
     parts = {
         look: tuple(
-            _part(one.name, element, *placed[one.name], colours, path)
-            for one in robot.links
-            for element in (one.visuals if look == "visual" else one.collisions)
+            _part(part.name, element, *placed[part.name], colours, path)
+            for part in robot.links
+            for element in (part.visuals if look == "visual" else part.collisions)
         )
         for look in looks
     }
@@ -161,7 +161,7 @@ def _check_elements(tree: Any, path: Path) -> None:
                 count = len(element.findall(tag))
                 if count > 1 or (count == 0 and tag in ("parent", "child")):
                     raise SceneError(f"{where} has {count} of <{tag}>; must have one")
-            tags = [one.tag for one in element if isinstance(one.tag, str)]
+            tags = [inner.tag for inner in element if isinstance(inner.tag, str)]
             strange = [tag for tag in tags if tag not in (*once, *BESIDE)] if kind == "joint" else []
             if strange:
                 warn_caller(
@@ -186,11 +186,11 @@ def _check_joints(robot: Any, path: Path) -> None:
             continue
         low, high = joint.limit.lower or 0.0, joint.limit.upper or 0.0
         if low > high or low == np.inf or high == -np.inf:
-            raise SceneError(f"{where}: its limits, {low:g} and {high:g}, leave it no way")
-        far = max((abs(one) for one in (low, high) if np.isfinite(one)), default=0.0)
+            raise SceneError(f"{where}: its limits are {low:g} and {high:g}; the lower must be below the upper")
+        far = max((abs(limit) for limit in (low, high) if np.isfinite(limit)), default=0.0)
         if far > FAR:
-            said = ("rad", "degrees") if joint.type == "revolute" else ("m", "mm")
-            warn_caller(f"{where}: has a limit of {far:g} {said[0]}; are its limits in {said[1]}?")
+            units = ("rad", "degrees") if joint.type == "revolute" else ("m", "mm")
+            warn_caller(f"{where}: has a limit of {far:g} {units[0]}; are its limits in {units[1]}?")
     lengths = {joint.name: float(np.linalg.norm(_origin(joint)[:3, 3])) / MM for joint in robot.joints}
     longest = max(lengths, key=lambda name: lengths[name], default="")
     if longest and lengths[longest] > FAR:
@@ -237,11 +237,11 @@ def _end_link(robot: Any, link: str | None, path: Path) -> str:
 
 def _way_to(link: str, parents: dict[str, Any]) -> list[Any]:
     """The joints from the root to a link."""
-    way = []
+    joints = []
     while link in parents:
-        way.append(parents[link])
+        joints.append(parents[link])
         link = parents[link].parent
-    return way[::-1]
+    return joints[::-1]
 
 
 def _placed(link: str, parents: dict[str, Any], numbers: dict[str, int]) -> tuple[int, np.ndarray]:
@@ -257,7 +257,9 @@ def _placed(link: str, parents: dict[str, Any], numbers: dict[str, int]) -> tupl
 
 def _warn_of_mimics(robot: Any, numbers: dict[str, int], path: Path) -> None:
     """Warn of joints beside the chain that would move as another joint does."""
-    still = [f"'{one.name}' ('{one.mimic.joint}')" for one in robot.joints if one.mimic and one.name not in numbers]
+    still = [
+        f"'{joint.name}' ('{joint.mimic.joint}')" for joint in robot.joints if joint.mimic and joint.name not in numbers
+    ]
     if still:
         warn_caller(
             f"{path}: joints that are not between the root and the gripper's link do not move, nor do those that mimic "
@@ -305,7 +307,9 @@ def _chain_joint(joint: Any, before: np.ndarray, path: Path) -> ChainJoint:
             raise SceneError(f"{where}: has no limits; give them, or make it continuous")
         lowest, highest = unit * (limit.lower or 0.0), unit * (limit.upper or 0.0)
         if not (np.isfinite([lowest, highest]).all() and lowest < highest):
-            raise SceneError(f"{where}: its limits, {limit.lower} and {limit.upper}, leave it no way")
+            raise SceneError(
+                f"{where}: its limits are {limit.lower} and {limit.upper}; must be finite, the lower below the upper"
+            )
     speed = unit * (limit.velocity or 0.0) if limit is not None else 0.0
     if not np.isfinite(speed) or speed <= 0.0:
         speed = USUAL_SPEED[slides]

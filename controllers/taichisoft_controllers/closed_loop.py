@@ -70,22 +70,24 @@ def actuation_of(model: "Model", settings: GraspSettings) -> GraspActuation:
         highest = settings.highest_pressure
         if limits.highest_pressure is not None:
             highest = min(highest, limits.highest_pressure)
-        found = by_pressure(settings, lowest, highest)
+        actuation = by_pressure(settings, lowest, highest)
         key, within = f"highest_pressure = {settings.highest_pressure:g}", "[limits]"
     elif model.cables.names:
         cables = [cable.settings for cable in model.cables.all]
         lowest = max(0.0, *(cable.lowest_pull or 0.0 for cable in cables))
-        highest = min([settings.highest_pull, *(one.highest_pull for one in cables if one.highest_pull is not None)])
-        found = by_pull(settings, lowest, highest)
+        highest = min(
+            [settings.highest_pull, *(cable.highest_pull for cable in cables if cable.highest_pull is not None)]
+        )
+        actuation = by_pull(settings, lowest, highest)
         key, within = f"highest_pull = {settings.highest_pull:g}", "the stops of the cables"
     else:
         raise SceneError("the scene has no finger with a cavity or a cable for the controller 'closed-loop' to close")
     if not lowest < highest:
         raise SceneError(
-            f"controller.settings.{key}: within {within} this leaves {found.drive.name}s from {lowest:g} to "
-            f"{highest:g} {found.drive.unit}; the controller 'closed-loop' needs a range"
+            f"controller.settings.{key}: within {within} this leaves {actuation.drive.name}s from {lowest:g} to "
+            f"{highest:g} {actuation.drive.unit}; the controller 'closed-loop' needs a range"
         )
-    return found
+    return actuation
 
 
 # The force of a grip: how hard it shall be, and the pressure or pull that makes it so.

@@ -71,7 +71,7 @@ class InverseController(Controller):
             path = path + (at_rest.ravel() if settings.relative else 0.0)
             self._times = _places(times, settings.spacing)
             places = np.column_stack([np.interp(self._times, times, column) for column in path.T])
-            self._values = np.array([self._reach(simulation, name, one.reshape(at_rest.shape)) for one in places])
+            self._values = np.array([self._reach(simulation, name, place.reshape(at_rest.shape)) for place in places])
         except ControllerFailed:
             raise
         except TaichisoftError as error:
@@ -101,12 +101,12 @@ class InverseController(Controller):
         """The controls of a place; the simulation goes there."""
         settings = self._settings
         bounds = {key: (ends[0], ends[-1]) for key, ends in settings.bounds.items()}
-        found = taichisoft.inverse(simulation, {name: place}, bounds)
-        if np.abs(found.residuals[name]).max() > settings.tolerance:
+        solution = taichisoft.inverse(simulation, {name: place}, bounds)
+        if np.abs(solution.residuals[name]).max() > settings.tolerance:
             where = ", ".join(f"{value:.4g}" for value in place.ravel())
-            raise ControllerFailed(f"{SETTINGS}.path: {name} cannot be at ({where}): {found.message}")
-        simulation.restore(found.equilibrium.state)
-        return list(found.values.values())
+            raise ControllerFailed(f"{SETTINGS}.path: {name} cannot be at ({where}): {solution.message}")
+        simulation.restore(solution.equilibrium.state)
+        return list(solution.values.values())
 
 
 def _only_tip(model: "Model") -> str:

@@ -150,9 +150,9 @@ class KeyboardController(Controller):
 
     def control(self, observation: Observation) -> Control:
         """The sum of the steps by all keys so far."""
-        asked: dict[str, dict[str, float]] = {drive.request: {} for drive in self._drives.values()}
+        requests: dict[str, dict[str, float]] = {drive.request: {} for drive in self._drives.values()}
         for name, drive in self._drives.items():
-            asked[drive.request][name] = self.sliders[name].value
+            requests[drive.request][name] = self.sliders[name].value
         others = [name for name in self._poses if name != BASE]
         return Control(
             base_translation=self._poses[BASE].translation.copy(),
@@ -160,7 +160,7 @@ class KeyboardController(Controller):
             frame_translation={name: self._poses[name].translation.copy() for name in others},
             frame_rotation={name: self._turn(name) * self._up for name in others},
             frame_angle={name: math.radians(self.sliders[name].value) for name in self._hinges},
-            **asked,  # type: ignore[arg-type] # keys of actuators alone
+            **requests,  # type: ignore[arg-type] # keys of actuators alone
         )
 
     def save(self) -> dict[str, Any]:
@@ -251,13 +251,13 @@ def _range(drive: Drive, number: int, model: "Model") -> tuple[float, float]:
     kind, limits = kind_of(drive), model.scene.limits
     if drive not in (kind.effort, kind.coordinate):
         return drive.nearest, drive.furthest
-    found = model.actuators.sets[kind.name]
-    low, high = (found.effort_range if drive is kind.effort else found.coordinate_range)[number].tolist()
-    furthest = drive.furthest * (float(found.rest_value[number]) if drive.relative else 1.0)
+    actuators = model.actuators.sets[kind.name]
+    low, high = (actuators.effort_range if drive is kind.effort else actuators.coordinate_range)[number].tolist()
+    furthest = drive.furthest * (float(actuators.rest_value[number]) if drive.relative else 1.0)
     given = getattr(limits, f"lowest_{drive.name}", None), getattr(limits, f"highest_{drive.name}", None)
     low = max(low, -UNLIMITED if given[0] is None else given[0])
     high = min(high, UNLIMITED if given[1] is None else given[1])
-    low = (-furthest if found.pushes_and_pulls[number] else 0.0) if low <= -UNLIMITED else low
+    low = (-furthest if actuators.pushes_and_pulls[number] else 0.0) if low <= -UNLIMITED else low
     high = furthest if high >= UNLIMITED else high
     return min(low, high), max(low, high)
 

@@ -191,8 +191,9 @@ class Keyframe(Driven):  # type: ignore[misc] # a table with the keys of the dri
 
     @model_validator(mode="after")
     def _check_efforts(self) -> "Keyframe":
-        if all(getattr(self, drive.name) is None for drive in DRIVES):
-            raise ValueError(f"needs at least one of {', '.join(drive.name for drive in DRIVES)}")
+        given = dict(self)
+        if all(given[name] is None for name in EFFORTS):
+            raise ValueError(f"needs at least one of {', '.join(EFFORTS)}")
         return self
 
 
@@ -235,7 +236,8 @@ class Step(Moved):  # type: ignore[misc] # as above
         return self
 
     def _check_rate(self, table: Table, key: str, rate: str, unit: str, where: str = "") -> None:
-        moves, has_rate = getattr(table, key) is not None, getattr(table, rate) is not None
+        given = dict(table)
+        moves, has_rate = given[key] is not None, given[rate] is not None
         if has_rate and not moves:
             raise ValueError(f"{where}{rate} without {where}{key} has no effect; remove it or say where to go")
         if has_rate and self.duration is not None:
@@ -256,7 +258,7 @@ class Step(Moved):  # type: ignore[misc] # as above
     @property
     def moves(self) -> bool:
         """Whether the step moves anything."""
-        return bool(self.frames) or any(getattr(self, key) is not None for key in self.moving)
+        return bool(self.frames) or any(value is not None for key, value in self if key in self.moving)
 
 
 class Script(Table):
@@ -277,8 +279,10 @@ class Script(Table):
 
     def highest(self, drive: Drive) -> float:
         """The highest value that is asked for in a way to drive; minus infinity without any."""
-        asked = [getattr(entry, drive.name) for entry in (*(self.keyframes or ()), *(self.steps or ()))]
-        numbers = [list(value.values()) if isinstance(value, dict) else [value] for value in asked if value is not None]
+        entries = [dict(entry)[drive.name] for entry in (*(self.keyframes or ()), *(self.steps or ()))]
+        numbers = [
+            list(value.values()) if isinstance(value, dict) else [value] for value in entries if value is not None
+        ]
         return max(itertools.chain(*numbers), default=-math.inf)
 
 

@@ -14,7 +14,7 @@ from taichisoft_controllers.settings import DRIVES, driven_by, read_drive
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
-    from taichisoft_controllers.script_file import FramePlace, Step
+    from taichisoft_controllers.script_file import Keyframe, Step
 
 TRANSLATION, ROTATION = slice(0, 3), slice(3, 6)
 """Translation [mm] and rotation vector [rad] in the values of a base that moves freely."""
@@ -135,21 +135,29 @@ class Targets:
         first = [kind.always_driven and drive is kind.effort for kind, (drive, _) in zip(kinds, ways, strict=True)]
         self.driven_first = np.array(first, dtype=bool)
 
-    def read(self, drive: Drive, given: float | Mapping[str, float]) -> dict[int, float]:
-        """Values by their places, from one for all actuators or from some by finger or actuator."""
-        by_actuator = values_by_actuator(given, self._names[drive], kind_of(drive).name)
-        return {self.places[drive, actuator]: value for actuator, value in by_actuator.items()}
+    def read_efforts(self, entry: "Keyframe | Step", where: str, factors: Mapping[Drive, float]) -> dict[int, float]:
+        """What a keyframe or step requests of actuators, scaled, by places; `where` begins errors."""
+        given, values = dict(entry), dict[int, float]()
+        for drive, names in self._names.items():
+            if given[drive.name] is None:
+                continue
+            try:
+                by_actuator = values_by_actuator(given[drive.name], names, kind_of(drive).name)
+            except SceneError as error:
+                raise SceneError(f"{where}.{drive.name}: {error}") from error
+            values |= {self.places[drive, actuator]: factors[drive] * value for actuator, value in by_actuator.items()}
+        return values
 
-    def read_frames(self, given: "Mapping[str, FramePlace]") -> dict[str, np.ndarray]:
-        """Poses [mm] and [rad], shape (6,), by frame, NaN for what is not given."""
+    def read_frames(self, entry: "Keyframe | Step", where: str) -> dict[str, np.ndarray]:
+        """Poses that a keyframe or step gives, shape (6,) [mm] and [rad], by frame, NaN for what it does not give."""
         poses = {}
-        for name, place in given.items():
+        for name, place in entry.frames.items():
             if name not in self.frames:
                 known = nearest(name, list(self.frames), "there are")
-                raise SceneError(f"no frame that scripts can move is called '{name}'; {known}")
+                raise SceneError(f"{where}.frames: no frame that scripts can move is called '{name}'; {known}")
             if (name in self._axes) != (place.angle is not None):
                 needed = "a hinge; give angle" if name in self._axes else "no hinge; give translation or rotation"
-                raise SceneError(f"'{name}' has {needed}")
+                raise SceneError(f"{where}.frames: '{name}' has {needed}")
             rotation = place.rotation if place.angle is None else place.angle * self._axes[name]
             rows = [np.full(3, np.nan) if row is None else np.asarray(row) for row in (place.translation, rotation)]
             poses[name] = np.concatenate([rows[0], np.radians(rows[1])])

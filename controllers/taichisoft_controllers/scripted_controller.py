@@ -33,7 +33,9 @@ class KeyframeController(Controller):
     def reset(self, model: "Model") -> None:
         """Lay out the values by the model's cavities and cables."""
         self._targets = targets = Targets(model, FreeBase())
-        efforts = [self._efforts(index) for index in range(len(self._keyframes))]
+        places = [f"{self._path}: keyframes.{index}" for index in range(len(self._keyframes))]
+        entries = list(zip(self._keyframes, places, strict=True))
+        efforts = [targets.read_efforts(keyframe, where, self._factors) for keyframe, where in entries]
         named = np.zeros(len(targets.places), dtype=bool)
         named[[place for values in efforts for place in values]] = True
         self._driven = named | targets.driven_first
@@ -43,9 +45,11 @@ class KeyframeController(Controller):
         table = np.zeros((len(efforts), len(targets.places)))
         for row, values in zip(table, efforts, strict=True):
             row[list(values)] = list(values.values())
-        for drive, part in targets.parts.items():
-            table[:, part] *= self._factors[drive]
-        self._values = np.column_stack([table, *self._frames(), translations, rotations])
+        poses = {name: np.zeros((len(entries), 6)) for name in targets.frames}
+        for index, (keyframe, where) in enumerate(entries):
+            for name, pose in targets.read_frames(keyframe, where).items():
+                poses[name][index] = np.nan_to_num(pose)
+        self._values = np.column_stack([table, *poses.values(), translations, rotations])
 
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
@@ -64,36 +68,14 @@ class KeyframeController(Controller):
         moved = np.flatnonzero((base[1:] != base[:-1]).any(axis=1))
         return max(observation.time, float(self._times[moved[-1] + 1])) if len(moved) else observation.time
 
-    def _efforts(self, index: int) -> dict[int, float]:
-        """What a keyframe asks of actuators, by the place in the array of targets."""
-        values: dict[int, float] = {}
-        for drive in DRIVES:
-            given = getattr(self._keyframes[index], drive.name)
-            try:
-                values |= self._targets.read(drive, {} if given is None else given)
-            except SceneError as error:
-                raise SceneError(f"{self._path}: keyframes.{index}.{drive.name}: {error}") from error
-        return values
-
-    def _frames(self) -> list[np.ndarray]:
-        """Poses of each frame that can be asked to move in all keyframes, 0 where not given, (keyframe_count, 6)."""
-        poses = {name: np.zeros((len(self._keyframes), 6)) for name in self._targets.frames}
-        for index, keyframe in enumerate(self._keyframes):
-            try:
-                for name, pose in self._targets.read_frames(keyframe.frames).items():
-                    poses[name][index] = np.nan_to_num(pose)
-            except SceneError as error:
-                raise SceneError(f"{self._path}: keyframes.{index}.frames: {error}") from error
-        return list(poses.values())
-
     def _check_complete(self, efforts: Sequence[Mapping[int, float]]) -> None:
         """Refuse keyframes between which something would be undefined."""
-        driven = [way for way, is_driven in zip(self._targets.places, self._driven, strict=True) if is_driven]
+        driven = [place for place, is_driven in zip(self._targets.places, self._driven, strict=True) if is_driven]
         actuators = [actuator for _, actuator in driven]
         for actuator in actuators:
             if actuators.count(actuator) > 1:
-                ways = " and a ".join(drive.words for drive, other in driven if other == actuator)
-                raise SceneError(f"{self._path}: '{actuator}' is given a {ways}; keyframes have one of them")
+                drives = " and a ".join(drive.words for drive, other in driven if other == actuator)
+                raise SceneError(f"{self._path}: '{actuator}' is given a {drives}; keyframes have one of them")
         for index, values in enumerate(efforts):
             for drive, actuator in driven:
                 if self._targets.places[drive, actuator] not in values:
@@ -207,8 +189,8 @@ class StepController(Controller):
         rows = {}
         for index in range(len(self._steps)):
             times = self._begun[index : index + 2]
-            said = ("not begun", "from {:.2f} s, not done", "{:.2f} to {:.2f} s")[len(times)]
-            rows[self._label(index)] = said.format(*times)
+            text = ("not begun", "from {:.2f} s, not done", "{:.2f} to {:.2f} s")[len(times)]
+            rows[self._label(index)] = text.format(*times)
         return rows
 
     def _values(self, observation: Observation) -> np.ndarray:
@@ -274,38 +256,26 @@ class StepController(Controller):
             way = change[place].reshape(2, 3)
             change[place] = np.repeat(np.linalg.norm(way, axis=1) * [1.0, math.degrees(1.0)], 3)
         rate = np.full(len(start), math.inf)  # where none is given nothing moves
+        rates = dict(step)
         for drive, part in self._targets.parts.items():
-            given = getattr(step, drive.rate)
-            if given is not None:
-                rate[part] = self._factors[drive] * given
+            if rates[drive.rate] is not None:
+                rate[part] = self._factors[drive] * rates[drive.rate]
         for name, frame in step.frames.items():
             speeds = [math.inf if speed is None else speed for speed in (frame.speed, frame.turning_speed)]
             rate[self._targets.frames[name]] = np.repeat(speeds, 3)
         return Ramp(start, target, change / rate, smooth=False)
 
     def _frames(self, index: int) -> dict[str, np.ndarray]:
-        """Poses of frames that a step asks for, NaN for what stays, shape (6,) each, by name."""
-        try:
-            return self._targets.read_frames(self._steps[index].frames)
-        except SceneError as error:
-            raise SceneError(f"{self._path}: steps.{index}.frames: {error}") from error
+        return self._targets.read_frames(self._steps[index], f"{self._path}: steps.{index}")
 
     def _efforts(self, index: int) -> dict[int, float]:
-        """What a step asks of actuators, scaled, by the place in the array of targets."""
-        step = self._steps[index]
-        values: dict[int, float] = {}
-        for drive in DRIVES:
-            given = getattr(step, drive.name)
-            try:
-                read = self._targets.read(drive, {} if given is None else given)
-            except SceneError as error:
-                raise SceneError(f"{self._path}: steps.{index}.{drive.name}: {error}") from error
-            values |= {place: self._factors[drive] * value for place, value in read.items()}
+        """What a step requests of actuators, by the place in the array of targets."""
+        where = f"{self._path}: steps.{index}"
+        values = self._targets.read_efforts(self._steps[index], where, self._factors)
         actuators = [actuator for (_, actuator), place in self._targets.places.items() if place in values]
-        for actuator in actuators:
-            if actuators.count(actuator) > 1:
-                where = f"{self._path}: steps.{index}"
-                raise SceneError(f"{where}: '{actuator}' is given a pull and a tension; give one of them")
+        twice = next((actuator for actuator in actuators if actuators.count(actuator) > 1), None)
+        if twice is not None:
+            raise SceneError(f"{where}: '{twice}' is given a pull and a tension; give one of them")
         return values
 
     def _label(self, index: int) -> str:

@@ -65,17 +65,17 @@ def tunable_settings(settings: type[ControllerSettings]) -> dict[str, Slider]:
 
     The unit is what stands in brackets at the end of a setting's docstring.
     """
-    found, meanings = {}, key_descriptions(settings)
+    sliders, meanings = {}, key_descriptions(settings)
     for name, field in settings.model_fields.items():
         if not isinstance(field.default, float):
             continue
         step = field.default / 100.0
         lowest = max(
-            (one + step if key == "gt" else one)
+            (lowest_given + step if key == "gt" else lowest_given)
             for bound in field.metadata
             for key in ("gt", "ge")
-            if (one := getattr(bound, key, None)) is not None
+            if (lowest_given := getattr(bound, key, None)) is not None
         )
         unit = re.search(r"\[([^\]]*)\]\.?$", meanings[name])
-        found[name] = Slider(field.default, lowest, 3.0 * field.default, step, unit[1] if unit else "1")
-    return found
+        sliders[name] = Slider(field.default, lowest, 3.0 * field.default, step, unit[1] if unit else "1")
+    return sliders

@@ -12,19 +12,17 @@ if TYPE_CHECKING:
 
     from taichisoft.mesh import VolumeMesh
     from taichisoft.running import Geometry
-    from taichisoft_meshing.body_tables import BasePlane, FittedSizes
+    from taichisoft_meshing.body_tables import BasePlane, FittedSizes, set_sizes, with_base
     from taichisoft_meshing.geometry_file import checked
-    from taichisoft_meshing.meshed_body import meshed_body, shells_of_solid, with_base
-    from taichisoft_meshing.size_growth import set_sizes
+    from taichisoft_meshing.gmsh_session import meshed_body, shells_of_solid
 
 __all__ = ["BasePlane", "FittedSizes", "checked", "meshed_body", "set_sizes", "shells_of_solid", "with_base"]
 # Names for geometries of one's own, such as data/plugins/tube.py.
 __getattr__, *_ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "meshed_body": ["meshed_body", "shells_of_solid", "with_base"],
-        "size_growth": ["set_sizes"],
-        "body_tables": ["BasePlane", "FittedSizes"],
+        "gmsh_session": ["meshed_body", "shells_of_solid"],
+        "body_tables": ["BasePlane", "FittedSizes", "set_sizes", "with_base"],
         "geometry_file": ["checked"],
     },
 )
@@ -45,7 +43,7 @@ def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
 @hookimpl
 def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
     """The function that meshes geometry files of every kind that a plug-in knows, and STEP files as they are."""
-    return Imported(__name__, dict.fromkeys((".toml", ".step", ".stp"), "scene_meshes:mesh_for_scene"))
+    return Imported(__name__, dict.fromkeys((".toml", ".step", ".stp"), "mesh_job:mesh_for_scene"))
 
 
 @hookimpl
@@ -54,8 +52,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     import typer
 
     from taichisoft.running import group_with_default
-    from taichisoft_meshing.mesh_cache import mesh_cache
-    from taichisoft_meshing.mesh_commands import mesh, mesh_info, mould, mould_check
+    from taichisoft_meshing.mesh_commands import mesh, mesh_cache, mesh_info, mould, mould_check
     from taichisoft_meshing.new_gripper import gripper
 
     group = group_with_default(mesh)

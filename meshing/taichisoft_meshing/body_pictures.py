@@ -10,6 +10,7 @@ from rich.console import Group
 from taichisoft.base import WorkerLost, atomic_file, call_apart, require
 from taichisoft.errors import MeshError
 from taichisoft_meshing.cad_body import CadBody
+from taichisoft_meshing.closed_shells import area_vectors
 from taichisoft_meshing.mesh_quality import aligned_table
 from taichisoft_meshing.mould_check import CheckedPart
 
@@ -22,9 +23,9 @@ def body_tables(body: CadBody) -> Group:
     def place(point: np.ndarray) -> str:
         return ", ".join(f"{value:.4g}" for value in np.round(point, 3) + 0.0)
 
-    solids = [(f"{one.number}", one.name, f"{one.volume:.1f}") for one in body.solids]
+    solids = [(f"{part.number}", part.name, f"{part.volume:.1f}") for part in body.solids]
     of_void = {face: f"cavity {number}" for number, void in enumerate(body.voids, 1) for face in void}
-    of_void |= {face: f"opening {number}" for number, one in enumerate(body.openings, 1) for face in one.faces}
+    of_void |= {face: f"opening {number}" for number, part in enumerate(body.openings, 1) for face in part.faces}
     of_void |= dict.fromkeys(body.flat_end, "base, unless another is named")
     faces = [
         (
@@ -38,7 +39,7 @@ def body_tables(body: CadBody) -> Group:
         for face in body.faces
     ]
     air = [(f"cavity {number}", f"{volume:.1f}", "closed") for number, volume in enumerate(body.void_volumes, 1)]
-    air += [(f"opening {number}", f"{one.volume:.1f}", str(one)) for number, one in enumerate(body.openings, 1)]
+    air += [(f"opening {number}", f"{part.volume:.1f}", str(part)) for number, part in enumerate(body.openings, 1)]
     return Group(
         aligned_table(body.path.name, (">solid", "name", ">volume [mm³]"), solids),
         aligned_table("", (">face", "solids", ">area [mm²]", "centre [mm]", "normal", ""), faces),
@@ -97,7 +98,7 @@ def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarra
     stage = Stage(SIZE)  # a process can have only one
     images = []
     for corners, colours in parts:
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = area_vectors(corners)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         views = []
         for up in (np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])):
@@ -159,7 +160,7 @@ def _draw(axes: Any, body: CadBody, eye: np.ndarray) -> None:
     right /= np.linalg.norm(right)
     view = np.column_stack([right, np.cross(towards, right), towards])
     corners = (body.nodes @ view)[body.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(corners)
     facing = normals[:, 2] / np.linalg.norm(normals, axis=1)
     skin = np.isin(body.face_of, list(body.outside))
     seen = np.flatnonzero(skin & (facing > 1e-6))

@@ -1,25 +1,214 @@
 """The body of a STEP file as it is drawn: its solids and faces with their numbers, its cavities and its openings."""
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base import SIZE, implausible
 from taichisoft.errors import MeshError
-from taichisoft.mesh import require_suffix
+from taichisoft.mesh import VolumeMesh, enclosed_volume, require_suffix
 from taichisoft_meshing.body_tables import PRESETS
-from taichisoft_meshing.closed_shells import NEAR, diagonal, facing_sides
+from taichisoft_meshing.closed_shells import NEAR, area_vectors, diagonal, facing_sides
 from taichisoft_meshing.geometry_file import STEP_SUFFIXES
-from taichisoft_meshing.gmsh_session import SURFACE_ALGORITHMS, TRIANGLE, first_success
-from taichisoft_meshing.meshed_body import SILICONE
-from taichisoft_meshing.openings import Opening, find_openings
+from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, first_success, numbered
+from taichisoft_meshing.wall_quality import joined_pieces, winding_numbers
+
+# Caps: triangles over the opening of a surface, whose corners are nodes of its rim.
+
+
+def with_caps(mesh: VolumeMesh, cavity: str) -> VolumeMesh:
+    """The mesh, with a cavity that is open to the outside, and the outside, closed by the same flat or ruled caps.
+
+    The caps belong to no tetrahedron: the air's pressure on them acts at the nodes of the rim, as that of a plug that
+    is glued in, and they neither stiffen the rim nor weigh anything.
+    """
+    wall, outer = mesh.surface_groups[cavity], mesh.surface_groups["outer"]
+    sides = wall[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    inner = {tuple(side) for side in sides.tolist()}
+    rim = np.array([(end, begin) for begin, end in sides.tolist() if (end, begin) not in inner], dtype=np.int32)
+    caps = []
+    for loop in rims(rim):
+        try:
+            caps.append(np.array(loop, dtype=np.int32)[cap_triangles(mesh.nodes[loop])])
+        except ValueError as error:
+            raise MeshError(f"{mesh.source}: {cavity}: {error}") from error
+    groups = {"outer": np.concatenate([outer, *caps]), cavity: np.concatenate([wall, *caps])}
+    return replace(mesh, surface_groups={**mesh.surface_groups, **groups})
+
+
+def rims(edges: np.ndarray) -> list[list[int]]:
+    """Closed loops of directed edges, shape (edge_count, 2), each as the nodes that it passes.
+
+    Loops that touch in a node are parted there, and edges of no loop are left out.
+    """
+    following: dict[int, list[int]] = {}
+    for begin, end in edges.tolist():
+        following.setdefault(begin, []).append(end)
+    loops = []
+    for start in list(following):
+        path = [start]
+        while path:
+            if not following.get(path[-1]):
+                path.pop()  # the end of the loops through it, or of an edge of none
+                continue
+            node = following[path[-1]].pop()
+            if node in path:
+                at = path.index(node)
+                loops.append(path[at:])
+                del path[at + 1 :]
+            else:
+                path.append(node)
+    return loops
+
+
+def cap_triangles(rim: np.ndarray) -> np.ndarray:
+    """Triangles between the corners of a polygon, which keep its sense: ears with the shortest sides are cut first.
+
+    Args:
+        rim: corners, flat or nearly so [mm], shape (count, 3).
+
+    Returns:
+        Indices of corners, shape (count - 2, 3).
+    """
+    middle = rim - rim.mean(axis=0)
+    normal = np.cross(middle, np.roll(middle, -1, axis=0)).sum(axis=0)
+    across = np.linalg.svd(normal[None])[2][1:]
+    flat = middle @ across.T
+    if np.dot(np.cross(across[0], across[1]), normal) < 0:
+        flat = flat[:, ::-1]
+    least = 1e-9 * np.ptp(flat, axis=0).max() ** 2
+    ring, triangles = list(range(len(rim))), []
+    while len(ring) > 2:
+        ears = []
+        for place, corner in enumerate(ring):
+            before, after = ring[place - 1], ring[(place + 1) % len(ring)]
+            ear = flat[[before, corner, after]]
+            others = flat[[other for other in ring if other not in (before, corner, after)]]
+            sides = np.roll(ear, -1, axis=0) - ear
+            if sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0] <= least:
+                continue
+            away = others[:, None] - ear
+            left = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0]
+            if not (left >= -least).all(axis=1).any():
+                ears.append((round(float(np.linalg.norm(ear[2] - ear[0])), 9), place, (before, corner, after)))
+        if not ears:
+            raise ValueError("the rim of its opening crosses itself, so that no cap closes it")
+        _, place, chosen = min(ears)
+        triangles.append(chosen)
+        del ring[place]
+    return np.array(triangles, dtype=np.int32)
+
+
+INWARD = 0.05
+"""Distance of the points of a cap that must lie in air from its rim, as a share of its triangles' height [-]."""
+AIR = 0.25
+"""Largest winding number of the body around a point in air [-]: 0, 1/2 on its surface, 1 in silicone."""
+PLACES = 8  # points of a rim that are tried
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """A chamber that is open to the outside.
+
+    Attributes:
+        faces: numbers of the faces behind its rim.
+        beside: number of a face outside of its rim.
+        centre: middle of the rim [mm], shape (3,).
+        area: area of the cap over it [mm^2].
+        volume: volume behind the cap [mm^3], of a coarse triangulation.
+    """
+
+    faces: frozenset[int]
+    beside: int
+    centre: np.ndarray
+    area: float
+    volume: float
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{value:.4g}" for value in np.round(self.centre, 3) + 0.0)
+        return f"{self.area:.4g} mm^2 wide in face {self.beside} around [{place}] mm"
+
+
+def find_openings(
+    nodes: np.ndarray, triangles: np.ndarray, face_of: np.ndarray, regions: Mapping[int, int]
+) -> tuple[Opening, ...]:
+    """Find the rims of chambers in the outside of a body, the chambers of largest volume first.
+
+    A rim is a loop of edges around a hole in a flat or curved region, which parts the surface in two, and whose cap
+    lies in air. So holes that lead through the body have none, and neither have studs. A rim behind another is none.
+
+    Args:
+        nodes: positions [mm], shape (node_count, 3).
+        triangles: of the outside, outward, shape (triangle_count, 3); face_of: face of each, shape (triangle_count,).
+        regions: the number of each face's region, the same for flat faces that continue each other.
+    """
+    sides = facing_sides(triangles)
+    region = np.array([regions[face] for face in face_of.tolist()])[sides // 3]
+    openings: dict[frozenset[int], Opening] = {}  # two regions may have the same rim
+    for number in np.unique(region[region[:, 0] != region[:, 1]]).tolist():
+        border = np.flatnonzero((region == number).sum(axis=1) == 1)
+        side = np.where(region[border, 0] == number, *sides[border].T)
+        loops = rims(triangles.ravel()[np.column_stack([side, side - side % 3 + (side + 1) % 3])])
+        for loop in sorted(loops, key=lambda loop: diagonal(nodes[loop]))[:-1]:
+            cap = _cap(nodes, triangles, loop)
+            parts = [] if cap is None else _parted(triangles, sides, loop)
+            if cap is not None and parts:
+                behind = min(parts, key=lambda part: diagonal(nodes[triangles[part].ravel()]))
+                opening = _opening(nodes, triangles, face_of, behind, cap)
+                openings.setdefault(opening.faces, opening)
+    outermost = [
+        opening for opening in openings.values() if not any(opening.faces < other.faces for other in openings.values())
+    ]
+    return tuple(sorted(outermost, key=lambda opening: (-float(f"{opening.volume:.2g}"), min(opening.faces))))
+
+
+def _parted(triangles: np.ndarray, sides: np.ndarray, loop: list[int]) -> list[np.ndarray]:
+    """The triangles on either side of a loop, each as flags, shape (triangle_count,); none where it parts nothing."""
+    side, numbers = sides[:, 0], np.array([triangles.max() + 1, 1])
+    ends = triangles.ravel()[np.column_stack([side, side - side % 3 + (side + 1) % 3])]
+    edges = np.sort(np.column_stack([loop, np.roll(loop, -1)]), axis=1)
+    pairs = sides[~np.isin(np.sort(ends, axis=1) @ numbers, edges @ numbers)] // 3
+    piece = joined_pieces(len(triangles), pairs)
+    return [piece == number for number in range(2)] if piece.max() == 1 else []
+
+
+def _cap(nodes: np.ndarray, triangles: np.ndarray, loop: list[int]) -> np.ndarray | None:
+    """Triangles over a loop that lie in air, by their centres and places near their sides; None where none do."""
+    try:
+        cap = np.array(loop)[cap_triangles(nodes[loop])]
+    except ValueError:
+        return None
+    corners = nodes[cap]
+    middles = (corners + np.roll(corners, -1, axis=1)) / 2
+    inward = middles + INWARD * (np.roll(corners, 1, axis=1) - middles)
+    places = np.concatenate([corners.mean(axis=1), inward.reshape(-1, 3)])
+    places = places[:: max(len(places) // PLACES, 1)]
+    in_air = np.abs(winding_numbers(places, nodes[triangles])) < AIR
+    return cap if in_air.all() else None
+
+
+def _opening(
+    nodes: np.ndarray, triangles: np.ndarray, face_of: np.ndarray, behind: np.ndarray, cap: np.ndarray
+) -> Opening:
+    """The opening under a cap; `behind` says of each triangle whether it is behind the cap."""
+    rim = np.unique(cap)
+    before = (np.isin(triangles, rim).sum(axis=1) > 1) & ~behind
+    sides = triangles[behind][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    if len(set(map(tuple, sides.tolist())) & set(map(tuple, cap[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()))):
+        cap = cap[:, ::-1]
+    return Opening(
+        frozenset(face_of[behind].tolist()),
+        int(face_of[before][0]),
+        nodes[rim].mean(axis=0),
+        float(np.linalg.norm(area_vectors(nodes[cap]), axis=1).sum() / 2),
+        -enclosed_volume(nodes, np.concatenate([triangles[behind], cap])),
+    )
+
 
 # STEP files: their text checked, and their solids in gmsh, which share the faces where they touch.
 
@@ -98,7 +287,7 @@ def _refuse_loose_solids(gmsh: Any, path: Path, tags: list[int], volumes: list[f
     while waiting:
         joined.add(tag := waiting.pop())
         faces = gmsh.model.getAdjacencies(3, tag)[1]
-        waiting += {int(one) for face in faces for one in gmsh.model.getAdjacencies(2, face)[0]} - joined
+        waiting += {int(solid) for face in faces for solid in gmsh.model.getAdjacencies(2, face)[0]} - joined
     loose = [number for number, tag in enumerate(tags) if tag not in joined]
     if loose:
         sizes = ", ".join(f"{volume:.4g}" for volume in volumes)
@@ -196,17 +385,16 @@ class CadBody:
         pairs = np.unique(self.face_of[outside][facing_sides(self.triangles[outside]) // 3], axis=0)
         near = NEAR * diagonal(self.nodes)
         joined = [
-            (one, other)
-            for one, other in pairs.tolist()
-            if (n := faces[one].normal) is not None
-            and (m := faces[other].normal) is not None
+            (first, second)
+            for first, second in pairs.tolist()
+            if (n := faces[first].normal) is not None
+            and (m := faces[second].normal) is not None
             and n @ m > 1 - NEAR
-            and abs(n @ (faces[one].centre - faces[other].centre)) < near
+            and abs(n @ (faces[first].centre - faces[second].centre)) < near
         ]
-        size = max(faces) + 1
-        label = connected_components(coo_matrix((np.ones(len(joined)), np.array(joined).reshape(-1, 2).T), (size,) * 2))
+        region = joined_pieces(max(faces) + 1, np.array(joined, dtype=int).reshape(-1, 2)).tolist()
         lowest: dict[int, int] = {}
-        return {face: lowest.setdefault(int(label[1][face]), face) for face in sorted(self.outside)}
+        return {face: lowest.setdefault(region[face], face) for face in sorted(self.outside)}
 
     @cached_property
     def openings(self) -> tuple[Opening, ...]:
@@ -233,7 +421,7 @@ class CadBody:
             if heights.max() < NEAR * diagonal(vertices):
                 depth[region] = -heights.min()
         deep = [region for region in depth if depth[region] >= DEEP * max(depth.values())]
-        opened = [region for region in deep if any(region == self.regions[one.beside] for one in self.openings)]
+        opened = [region for region in deep if any(region == self.regions[opening.beside] for opening in self.openings)]
         area = {region: sum(face.area for face in ends[region]) for region in deep}
         deep.sort(key=lambda region: -area[region])
         if len(opened) == 1:
@@ -301,21 +489,16 @@ def _face(model: Any, tag: int, number_of: dict[int, int]) -> CadFace:
 
 
 def _triangulation(mesh: Any, faces: Iterable[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    tags, coordinates, _ = mesh.getNodes()
-    order = np.argsort(tags)
-    corners = [mesh.getElementsByType(TRIANGLE, face)[1].reshape(-1, 3) for face in faces]
-    face_of = np.repeat(list(faces), [len(some) for some in corners])
-    used, triangles = np.unique(np.concatenate(corners), return_inverse=True)
-    nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    return nodes, triangles.reshape(-1, 3), face_of
+    corners = [mesh.getElementsByType(TRIANGLE, face)[1] for face in faces]
+    nodes, triangles, _ = numbered(mesh, np.concatenate(corners))
+    return nodes, triangles.reshape(-1, 3), np.repeat(list(faces), [len(its) // 3 for its in corners])
 
 
 def _shells(nodes: np.ndarray, triangles: np.ndarray, face_of: np.ndarray, faces: set[int]) -> list[frozenset[int]]:
     """The boundary's pieces, each the numbers of its faces: the outside, then each void."""
     here = np.isin(face_of, list(faces))
     pairs = facing_sides(triangles[here]) // 3
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(here.sum(),) * 2)
-    count, piece = connected_components(graph, directed=False)
-    sizes = [diagonal(nodes[triangles[here][piece == number]].reshape(-1, 3)) for number in range(count)]
-    order = [int(np.argmax(sizes)), *(number for number in range(count) if number != np.argmax(sizes))]
+    piece = joined_pieces(here.sum(), pairs)
+    sizes = [diagonal(nodes[triangles[here][piece == number]].reshape(-1, 3)) for number in range(piece.max() + 1)]
+    order = sorted(range(len(sizes)), key=lambda number: number != np.argmax(sizes))  # the others as they come
     return [frozenset(face_of[here][piece == number].tolist()) for number in order]

@@ -13,41 +13,51 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh, boundary_triangles, element_volumes
 from taichisoft.scene import BASE, Positive, Table
-from taichisoft_meshing.body_tables import BasePlane, Count, FittedSizes, Sizes, SolidSizes, preset_sizes
-from taichisoft_meshing.cad_body import CadBody, import_solids, read_step
+from taichisoft_meshing.body_tables import (
+    BasePlane,
+    Count,
+    FittedSizes,
+    Sizes,
+    SolidSizes,
+    follow_curvature,
+    follow_walls,
+    preset_sizes,
+    set_sizes,
+    with_base,
+)
+from taichisoft_meshing.cad_body import CadBody, Opening, import_solids, read_step, with_caps
 from taichisoft_meshing.closed_shells import (
     NEAR,
+    HollowBody,
     Shell,
     angles_between,
     area_vectors,
     diagonal,
     joined_sides,
+    read_hollow_body,
     undirected_sides,
 )
 from taichisoft_meshing.geometry_file import CheckedGeometry
 from taichisoft_meshing.gmsh_session import (
+    NO_GROUPS,
     SURFACE_ALGORITHMS,
     TETRAHEDRON,
     TRIANGLE,
     CurvedSides,
+    compare_volumes,
     curve_sides,
     curved_sides,
     first_success,
     gmsh_session,
+    meshed_body,
     with_curved_sides,
 )
-from taichisoft_meshing.hollow_body import HollowBody, read_hollow_body
-from taichisoft_meshing.meshed_body import NO_GROUPS, compare_volumes, meshed_body, with_base
-from taichisoft_meshing.openings import Opening, with_caps
-from taichisoft_meshing.size_growth import follow_curvature, follow_walls, set_sizes
-from taichisoft_meshing.wall_quality import cavity_names
+from taichisoft_meshing.wall_quality import cavity_names, joined_pieces
 
 # The mesher of STEP files: gmsh fills the solids that OpenCASCADE has read, and the mesh gets the drawing's names.
 
@@ -219,8 +229,8 @@ def _relocated(nodes: np.ndarray, elements: np.ndarray, boundary: np.ndarray, so
         mesh = gmsh.model.mesh
         surface = gmsh.model.addDiscreteEntity(2)
         volume = gmsh.model.addDiscreteEntity(3, -1, [surface])
-        for dimension, entity, some in ((2, surface, on_boundary), (3, volume, inside)):
-            mesh.addNodes(dimension, entity, some + 1, nodes[some].ravel())
+        for dimension, entity, numbers in ((2, surface, on_boundary), (3, volume, inside)):
+            mesh.addNodes(dimension, entity, numbers + 1, nodes[numbers].ravel())
         mesh.addElementsByType(surface, TRIANGLE, [], (boundary + 1).ravel())
         mesh.addElementsByType(volume, TETRAHEDRON, [], (elements + 1).ravel())
         mesh.optimize("Relocate3D")
@@ -339,8 +349,8 @@ def _flat_faced(shell: Shell, angle: float) -> bool:
     normals = area_vectors(corners)
     neighbours = joined_sides(shell.triangles)[1] // 3
     smooth = neighbours[angles_between(normals, neighbours) < angle]
-    graph = coo_matrix((np.ones(len(smooth)), smooth.T), shape=(len(normals), len(normals)))
-    count, face = connected_components(graph, directed=False)
+    face = joined_pieces(len(normals), smooth)
+    count = face.max() + 1
     mean_normal = np.column_stack([np.bincount(face, normals[:, axis], count) for axis in range(3)])
     lengths = np.linalg.norm(mean_normal, axis=1, keepdims=True)
     if (lengths == 0).any():
@@ -444,12 +454,12 @@ class _BodyFromFiles(CheckedGeometry):
     def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
         """Fill the body with tetrahedra of four nodes; and the curved sides for ten, if they are asked for."""
 
-    def _check_cavities(self, found: int, place: Path, where: str, hint: str = "") -> None:
+    def _check_cavities(self, count: int, place: Path, where: str, hint: str = "") -> None:
         """Raise MeshError for another number of cavities than the tables have; warn of a body without cavities."""
         wanted = self.table.cavities
-        if wanted is not None and found != wanted:
-            raise MeshError(f"{self.file}: cavities = {wanted}: {where} {found}{hint}")
-        if wanted is None and found == 0:
+        if wanted is not None and count != wanted:
+            raise MeshError(f"{self.file}: cavities = {wanted}: {where} {count}{hint}")
+        if wanted is None and count == 0:
             warn_caller(f"{place}: the body has no cavity{hint}")
 
 
@@ -471,12 +481,14 @@ class StepBody(_BodyFromFiles):
             raise MeshError(f"{self.file}: base and faces.base: only one of them can be given")
         closed = self._closed(body)
         left = [
-            f"opening {n}, {one} before {one.volume:.4g} mm^3 of air"
-            for n, one in enumerate(body.openings, 1)
-            if one not in closed
+            f"opening {n}, {opening} before {opening.volume:.4g} mm^3 of air"
+            for n, opening in enumerate(body.openings, 1)
+            if opening not in closed
         ]
         left = [*left[:SAID], f"and {len(left) - SAID} more"] if len(left) > SAID else left
-        remedy = "".join(f"; {one}" for one in left) + "; close_inlets = true makes cavities of openings" * bool(left)
+        remedy = "".join(
+            f"; {opening}" for opening in left
+        ) + "; close_inlets = true makes cavities of openings" * bool(left)
         hint = f"; a cavity is a void without an opening{remedy}"
         self._check_cavities(len(body.voids) + len(closed), body.path, f"{body.path} has", hint)
         if left and table.close_inlets is None and table.cavities is None and body.voids:
@@ -520,8 +532,8 @@ class StepBody(_BodyFromFiles):
         faces = dict(table.faces)
         if table.base is None and BASE not in faces and body.flat_end:
             faces[BASE] = body.flat_end
-            said = f"the flat end, face {' and '.join(map(str, body.flat_end))}, is the group 'base'"
-            warn_caller(f"{body.path}: {said}; `faces` or `base` choose another")
+            message = f"the flat end, face {' and '.join(map(str, body.flat_end))}, is the group 'base'"
+            warn_caller(f"{body.path}: {message}; `faces` or `base` choose another")
         return mesh_step(
             body,
             sizes,

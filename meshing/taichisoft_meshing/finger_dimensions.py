@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from taichisoft_meshing.body_tables import refuse_sizes
 from taichisoft_meshing.geometry_file import ROUNDING, at_least, at_most
-from taichisoft_meshing.size_search import element_count, refuse_too_many
 
 Length = Annotated[float, Field(gt=0)]
 LengthOrNone = Annotated[float, Field(ge=0)]  # 0: left out
@@ -393,8 +393,5 @@ def _check_sizes(finger: FingerDimensions) -> None:
     sizes = finger.mesh
     at_most("mesh.largest", sizes.largest, finger.body.length, "body.length: elements larger than the body")
     at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
-    silicone, cavity = finger.solid_volume - finger.cavity_volume, finger.cavity_volume
-    refuse_too_many(element_count(silicone, sizes.largest, sizes.largest), "mesh.largest", sizes.largest)
-    refuse_too_many(
-        element_count(silicone, sizes.largest, sizes.smallest, [cavity]), "mesh.smallest", sizes.smallest, power=2
-    )
+    cavity = finger.cavity_volume
+    refuse_sizes(sizes.largest, sizes.smallest, finger.solid_volume - cavity, [cavity])

@@ -58,13 +58,13 @@ Section = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of \\[quality], too.")]
 
 
-def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
+def geometry_job(name: str, overrides: Sequence[str] | None, request: Mapping[str, Any]) -> "MeshJob":
     """Prepare to mesh a geometry file, a STEP file or a shipped finger.
 
     Args:
         name: the path of the file, or the name of the finger.
         overrides: texts "key=value" for the tables of the file.
-        asked: the result of `asked_size`.
+        request: the result of `requested_size`.
     """
     from taichisoft.mesh import SURFACE_SUFFIXES
     from taichisoft.scene import find_file
@@ -75,30 +75,30 @@ def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str,
     if file.suffix.lower() in SURFACE_SUFFIXES:
         raise MeshError(f"{name}: is not a geometry file (.toml); --surfaces meshes it as it is")
     kind, tables = read_tables(file)
-    return MeshJob(kind, overridden(tables, overrides), file, asked)
+    return MeshJob(kind, overridden(tables, overrides), file, request)
 
 
-def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
+def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, request: Mapping[str, Any]) -> "MeshJob":
     """Prepare to mesh surfaces as a geometry file beside the first one would.
 
     Args:
         names: paths of the outer surface, then of cavities.
         overrides: texts "key=value" for the tables of the geometry file.
-        asked: the result of `asked_size`.
+        request: the result of `requested_size`.
     """
     from taichisoft_meshing.mesh_job import MeshJob
 
     first, *others = (Path(name).expanduser() for name in names)
     cavities = [os.path.relpath(cavity, first.parent) for cavity in others]
     tables = {"outer": first.name, "cavity": cavities}
-    return MeshJob("surfaces", overridden(tables, overrides), first, asked)
+    return MeshJob("surfaces", overridden(tables, overrides), first, request)
 
 
 def with_options(
     job: "MeshJob", order: int | None, faces: Sequence[str] | None, solids: Sequence[str] | None, close_inlets: bool
 ) -> "MeshJob":
     """A job with what the options of the same names say in its tables."""
-    from taichisoft_meshing.scene_meshes import merge_tables
+    from taichisoft_meshing.mesh_job import merge_tables
 
     changes: dict[str, Any] = {}
     for key, numbered in (("faces", faces), ("solids", solids)):
@@ -125,18 +125,19 @@ def section_plane(text: str | None) -> "SectionPlane | None":
     return None if text is None else SectionPlane.parse(text)
 
 
-def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
+def requested_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
     """The one of the three options that was given, by its name; empty when none was."""
-    asked = {name: value for name, value in (("size", size), ("nodes", nodes), ("preset", preset)) if value is not None}
-    if len(asked) > 1:
-        raise MeshError(f"{' and '.join(f'--{name}' for name in asked)}: only one of them can be given")
+    options = {"size": size, "nodes": nodes, "preset": preset}
+    request = {name: value for name, value in options.items() if value is not None}
+    if len(request) > 1:
+        raise MeshError(f"{' and '.join(f'--{name}' for name in request)}: only one of them can be given")
     if size is not None and not 0.0 < size < math.inf:
         raise MeshError(f"--size {size:g}: must be a positive, finite number of millimetres")
     if nodes is not None:
-        from taichisoft_meshing.size_search import refuse_nodes
+        from taichisoft_meshing.body_tables import refuse_nodes
 
         refuse_nodes(nodes, f"--nodes {nodes}")
-    return asked
+    return request
 
 
 def overridden(tables: Mapping[str, Any], overrides: Sequence[str] | None) -> dict[str, Any]:
@@ -212,7 +213,7 @@ def _show_mesh(console: "Console", path: Path, output: Path | None, section: "Se
     from taichisoft.mesh import read_unchecked_mesh
     from taichisoft.running import print_warning
     from taichisoft_meshing.mesh_quality import QualityLimits, cautions, faults, measure, mesh_tables, missed_limits
-    from taichisoft_meshing.mesh_record import mesh_figures, write_record
+    from taichisoft_meshing.mesh_set import mesh_figures, write_record
     from taichisoft_meshing.report_picture import draw_report
 
     mesh = read_unchecked_mesh(path)
@@ -253,7 +254,7 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
     from taichisoft.mesh import read_surface
     from taichisoft.running import print_warning
     from taichisoft_meshing.mesh_quality import surface_table
-    from taichisoft_meshing.mesh_record import surface_figures, write_record
+    from taichisoft_meshing.mesh_set import surface_figures, write_record
     from taichisoft_meshing.wall_quality import connected_pieces, measure_surface
 
     vertices, triangles = read_surface(path)
@@ -274,8 +275,8 @@ def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]
     """Print the solids, faces and openings of a STEP body, and write or draw them."""
     from taichisoft.running import print_warning
     from taichisoft_meshing.body_pictures import body_tables, draw_faces
-    from taichisoft_meshing.mesh_process import read_step_apart
-    from taichisoft_meshing.mesh_record import body_figures, write_record
+    from taichisoft_meshing.mesh_job import read_step_apart
+    from taichisoft_meshing.mesh_set import body_figures, write_record
 
     body = read_step_apart(path)
     console.print(body_tables(body))
@@ -286,6 +287,26 @@ def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]
     elif output is not None:
         write_record({"file": path.name, **body_figures(body)}, output)
     return []
+
+
+def mesh_cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Delete them all; scenes make again what they need.")] = False,
+) -> None:
+    """Show where the meshes made for scenes are kept, and how large they are."""
+    from taichisoft.base import SUFFIX, say
+    from taichisoft_meshing.mesh_job import cache_folder
+
+    folder = cache_folder()
+    kept = sorted(folder.glob("*.msh"))
+    size = sum(path.stat().st_size for path in kept)
+    about = f"{len(kept)} mesh{'es' * (len(kept) != 1)}, {size / 1e6:.1f} MB, in {folder}"
+    if clear:
+        try:
+            for path in [*kept, *folder.glob(f"*{SUFFIX}"), *folder.glob(".*.partial")]:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise MeshError(f"{folder}: cannot be cleared: {error.strerror or error}") from error
+    say(f"{'deleted ' * clear}{about}")
 
 
 # `taichisoft mould`: what to cast a finger in, and whether it can be printed and opened.
@@ -318,8 +339,8 @@ def mould(
     It is for two castings, as PneuNets are made. Of any other body it is the negative in two halves, with its
     undercuts listed. The exit code is 1 where a part does not come off, cannot be printed, or does not fit.
     """
-    from taichisoft_meshing.mesh_process import write_mould_apart
     from taichisoft_meshing.mesh_set import prepare_folder
+    from taichisoft_meshing.mould_parts import write_mould_apart
 
     if surfaces:
         job = surfaces_job(files, set_, {})
@@ -373,8 +394,8 @@ def _report(folder: Path, materials: dict[str, "Material | None"]) -> None:
     for cast in casts:
         for part in cast.parts:
             wall = "" if part.thickness == float("inf") else f"{part.thickness:.2f}"
-            way, undercuts = _direction(part.comes_off), str(len(part.undercuts)) if part.comes_off is not None else ""
-            table.add_row(part.file.stem, way, f"{part.volume / 1000:.2f}", wall, undercuts)
+            undercuts = str(len(part.undercuts)) if part.comes_off is not None else ""
+            table.add_row(part.file.stem, _direction(part.comes_off), f"{part.volume / 1000:.2f}", wall, undercuts)
     console.print(table)
     for cast, written in zip(casts, record["casts"], strict=True):
         print_line(console, f"{cast.name}: parts and silicone fill the block to {abs(cast.unfilled):.1e}")
@@ -405,12 +426,12 @@ def pour_line(pour: dict[str, Any], material: "Material | None") -> str:
     return f"{line}: {whole * share:.1f} {unit} of A and {whole * (1 - share):.1f} {unit} of B, by {mixing.by}"
 
 
-def _direction(way: Any) -> str:
+def _direction(direction: Any) -> str:
     """A direction in words: "+y"."""
-    if way is None:
+    if direction is None:
         return "stays"
-    axis = max(range(3), key=lambda one: abs(way[one]))
-    return f"{'+' if way[axis] > 0 else '-'}{'xyz'[axis]}"
+    axis = max(range(3), key=lambda number: abs(direction[number]))
+    return f"{'+' if direction[axis] > 0 else '-'}{'xyz'[axis]}"
 
 
 # `taichisoft mesh`: from a geometry file, a STEP file or surfaces to a mesh.
@@ -447,16 +468,15 @@ def mesh(
     from rich.console import Console  # --help need not wait for any of these
 
     from taichisoft.running import print_line, print_warning
-    from taichisoft_meshing.mesh_job import require_fit
-    from taichisoft_meshing.mesh_process import make_mesh_apart
+    from taichisoft_meshing.mesh_job import make_mesh_apart, require_fit
     from taichisoft_meshing.mesh_quality import mesh_tables
     from taichisoft_meshing.mesh_set import prepare, write_output
 
     require("taichisoft mesh", "gmsh", "matplotlib")
     if len(files) > 1 and not surfaces:
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
-    asked = asked_size(size, nodes, preset)
-    job = surfaces_job(files, set_, asked) if surfaces else geometry_job(files[0], set_, asked)
+    request = requested_size(size, nodes, preset)
+    job = surfaces_job(files, set_, request) if surfaces else geometry_job(files[0], set_, request)
     job = with_options(job, order, face, solid, close_inlets)
     plane = section_plane(section)
     prepare(output)

@@ -8,8 +8,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 from rich.console import Group
 from rich.table import Table
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base import SIZE, implausible, plain
 from taichisoft.mesh import ADVICE, TOO_STIFF, VolumeMesh, element_volumes
@@ -20,6 +18,7 @@ from taichisoft_meshing.wall_quality import (
     cavities_outside,
     dihedral_angles,
     edge_lengths,
+    joined_pieces,
     measure_surfaces,
     measure_walls,
     neighbours,
@@ -94,8 +93,7 @@ def measure(mesh: VolumeMesh) -> MeshQuality:
 def _component_count(elements: np.ndarray) -> int:
     behind = neighbours(elements)
     element, face = np.nonzero(behind >= 0)
-    graph = coo_matrix((np.ones(len(element)), (element, behind[element, face])), shape=(len(elements),) * 2)
-    return int(connected_components(graph, directed=False)[0])
+    return int(joined_pieces(len(elements), np.column_stack([element, behind[element, face]])).max()) + 1
 
 
 # The judgement of a mesh: faults, missed limits (table [quality] of a geometry file), and cautions.
@@ -126,7 +124,7 @@ class QualityLimits(BaseModel):
 
 def faults(quality: MeshQuality) -> list[str]:
     """Faults of a mesh, one line each, which no limit allows: the mesh differs from the body that was described."""
-    found = [
+    lines = [
         f"{count} {what}"
         for count, what in (
             (quality.inverted, "elements have no positive volume"),
@@ -137,12 +135,12 @@ def faults(quality: MeshQuality) -> list[str]:
     ]
     for surface in quality.surfaces:
         if surface.closed_by_name and surface.open_edges:
-            found.append(
+            lines.append(
                 f"surface '{surface.name}' is not closed: {surface.open_edges} edges do not join two triangles"
             )
         elif surface.closed_by_name and surface.volume <= 0:
-            found.append(f"surface '{surface.name}' is inside out: it encloses {surface.volume:.6g} mm^3")
-    return found + [f"'{name}' is not fully inside the outer skin" for name in quality.outside]
+            lines.append(f"surface '{surface.name}' is inside out: it encloses {surface.volume:.6g} mm^3")
+    return lines + [f"'{name}' is not fully inside the outer skin" for name in quality.outside]
 
 
 def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
@@ -165,8 +163,8 @@ def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
 
 def cautions(quality: MeshQuality) -> list[str]:
     """Warnings about units and displacements of thin walls, a line each; a wall of one quadratic element bends well."""
-    said = implausible("its longest side", quality.longest_side, SIZE)
-    lines = [said] if said else []
+    doubt = implausible("its longest side", quality.longest_side, SIZE)
+    lines = [doubt] if doubt else []
     if quality.order == 2:
         return lines
     thin = [

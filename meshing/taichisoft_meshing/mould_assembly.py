@@ -12,7 +12,7 @@ import numpy as np
 
 from taichisoft.mesh import write_stl
 from taichisoft_meshing.closed_shells import closed_shells
-from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, gmsh_session
+from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, gmsh_session, numbered
 from taichisoft_meshing.pneunet_finger import Solids
 
 AROUND = 20
@@ -100,11 +100,9 @@ def triangulate(gmsh: Any) -> None:
 
 def triangles_of(gmsh: Any, faces: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [mm], shape (vertex_count, 3), and triangles, (triangle_count, 3), of faces, as gmsh turned them."""
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    corners = np.concatenate([gmsh.model.mesh.getElementsByType(TRIANGLE, face)[1] for face in faces])
-    order = np.argsort(tags)
-    used, triangles = np.unique(corners, return_inverse=True)
-    vertices = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
+    mesh = gmsh.model.mesh
+    corners = [mesh.getElementsByType(TRIANGLE, face)[1] for face in faces]
+    vertices, triangles, _ = numbered(mesh, np.concatenate(corners))
     return vertices, triangles.reshape(-1, 3)
 
 
@@ -117,7 +115,7 @@ def _triangulated(gmsh: Any, assembly: Assembly, name: str) -> dict[str, tuple[n
         raise GmshFailure(f"parts of {name} overlap")
     triangulate(gmsh)
     pieces_of = iter(origins)
-    found = {}
+    surfaces = {}
     for part, of_part in assembly.parts.items():
         pieces = [piece for _ in of_part for piece in next(pieces_of)]
         faces = [face for _, face in gmsh.model.getBoundary(pieces, combined=True, oriented=False)]
@@ -125,11 +123,11 @@ def _triangulated(gmsh: Any, assembly: Assembly, name: str) -> dict[str, tuple[n
             warnings.simplefilter("ignore")  # gmsh turns triangles as it likes
             shells = closed_shells(*triangles_of(gmsh, faces), f"{name}-{part}")
         starts = np.cumsum([0, *(len(shell.vertices) for shell in shells)])
-        found[part] = (
+        surfaces[part] = (
             np.concatenate([shell.vertices for shell in shells]),
             np.concatenate([shell.triangles + start for shell, start in zip(shells, starts, strict=False)]),
         )
-    return found
+    return surfaces
 
 
 @contextmanager

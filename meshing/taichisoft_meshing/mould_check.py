@@ -10,19 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import read_surface
-
-# Where rays cross triangles: all pairs at once, by the side on which a ray passes each edge (Pluecker coordinates).
-
-PAIRS = 3_000_000
-"""Pairs of a ray and a triangle that are computed at a time."""
-BESIDE = 50
-"""Lines beside each other that are compared with the same triangles."""
+from taichisoft_meshing.closed_shells import area_vectors
+from taichisoft_meshing.wall_quality import joined_pieces
 
 
 @dataclass(frozen=True)
@@ -32,7 +25,7 @@ class RayCrossings:
     Attributes:
         ray: index of the ray, shape (count,).
         triangle: index of the triangle, shape (count,).
-        distance: along the ray from its origin [mm], negative before it, shape (count,).
+        distance: along the ray from its origin [mm], shape (count,).
         cosine: between the ray and the triangle's normal [-], positive where it leaves a body, shape (count,).
     """
 
@@ -42,58 +35,25 @@ class RayCrossings:
     cosine: np.ndarray
 
 
-def find_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> RayCrossings:
-    """All crossings of the lines through rays with triangles; what a ray only touches is none.
+def ray_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> RayCrossings:
+    """All crossings of rays with triangles.
 
     Args:
         origins: starts of the rays [mm], shape (ray_count, 3).
-        directions: unit vectors along them, shape (ray_count, 3).
+        directions: unit vectors along them, shape (ray_count, 3), or (3,) for parallel ones.
         corners: of the triangles, counterclockwise as seen from outside [mm], shape (triangle_count, 3, 3).
     """
-    if not len(corners):
+    import trimesh  # takes long
+
+    if not (len(origins) and len(corners)):
         return RayCrossings(np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0))
-    middle = corners.reshape(-1, 3).mean(axis=0)  # numbers are small around it, and rounding with them
-    origins, corners = origins - middle, corners - middle
-    rays = np.concatenate([directions, np.cross(origins, directions)], axis=1)
-    edges = []
-    for first in range(3):
-        begin, end = corners[:, first], corners[:, (first + 1) % 3]
-        edges.append(np.concatenate([np.cross(begin, end), end - begin], axis=1).T)
-    found = []
-    step = max(1, PAIRS // max(len(corners), 1))
-    for start in range(0, max(len(rays), 1), step):
-        sides = [rays[start : start + step] @ edge for edge in edges]
-        above = (sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0)
-        below = (sides[0] < 0) & (sides[1] < 0) & (sides[2] < 0)
-        ray, triangle = np.nonzero(above | below)
-        found.append((ray + start, triangle))
-    ray, triangle = (np.concatenate([pairs[which] for pairs in found]) for which in (0, 1))
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[triangle]
-    steepness = np.einsum("cd,cd->c", normals, directions[ray])
-    height = np.einsum("cd,cd->c", normals, corners[triangle, 0] - origins[ray])
-    return RayCrossings(ray, triangle, height / steepness, steepness / np.linalg.norm(normals, axis=1))
-
-
-def find_parallel_crossings(starts: np.ndarray, way: np.ndarray, corners: np.ndarray) -> RayCrossings:
-    """All crossings, as above, of lines along one direction: each is compared with the triangles beside it alone.
-
-    Args:
-        starts: points of the lines [mm], shape (line_count, 3).
-        way: unit vector along them, shape (3,).
-        corners: of the triangles [mm], shape (triangle_count, 3, 3).
-    """
-    across = np.linalg.svd(way[None])[2][1:]
-    along = across[np.argmax(np.ptp(corners.reshape(-1, 3) @ across.T, axis=0))]
-    place, sides = starts @ along, corners @ along
-    lower, upper = sides.min(axis=1), sides.max(axis=1)
-    parts = []
-    for some in np.array_split(np.argsort(place, kind="stable"), 1 + len(starts) // BESIDE):
-        near = np.empty(0, dtype=int)
-        if len(some):
-            near = np.flatnonzero((lower <= place[some[-1]]) & (upper >= place[some[0]]))
-        one = find_crossings(starts[some], np.broadcast_to(way, (len(some), 3)), corners[near])
-        parts.append((some[one.ray], near[one.triangle], one.distance, one.cosine))
-    return RayCrossings(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    directions = np.broadcast_to(directions, origins.shape)
+    mesh = trimesh.Trimesh(**trimesh.triangles.to_kwargs(corners), process=False)
+    # Not mesh.ray, which is in single precision where embreex is installed.
+    tracer = trimesh.ray.ray_triangle.RayMeshIntersector(mesh)
+    triangle, ray, places = tracer.intersects_id(origins, directions, return_locations=True)
+    distance = np.einsum("cd,cd->c", np.reshape(places, (-1, 3)) - origins[ray], directions[ray])
+    return RayCrossings(ray, triangle, distance, np.einsum("cd,cd->c", mesh.face_normals[triangle], directions[ray]))
 
 
 def inner_points(corners: np.ndarray) -> np.ndarray:
@@ -237,9 +197,9 @@ def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> Check
         import trimesh  # takes long
 
         solid = trimesh.Trimesh(vertices, triangles, process=False)
-        way, printed = part["comes_off"], part["part"] != cast["silicone"]
+        direction, printed = part["comes_off"], part["part"] != cast["silicone"]
         others = dict(zip(names[number + 1 :], corners[number + 1 :], strict=True))
-        held = [] if way is None else find_undercuts(corners[number], others, np.array(way))
+        held = [] if direction is None else find_undercuts(corners[number], others, np.array(direction))
         thickness, places, walls = wall_thickness(corners[number])
         least = int(np.argmin(thickness)) if len(thickness) else -1
         thin = walls[thickness < (1 - PRECISION) * printable] if printed else walls[:0]
@@ -248,7 +208,7 @@ def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> Check
                 part["part"],
                 folder / part["file"],
                 corners[number],
-                None if way is None else np.array(way),
+                None if direction is None else np.array(direction),
                 float(solid.volume),
                 bool(solid.is_volume),
                 tuple(held),
@@ -262,50 +222,49 @@ def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> Check
     return CheckedCast(cast["name"], tuple(checked), 1.0 - filled / cast["block_mm3"], tuple(cast["voids_mm3"]))
 
 
-def find_undercuts(part: np.ndarray, others: Mapping[str, np.ndarray], way: np.ndarray) -> list[Undercut]:
+def find_undercuts(part: np.ndarray, others: Mapping[str, np.ndarray], direction: np.ndarray) -> list[Undercut]:
     """Where other parts are in the way of a part that is drawn off in a straight line.
 
-    On no line along the way may anything lie before anything of the part. The lines go through triangles of all parts
-    that are not parallel to the way, and through a grid over the part. Overhangs narrower than twice TOUCH are let be.
+    On no line in this direction may anything lie before anything of the part. The lines go through triangles of all
+    parts that are not parallel to it, and through a grid over the part. Overhangs narrower than twice TOUCH are let be.
 
     Args:
         part: corners of its triangles [mm], shape (count, 3, 3).
         others: those of the parts that are still there, by name.
-        way: unit vector in which it is drawn off, shape (3,).
+        direction: unit vector in which it is drawn off, shape (3,).
     """
-    starts, across, spacing = _lines_along(way, part, list(others.values()))
+    starts, across, spacing = _lines_along(direction, part, list(others.values()))
     steps = spacing * np.array([-1.5, -0.7, -0.3, -0.12, -0.05, 0.0, 0.05, 0.12, 0.3, 0.7, 1.5])
     around = (steps[:, None, None] * across[0] + steps[:, None] * across[1]).reshape(-1, 3)
-    found = []
+    undercuts = []
     for name, corners in others.items():
-        held = _held_lines(starts, across, way, part, corners)[0]
+        held = _held_lines(starts, across, direction, part, corners)[0]
         if not len(held):
             continue
         nearby = held[:: 1 + len(held) // 60]  # the size of a place is measured with more lines
         more = np.concatenate([held, (nearby[:, None] + around).reshape(-1, 3)])
-        lines, entry, leaving, first = _held_lines(more, across, way, part, corners)
+        lines, entry, leaving, first = _held_lines(more, across, direction, part, corners)
         pairs = cKDTree(lines).query_pairs(0.8 * spacing, output_type="ndarray")
-        joined = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(lines), len(lines)))
-        count, cluster = connected_components(joined, directed=False)
-        for number in range(count):
+        cluster = joined_pieces(len(lines), pairs)
+        for number in range(cluster.max() + 1):
             of = cluster == number
-            ends = np.concatenate([lines[of] + along[of, None] * way for along in (entry, leaving)])
+            ends = np.concatenate([lines[of] + along[of, None] * direction for along in (entry, leaving)])
             lower, upper = ends.min(axis=0), ends.max(axis=0)
-            found.append(Undercut(name, (lower + upper) / 2, upper - lower, np.unique(first[of])))
-    return found
+            undercuts.append(Undercut(name, (lower + upper) / 2, upper - lower, np.unique(first[of])))
+    return undercuts
 
 
 def _held_lines(
-    starts: np.ndarray, across: np.ndarray, way: np.ndarray, part: np.ndarray, obstacle: np.ndarray
+    starts: np.ndarray, across: np.ndarray, direction: np.ndarray, part: np.ndarray, obstacle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of some lines those on which an obstacle lies before a part, where they enter the part and leave the obstacle
     [mm], and the triangle through which they enter."""
     for shift in TOUCH * np.concatenate([[np.zeros(3)], across, -across]):  # else the corners of round faces hold
         if len(starts):
-            enters, leaves = (_extent_along(starts + shift, way, corners) for corners in (part, obstacle))
+            enters, leaves = (_extent_along(starts + shift, direction, corners) for corners in (part, obstacle))
             starts = starts[leaves[1] > enters[0] + TOUCH]
-    entry, _, first = _extent_along(starts, way, part)
-    return starts, entry, _extent_along(starts, way, obstacle)[1], first
+    entry, _, first = _extent_along(starts, direction, part)
+    return starts, entry, _extent_along(starts, direction, obstacle)[1], first
 
 
 def wall_thickness(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -317,12 +276,12 @@ def wall_thickness(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     Returns:
         Thickness [mm], shape (count,), the points, (count, 3), and the triangles, (count,).
     """
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(corners)
     areas = np.linalg.norm(normals, axis=1)
     chosen = np.flatnonzero(areas > 1e-9)
     chosen = chosen[:: 1 + len(chosen) // (2 * LINES)]
     points, inward = inner_points(corners)[chosen], -normals[chosen] / areas[chosen, None]
-    crossings = find_crossings(points, inward, corners)
+    crossings = ray_crossings(points, inward, corners)
     ahead = crossings.distance > 1e-5
     ray, distance, cosine = crossings.ray[ahead], crossings.distance[ahead], crossings.cosine[ahead]
     order = np.lexsort((distance, ray))
@@ -334,35 +293,35 @@ def wall_thickness(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def _lines_along(
-    way: np.ndarray, part: np.ndarray, others: Sequence[np.ndarray]
+    direction: np.ndarray, part: np.ndarray, others: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Starts of lines along a way, before everything, shape (count, 3), two unit vectors across it, and the spacing of
-    the grid among the lines [mm]."""
+    """Starts of lines in a direction, before everything, shape (count, 3), two unit vectors across it, and the spacing
+    of the grid among the lines [mm]."""
     points = []
     for corners in (part, *others):
-        facing = corners[np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ way) > 1e-4]
+        facing = corners[np.abs(area_vectors(corners) @ direction) > 1e-4]
         points.append(inner_points(facing[:: 1 + len(facing) // LINES]))
-    across = np.linalg.svd(way[None])[2][1:]
+    across = np.linalg.svd(direction[None])[2][1:]
     flat = part.reshape(-1, 3) @ across.T
     lower, upper = flat.min(axis=0), flat.max(axis=0)
     spacing = float((upper - lower).max()) / GRID
     # Shifted by an odd share of the spacing, so that no line runs along edges of a symmetric part.
     rows = [np.arange(low + 0.317 * spacing, high, spacing) for low, high in zip(lower, upper, strict=True)]
-    points.append(np.stack([one.ravel() for one in np.meshgrid(*rows)], axis=1) @ across)
+    points.append(np.stack([row.ravel() for row in np.meshgrid(*rows)], axis=1) @ across)
     starts = np.concatenate(points)
-    bottom = min(float((corners @ way).min()) for corners in (part, *others)) - 1.0
-    return starts + (bottom - starts @ way)[:, None] * way, across, spacing
+    bottom = min(float((corners @ direction).min()) for corners in (part, *others)) - 1.0
+    return starts + (bottom - starts @ direction)[:, None] * direction, across, spacing
 
 
 def _extent_along(
-    starts: np.ndarray, way: np.ndarray, corners: np.ndarray
+    starts: np.ndarray, direction: np.ndarray, corners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where each line first enters a part and last leaves it [mm], and the triangle through which it enters.
 
     They are infinity, minus infinity and -1 for a line that misses the part, or that enters and leaves it not equally
     often, because it hits an edge.
     """
-    crossings = find_parallel_crossings(starts, way, corners)
+    crossings = ray_crossings(starts, direction, corners)
     count = len(starts)
     entry, leaving, first = np.full(count, np.inf), np.full(count, -np.inf), np.full(count, -1)
     order = np.argsort(-crossings.distance, kind="stable")  # the nearest is written last

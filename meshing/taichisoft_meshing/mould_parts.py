@@ -23,10 +23,10 @@ from taichisoft_meshing.file_bodies import StepBody
 from taichisoft_meshing.finger_dimensions import THINNEST_WALL, FingerParameters, end
 from taichisoft_meshing.geometry_file import make_geometry
 from taichisoft_meshing.gmsh_session import gmsh_session
-from taichisoft_meshing.mesh_job import MeshJob
-from taichisoft_meshing.mesh_record import write_record
+from taichisoft_meshing.mesh_job import MeshJob, call_with_plugins
+from taichisoft_meshing.mesh_set import write_record
 from taichisoft_meshing.mould_assembly import Assembly, triangulate, write_assembly, write_step
-from taichisoft_meshing.mould_check import RECORD, find_parallel_crossings
+from taichisoft_meshing.mould_check import RECORD, ray_crossings
 from taichisoft_meshing.pneunet_finger import (
     Box,
     Draft,
@@ -120,14 +120,14 @@ def negative(gmsh: Any, outside: Callable[[Any], Any], plane: Plane, wall: float
 def _held(corners: np.ndarray, plane: Plane) -> int:
     """Number of lines across a plane on which one of the halves would be held by the body."""
     axis, position = plane
-    others = [one for one in range(3) if one != axis]
+    others = [number for number in range(3) if number != axis]
     points = corners.reshape(-1, 3)
     lower, upper = points.min(axis=0), points.max(axis=0)
     spacing = (upper - lower)[others].max() / GRID
-    grid = np.meshgrid(*(np.arange(lower[one] + 0.317 * spacing, upper[one], spacing) for one in others))
+    grid = np.meshgrid(*(np.arange(lower[number] + 0.317 * spacing, upper[number], spacing) for number in others))
     starts = np.full((grid[0].size, 3), lower[axis] - 1.0)
-    starts[:, others] = np.stack([one.ravel() for one in grid], axis=1)
-    crossings = find_parallel_crossings(starts, np.eye(3)[axis], corners)
+    starts[:, others] = np.stack([number.ravel() for number in grid], axis=1)
+    crossings = ray_crossings(starts, np.eye(3)[axis], corners)
     heights = lower[axis] - 1.0 + crossings.distance
     crossed = np.bincount(crossings.ray, minlength=len(starts))
     below = np.bincount(crossings.ray, heights <= position, len(starts))
@@ -432,6 +432,11 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
         record = {"kind": "negative", "parting": f"{'xyz'[plane[0]]} = {plane[1] + 0.0:g}"}
     sizes = {"wall_mm": form["wall"], "printable_mm": form["printable"]}
     write_record({"name": name, **record, **sizes, "casts": casts}, folder / RECORD)
+
+
+def write_mould_apart(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
+    """Write a mould as `write_mould` does, in a process of its own."""
+    call_with_plugins(write_mould, job, folder, form)
 
 
 def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: Mapping[str, Any]) -> list[Any]:

@@ -8,18 +8,18 @@ import numpy as np
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
+from taichisoft_meshing.body_tables import add_box_of_size
 from taichisoft_meshing.finger_dimensions import FingerDimensions, FingerParameters, starts
 from taichisoft_meshing.geometry_file import CheckedGeometry
 from taichisoft_meshing.gmsh_session import (
     GmshFailure,
+    compare_volumes,
     curved_sides,
     gmsh_session,
     obey_size_fields,
     tetrahedra,
     with_curved_sides,
 )
-from taichisoft_meshing.meshed_body import compare_volumes
-from taichisoft_meshing.size_search import GROWTH
 from taichisoft_meshing.wall_quality import cavity_names, skins_and_cavities
 
 # The boxes of a finger's slots, air and layers, in the axes of the mesh.
@@ -131,8 +131,8 @@ def walled_boxes(finger: FingerDimensions) -> list[WalledBox]:
 
 def thin_walls(finger: FingerDimensions) -> np.ndarray:
     """Thicknesses of the thin walls [mm], thinnest first, shape (count,) with count of at least 1."""
-    found = np.sort(np.concatenate([walled.walls.ravel() for walled in walled_boxes(finger)]))
-    return found[found <= THIN * found[0]]
+    thicknesses = np.sort(np.concatenate([walled.walls.ravel() for walled in walled_boxes(finger)]))
+    return thicknesses[thicknesses <= THIN * thicknesses[0]]
 
 
 def layer_count(finger: FingerDimensions) -> int:
@@ -188,9 +188,9 @@ def _chamber(finger: FingerDimensions, number: int) -> WalledBox:
     return WalledBox(box, np.array([below, above]), np.array(shared))
 
 
-def _overlap(one: Box, other: Box) -> bool:
+def _overlap(first: Box, second: Box) -> bool:
     """Whether two boxes share a stretch along x."""
-    return bool(one.lower[0] < other.upper[0] and other.lower[0] < one.upper[0])
+    return bool(first.lower[0] < second.upper[0] and second.lower[0] < first.upper[0])
 
 
 # The parts of a finger that scenes name: groups of its tetrahedra and of its boundary triangles.
@@ -334,12 +334,12 @@ def inlet_bore(occ: Any, finger: FingerParameters, end: float, deeper: float = 0
     return 3, occ.addCylinder(begin, middle, 0, end - begin, 0, 0, finger.inlet.diameter / 2)
 
 
-def drawn_out(occ: Any, corners: Sequence[tuple[float, float, float]], way: tuple[float, float, float]) -> Solids:
+def drawn_out(occ: Any, corners: Sequence[tuple[float, float, float]], shift: tuple[float, float, float]) -> Solids:
     """The solid between a polygon and the same one shifted."""
     points = [occ.addPoint(*corner) for corner in corners]
     sides = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
     face = occ.addPlaneSurface([occ.addCurveLoop(sides)])
-    return [part for part in occ.extrude([(2, face)], *way) if part[0] == 3]
+    return [part for part in occ.extrude([(2, face)], *shift) if part[0] == 3]
 
 
 def _inner_solids(occ: Any, finger: FingerParameters) -> Solids:
@@ -435,26 +435,15 @@ def _mesh_with_sizes(gmsh: Any, finger: FingerParameters) -> None:
     reach = np.full(3, thin_walls(finger)[-1])
     walls = [box.grown(reach, reach) for box in (channel_box(finger), *chamber_boxes(finger))]
     for box in walls:
-        _add_box_field(gmsh, box, sizes.smallest, sizes.largest, (sizes.largest - sizes.smallest) / GROWTH)
+        add_box_of_size(gmsh, box.lower, box.upper, sizes.smallest, sizes.largest)
     obey_size_fields(gmsh)
     mesh.generate(2)
     if layer_count(finger) == 1:
         gmsh.option.setNumber("Mesh.MeshSizeMin", 0)
         for box in walls:
-            _add_box_field(gmsh, box, INSIDE * sizes.smallest, sizes.largest, 0.0)
+            add_box_of_size(gmsh, box.lower, box.upper, INSIDE * sizes.smallest, sizes.largest, sharp=True)
         obey_size_fields(gmsh)
     mesh.generate(3)
-
-
-def _add_box_field(gmsh: Any, box: Box, inside: float, outside: float, distance: float) -> None:
-    """Set the size [mm] inside a box, which becomes that outside over a distance [mm] around it."""
-    field = gmsh.model.mesh.field
-    tag = field.add("Box")
-    options = {"VIn": inside, "VOut": outside, "Thickness": distance}
-    for axis, low, high in zip("XYZ", box.lower, box.upper, strict=True):
-        options |= {f"{axis}Min": low, f"{axis}Max": high}
-    for option, value in options.items():
-        field.setNumber(tag, option, value)
 
 
 PRESETS = {"coarse": 3.6, "medium": 1.55, "fine": 1.0}

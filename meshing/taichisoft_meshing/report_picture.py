@@ -11,6 +11,7 @@ import numpy as np
 from taichisoft.base import atomic_file, require
 from taichisoft.errors import MeshError
 from taichisoft.mesh import SectionPlane, VolumeMesh, cut_tetrahedra, split_triangles
+from taichisoft_meshing.closed_shells import area_vectors
 from taichisoft_meshing.mesh_quality import MeshQuality, QualityLimits
 from taichisoft_meshing.wall_quality import FACES, SurfaceQuality, neighbours
 
@@ -70,7 +71,7 @@ def cut_open(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality], section: Sect
     element = np.concatenate([np.rint(skin[:, 0, 3]).astype(int), of_cut])
     side = np.concatenate([np.rint(skin[:, 0, 4]).astype(int), np.full(len(cut), CUT)])
     corners = np.concatenate([skin[..., :3], cut])
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(corners)
     facing = normals[:, 2] / np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
     # Nothing that is kept stands before the section.
     order = np.lexsort((corners[:, :, 2].mean(axis=1), side == CUT))

@@ -11,11 +11,10 @@ from pydantic import Field, model_validator
 
 from taichisoft.mesh import VolumeMesh, with_middle_nodes
 from taichisoft.scene import NotNegative, Positive, Table
+from taichisoft_meshing.body_tables import add_box_of_size, element_count, refuse_too_many
 from taichisoft_meshing.geometry_file import ROUNDING, CheckedGeometry, at_least, at_most
-from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
-from taichisoft_meshing.meshed_body import compare_volumes
+from taichisoft_meshing.gmsh_session import compare_volumes, gmsh_session, obey_size_fields, tetrahedra
 from taichisoft_meshing.pneunet_finger import TOUCH, drawn_out, surface_groups
-from taichisoft_meshing.size_search import GROWTH, element_count, refuse_too_many
 
 THINNEST = 0.1
 """Least silicone that must remain anywhere [mm]."""
@@ -211,7 +210,7 @@ def _build(gmsh: Any, finger: TendonFingerTable) -> None:
 
 def _set_sizes(gmsh: Any, finger: TendonFingerTable) -> None:
     """Small elements in a box around each hinge, growing to the largest."""
-    body, notches, sizes, field = finger.body, finger.notches, finger.mesh, gmsh.model.mesh.field
+    body, notches, sizes = finger.body, finger.notches, finger.mesh
     gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.largest)
     gmsh.option.setNumber("Mesh.MeshSizeMin", sizes.smallest)
     if sizes.smallest == sizes.largest or not notches.count:
@@ -219,18 +218,7 @@ def _set_sizes(gmsh: Any, finger: TendonFingerTable) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
     for middle in finger.middles:
-        tag = field.add("Box")
-        options = {
-            "VIn": sizes.smallest,
-            "VOut": sizes.largest,
-            "Thickness": (sizes.largest - sizes.smallest) / GROWTH,
-            "XMin": -(middle + notches.bottom / 2),
-            "XMax": -(middle - notches.bottom / 2),
-            "YMin": finger.back(middle) - notches.hinge,
-            "YMax": finger.back(middle),
-            "ZMin": -body.width / 2,
-            "ZMax": body.width / 2,
-        }
-        for option, value in options.items():
-            field.setNumber(tag, option, value)
+        lower = -(middle + notches.bottom / 2), finger.back(middle) - notches.hinge, -body.width / 2
+        upper = -(middle - notches.bottom / 2), finger.back(middle), body.width / 2
+        add_box_of_size(gmsh, lower, upper, sizes.smallest, sizes.largest)
     obey_size_fields(gmsh)

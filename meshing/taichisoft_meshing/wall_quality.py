@@ -128,10 +128,15 @@ def cavity_names(count: int) -> list[str]:
 
 def connected_pieces(triangles: np.ndarray, node_count: int) -> list[np.ndarray]:
     """The triangles, each (count, 3), of every piece of a surface that shares no node with the others."""
-    starts, ends = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
-    graph = coo_matrix((np.ones(len(starts)), (starts, ends)), shape=(node_count, node_count))
-    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    piece = joined_pieces(node_count, triangles[:, [0, 1, 1, 2]].reshape(-1, 2))[triangles[:, 0]]
     return [triangles[piece == number] for number in np.unique(piece)]
+
+
+def joined_pieces(count: int, pairs: np.ndarray) -> np.ndarray:
+    """Number of the piece of each of `count` things, shape (count,), of which pairs, (pair_count, 2), are joined."""
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    pieces: np.ndarray = connected_components(graph, directed=False)[1]
+    return pieces
 
 
 # The shapes of tetrahedra, and their neighbours.
@@ -197,9 +202,9 @@ def neighbours(elements: np.ndarray) -> np.ndarray:
     order = np.lexsort(faces.T)
     same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
     pairs = order[:-1][same], order[1:][same]
-    found = np.full(len(faces), -1)
-    found[pairs[0]], found[pairs[1]] = pairs[1] // 4, pairs[0] // 4
-    return found.reshape(-1, 4)
+    behind = np.full(len(faces), -1)
+    behind[pairs[0]], behind[pairs[1]] = pairs[1] // 4, pairs[0] // 4
+    return behind.reshape(-1, 4)
 
 
 PARALLEL = 0.9
@@ -258,9 +263,11 @@ class WallQuality:
 def measure_walls(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality]) -> tuple[WallQuality, ...]:
     """Find the walls of a mesh of positive elements and sort them by their sides, cavities first."""
     walls = find_walls(mesh.nodes, mesh.elements)
-    closed = sorted((one for one in surfaces if one.closed_by_name), key=lambda surface: surface.name == OUTER)
+    closed = sorted(
+        (surface for surface in surfaces if surface.closed_by_name), key=lambda surface: surface.name == OUTER
+    )
     side, opposite = (_surface_of(triangles, closed) for triangles in (walls.triangles, walls.opposite))
-    found = []
+    walls_by_sides = []
     for first, surface in enumerate(closed):
         for second in range(first, len(closed)):
             here = ((side == first) & (opposite == second)) | ((side == second) & (opposite == first))
@@ -270,8 +277,8 @@ def measure_walls(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality]) -> tuple
             share = np.bincount(across, areas, MANY + 1).cumsum() / areas.sum()
             thinnest, least = float(walls.thickness[here].min()), int(np.argmax(share > LEFT_OUT))
             sides = (surface.name, closed[second].name)
-            found.append(WallQuality(sides, surface.of_cavity, thinnest, least, float(share[1])))
-    return tuple(found)
+            walls_by_sides.append(WallQuality(sides, surface.of_cavity, thinnest, least, float(share[1])))
+    return tuple(walls_by_sides)
 
 
 def find_walls(nodes: np.ndarray, elements: np.ndarray) -> Walls:
@@ -325,8 +332,8 @@ def _trace_rays(
         reach = np.where(outward, distance / np.where(outward, steepness, 1.0), np.inf)
         through = reach.argmin(axis=1)
         length[active] = reach.min(axis=1)
-        following, found = behind[here, through], np.isfinite(length[active])
-        leaving, going = found & (following < 0), found & (following >= 0)
+        following, is_finite = behind[here, through], np.isfinite(length[active])
+        leaving, going = is_finite & (following < 0), is_finite & (following >= 0)
         last_face[active[leaving]] = through[leaving]
         active = active[going]
         came_from[active], element[active] = here[going], following[going]
@@ -358,7 +365,7 @@ def _incidence(rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) ->
 
 def _surface_of(triangles: np.ndarray, surfaces: Sequence[SurfaceQuality]) -> np.ndarray:
     """Index of the surface of each triangle, which has all three corners; -1 where no surface has them."""
-    found = np.full(len(triangles), -1)
+    index = np.full(len(triangles), -1)
     for number, surface in enumerate(surfaces):
-        found[np.isin(triangles, surface.triangles).all(axis=1)] = number
-    return found
+        index[np.isin(triangles, surface.triangles).all(axis=1)] = number
+    return index

@@ -131,7 +131,7 @@ def mesh_sweep(
     from taichisoft_studies.study_file import Sweep, varied
 
     study = make_study(Sweep, {"scene": file, "vary": varied(vary)}, "mesh sweep", jobs, scheduler)
-    job = mesh_commands.geometry_job(file, set_, mesh_commands.asked_size(size, nodes, preset))
+    job = mesh_commands.geometry_job(file, set_, mesh_commands.requested_size(size, nodes, preset))
     variants = plan(job, study.vary)
     prepare_folder(output)
     console = Console()

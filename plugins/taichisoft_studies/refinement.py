@@ -189,7 +189,7 @@ def physical_figures(metrics: Mapping[str, Any]) -> dict[str, float]:
 def _finer_mesh(file: str, request: Mapping[str, Any]) -> str:
     """The change of the table `mesh` of a body, what follows its name; empty where nothing finer is known."""
     from taichisoft_meshing.geometry_file import is_geometry, make_geometry, read_tables
-    from taichisoft_meshing.scene_meshes import merge_tables
+    from taichisoft_meshing.mesh_job import merge_tables
 
     path = Path(file)
     if not is_geometry(file):

@@ -58,7 +58,7 @@ def check_geometries(jobs: Sequence[RunJob]) -> None:
     """Refuse a study of which no run has a geometry that can be made, such as one with a misspelt dimension."""
     from taichisoft.scene import scene_from_toml
     from taichisoft_meshing.geometry_file import is_geometry, make_geometry, read_tables
-    from taichisoft_meshing.scene_meshes import merge_tables
+    from taichisoft_meshing.mesh_job import merge_tables
 
     first: MeshError | None = None
     for job in jobs:

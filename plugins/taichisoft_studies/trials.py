@@ -12,9 +12,8 @@ from taichisoft.base import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.scene import scene_from_toml
 from taichisoft_meshing.geometry_file import is_geometry, read_tables
-from taichisoft_meshing.mesh_job import MeshJob
-from taichisoft_meshing.mesh_process import write_mould_apart
-from taichisoft_meshing.scene_meshes import merge_tables
+from taichisoft_meshing.mesh_job import MeshJob, merge_tables
+from taichisoft_meshing.mould_parts import write_mould_apart
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.optimiser import (
     AGAIN,

@@ -168,7 +168,7 @@ def test_keys_jog_in_the_axes_of_the_world_and_of_the_tool(tmp_path):
     assert seen.base_rotation == pytest.approx(tilted.as_rotvec(), abs=1e-9)
 
 
-def test_sliders_move_joints_and_air_within_their_limits_and_speeds(tmp_path):
+def test_sliders_keep_joints_and_air_within_their_limits(tmp_path):
     simulation, controller = steered(tmp_path, links="none")
     assert controller.sliders["joint_1"].unit == "degrees" and controller.sliders["left.cavity"].unit == "kPa"
     start = controller.sliders["joint_1"].value
@@ -184,7 +184,7 @@ def test_sliders_move_joints_and_air_within_their_limits_and_speeds(tmp_path):
     assert controller.sliders["joint_6"].value == pytest.approx(360.0, abs=0.1)
 
 
-def test_a_key_takes_over_from_the_script_and_a_place_out_of_reach_is_not_gone_to(tmp_path):
+def test_key_takes_over_from_the_script_within_reach(tmp_path):
     simulation = Simulation(scene(tmp_path, links="none", translation_step=150.0))
     controller = make_controller(simulation.model.scene)
     controller.reset(simulation.model)

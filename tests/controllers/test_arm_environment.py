@@ -40,7 +40,7 @@ def follow() -> Follow:
     return Follow(scene=carried(), control_period=PERIOD)
 
 
-def test_the_joints_go_as_they_are_asked_and_the_base_goes_with_them(follow: Follow) -> None:
+def test_joints_follow_their_script_and_carry_the_base(follow: Follow) -> None:
     """In a period a joint goes its speed times the period; base and observation follow from all joints."""
     assert [channel.unit for channel in follow.action_channels] == ["kPa", "kPa", *["rad/s"] * 6]
     readings, _ = follow.reset(seed=0)

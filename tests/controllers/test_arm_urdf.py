@@ -84,7 +84,7 @@ def test_the_gripper_hangs_on_the_mount(tmp_path):
     assert motion @ [220.0, 0.0, 90.0, 1.0] == pytest.approx([100.0, 120.0, 110.0, 1.0], abs=1e-9)
 
 
-def test_a_link_in_the_middle_may_carry_the_gripper_and_joints_beside_stay(tmp_path):
+def test_link_in_the_middle_may_carry_the_gripper(tmp_path):
     jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="mount"/><child link="jaw"/>'
     jaw += '<axis xyz="0 1 0"/><limit lower="0.01" upper="0.03" velocity="1" effort="1"/></joint>'
     urdf = own_arm(tmp_path, more=jaw)
@@ -115,13 +115,13 @@ LIMIT = '<limit velocity="1.0" effort="1"/>'
     {
         ("</robot>", ""): "not readable as URDF: XMLSyntaxError",
         ('type="prismatic"', 'type="floating"'): "joint 'slide': type 'floating' cannot be driven",
-        ('lower="-0.05" upper="0.2"', 'lower="0.2" upper="0.2"'): "joint 'slide': its limits, 0.2 and 0.2, leave it no",
+        ('lower="-0.05" upper="0.2"', 'lower="0.2" upper="0.2"'): "joint 'slide': its limits are 0.2 and 0.2; must be",
         ('<parent link="foot"/>', '<parent link="food"/>'): "joint 'turn': no link is called 'food'; did you mean",
         ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>'): "joint 'turn': its axis has no direction",
         (LIMIT, LIMIT + '<mimic joint="slide"/>'): "joint 'turn': moves as 'slide' does",
         ('<child link="lower"/>', '<child link="upper"/>'): "two joints, 'turn' and 'slide', move one link",
         ('<link name="mount"/>', '<link name="mount"/><link name="loose"/>'): "needs one link that no joint moves",
-        ('type="continuous"', 'type="revolute"'): "joint 'turn': its limits, None and None",
+        ('type="continuous"', 'type="revolute"'): "joint 'turn': its limits are None and None",
         ('name="slide"', 'name="turn"'): "2 joints are called 'turn'",
         ('<link name="mount"/>', '<link name="mount"/><link name="mount"/>'): "2 links are called 'mount'",
         ('<parent link="upper"/>', '<parent link="mount"/>'): "links move one another in a circle: mount",
@@ -189,8 +189,11 @@ BESIDE = '<link name="jaw"/><joint name="grip" type="revolute"><parent link="mou
         (('<parent link="lower"/>', ""), "'slide' has 0 of <parent>"),
         (('name="slide" ', ""), "a joint has no name"),
         (('<origin xyz="0.1 0 0"/>', '<origin XYZ="0.1 0 0"/>'), "origin has 'XYZ'; must be xyz or rpy"),
-        (("</robot>", BESIDE.format('<limit lower="inf" upper="inf"/>') + "</robot>"), "'grip': its limits, inf and"),
-        (("</robot>", BESIDE.format('<limit lower="1" upper="-1"/>') + "</robot>"), "'grip': its limits, 1 and -1"),
+        (
+            ("</robot>", BESIDE.format('<limit lower="inf" upper="inf"/>') + "</robot>"),
+            "'grip': its limits are inf and",
+        ),
+        (("</robot>", BESIDE.format('<limit lower="1" upper="-1"/>') + "</robot>"), "'grip': its limits are 1 and -1"),
         (("</robot>", BESIDE.format('<axis xyz="0 0 0"/>') + "</robot>"), "'grip': its axis has no direction"),
     ],
 )
@@ -244,7 +247,7 @@ def test_a_joint_without_a_speed_gets_the_usual_one(tmp_path):
         ({"links": "shown"}, "links"),
     ],
 )
-def test_settings_that_are_not_possible_are_refused_as_the_scene_is_read(tmp_path, changes, said):
+def test_impossible_settings_are_refused_with_the_scene(tmp_path, changes, said):
     given = {key: value for key, value in {**STANDING, **changes}.items() if value is not None}
     tables = {
         "controller": {"name": "arm", "settings": given},

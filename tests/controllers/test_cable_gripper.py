@@ -73,7 +73,7 @@ class Watched(ClosedLoopController):
         return control
 
 
-def test_the_closed_loop_lifts_a_cube_of_unknown_weight_by_cables() -> None:
+def test_closed_loop_lifts_an_unknown_weight_by_cables() -> None:
     """80 g take 1121 mN at friction 0.7, and it begins with 800: it slips, and is held with more. Quick, and low."""
     simulation, controller = Simulation(load_scene("cable-gripper")), Watched(lift=10.0, lift_time=0.8, hold=0.3)
     start = simulation.state.rigid_position[0, 2]

@@ -12,7 +12,7 @@ from conftest import PATIENCE
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_first_example_and_the_arguments_and_wrappers_that_are_shown() -> None:
+def test_documented_environments_and_wrappers_work() -> None:
     page = (ROOT / "docs/environments.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names: dict = {}

@@ -47,7 +47,7 @@ def test_plus_and_minus_change_all_pressures_by_a_kilopascal() -> None:
     assert press(controller, "-").pressure == dict.fromkeys(CAVITIES, 2.0)
 
 
-def test_a_digit_selects_a_finger_with_all_its_cavities_and_zero_selects_all() -> None:
+def test_digit_selects_a_finger_and_zero_selects_all() -> None:
     controller = ready()
     assert controller.status == "all fingers selected"
     assert press(controller, "2", "+").pressure == dict(zip(CAVITIES, [0.0, 1.0, 1.0, 0.0], strict=True))
@@ -65,9 +65,7 @@ def test_a_digit_selects_a_finger_with_all_its_cavities_and_zero_selects_all() -
         ({"lowest_pressure": 5.0}, 5.0, 150.0),
     ],
 )
-def test_pressures_stay_within_the_scene_s_limits_or_else_the_tutorial_s(
-    limits: dict[str, float], lowest: float, highest: float
-) -> None:
+def test_pressures_stay_within_limits(limits: dict[str, float], lowest: float, highest: float) -> None:
     """At a limit further presses are not saved up: the first press back counts."""
     controller = KeyboardController()
     controller.reset(made_up_model(CAVITIES, limits=limits))
@@ -112,7 +110,7 @@ def test_sideways_turns_with_the_gripper_and_up_does_not() -> None:
 
 
 @given(st.lists(st.sampled_from(KEYS), max_size=40))
-def test_it_depends_on_the_keys_alone_and_ctrl_and_shift_change_nothing(keys: list[str]) -> None:
+def test_control_depends_on_keys_without_ctrl_and_shift(keys: list[str]) -> None:
     """The same keys give the same bits, also after another session."""
     plain, again = ready(), ready()
     press(again, "+", "3", "up", "a")
@@ -134,7 +132,7 @@ def test_pressure_steps_add_up(keys: list[str], step: float) -> None:
     assert press(ready(pressure_step=step), *keys).pressure["finger1.cavity"] == expected
 
 
-def test_a_slider_sets_the_pressure_of_one_cavity_and_follows_the_keys() -> None:
+def test_slider_sets_one_cavity_and_follows_the_keys() -> None:
     """Keys count on from where it stands; beyond the limits, and for a cavity that is not there, nothing happens."""
     controller = KeyboardController(pressure_step=2.0)
     controller.reset(made_up_model(CAVITIES, limits={"highest_pressure": 40.0}))
@@ -163,7 +161,7 @@ def test_steps_are_settings() -> None:
     assert "2.5 kPa" in controller.bindings["+"]
 
 
-def test_keys_move_one_frame_after_the_other_and_turn_hinges_between_their_stops() -> None:
+def test_keys_move_frames_and_turn_hinges_to_their_stops() -> None:
     """f goes on to the next frame; those on a path are left out. A resumed controller goes on where it was."""
     hinge = {"axis": [0.0, 0.0, 1.0], "highest_angle": 20.0}
     path = {"times": [0.0, 1.0], "rotations": [[0.0, 0.0, 0.0], [0.0, 0.0, 9.0]]}

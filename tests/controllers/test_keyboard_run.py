@@ -74,7 +74,7 @@ def test_after_an_exception_the_terminal_is_as_before(falling_cube: Path, tmp_pa
     assert json.loads((tmp_path / "results" / "metrics.json").read_text())["steps"] == 21
 
 
-def test_after_being_killed_the_run_is_complete_and_the_terminal_as_before(falling_cube: Path, tmp_path: Path) -> None:
+def test_killed_run_is_whole_and_restores_the_terminal(falling_cube: Path, tmp_path: Path) -> None:
     """What no program can handle is tested in test_terminal_keys.py, with a program that starts faster."""
     with terminal(*COMMAND, str(falling_cube), folder=tmp_path) as screen:
         os.kill(started(screen), signal.SIGTERM)

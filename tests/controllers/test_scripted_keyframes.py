@@ -1,14 +1,17 @@
-"""The scripted controller: what it asks for between, at and beyond its keyframes, and what it refuses."""
+"""Scripts from files: keyframes in TOML and CSV, what they ask for, and their refusals."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from made_up import CAVITIES, made_up_model, refusal, write
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up import CAVITIES, controller_of, follow, made_up_model, pressures, refusal, write
 
 from taichisoft import Control, Controller, Observation
 from taichisoft.errors import SceneError
+from taichisoft_controllers.script_file import read_keyframes
 from taichisoft_controllers.scripted_controller import scripted_controller
 
 SCRIPT = """
@@ -122,7 +125,7 @@ def test_a_wrong_pressure_is_named_as_a_setting(tmp_path: Path, value: Any) -> N
         scripted_controller(script(tmp_path), pressure=value)
 
 
-def test_suction_turns_the_pressures_of_keyframes_but_not_steps_with_rates(tmp_path: Path) -> None:
+def test_suction_turns_keyframes_but_not_steps_with_rates(tmp_path: Path) -> None:
     turned = scripted_controller(script(tmp_path), pressure=-20.0)
     assert [pressure(turned, time) for time in (0.5, 1.5, 3.5)] == [0.0, -20.0, -5.0]
     with pytest.raises(SceneError, match=r"^controller\.settings\.pressure = -20: .* has steps with rates"):
@@ -132,3 +135,245 @@ def test_suction_turns_the_pressures_of_keyframes_but_not_steps_with_rates(tmp_p
 def test_a_script_without_pressure_cannot_be_scaled() -> None:
     with pytest.raises(SceneError, match=r"rest\.toml: has no pressure above 0"):
         scripted_controller("rest", pressure=50.0)
+
+
+# Scripts as comma-separated values: the same as their TOML, and what is refused, with line and column.
+
+CSV = """\
+# two fingers close, one after the other
+time [s], pressure left [kPa], pressure right [kPa], base_translation z [mm], base_rotation x [degrees]
+0.2,      0,                   0,                    0,                       0
+
+1.2,      50,                  0,                    0,                       0
+1.7,      50,                  4e1,                  30.5,                    90
+"""
+TOML = """
+[[keyframes]]
+time = 0.2
+pressure = { left = 0.0, right = 0.0 }
+[[keyframes]]
+time = 1.2
+pressure = { left = 50.0, right = 0.0 }
+[[keyframes]]
+time = 1.7
+pressure = { left = 50.0, right = 40.0 }
+base_translation = [0.0, 0.0, 30.5]
+base_rotation = [90.0, 0.0, 0.0]
+"""
+
+
+@pytest.mark.parametrize("interpolation", [None, "smooth"])
+def test_a_csv_asks_for_the_same_as_its_toml(tmp_path: Path, interpolation: str | None) -> None:
+    one = follow(controller_of(tmp_path, CSV, "script.csv", interpolation=interpolation), 2.0)
+    other = follow(controller_of(tmp_path, TOML, interpolation=interpolation), 2.0)
+    assert one.keys() == other.keys()
+    for time, control in one.items():
+        assert control.pressure == other[time].pressure
+        np.testing.assert_array_equal(control.base_translation, other[time].base_translation)
+        np.testing.assert_array_equal(control.base_rotation, other[time].base_rotation)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "time,pressure\n0,7\n",
+        "\ufefftime,pressure\r\n0,7\r\n",
+        'pressure [kPa],"time [s]"\n"7",0',
+        "time ,pressure[kPa]\n 0 , 7 ",
+    ],
+)
+def test_what_programs_and_people_write_is_read(tmp_path: Path, content: str) -> None:
+    """With a byte-order mark and line ends as from Excel, columns in any order, quotes, blanks."""
+    assert pressures(follow(controller_of(tmp_path, content, "script.csv"), 0.0)[0.0]) == [7.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "needs a first line with the names of the columns, as in: time,pressure"),
+        ("# only a comment", "needs a first line"),
+        ("time,pressure", "keyframes = []: at least 1 is needed"),
+        ("tme,pressure\n0,1", "column 'tme': unknown; did you mean 'time'?"),
+        ("time,pressure,base_x\n0,1,1", "column 'base_x': unknown; "),
+        ("time;pressure\n0;1", "column 'time;pressure': unknown; "),
+        ("time,pressure [bar]\n0,1", "column 'pressure [bar]': its unit is kPa, not bar"),
+        ("time [ms],pressure\n0,1", "column 'time [ms]': its unit is s, not ms"),
+        ("# a\ntime,time,pressure\n0,1,1", "there are 2 columns 'time'; keep one"),
+        ("time,pressure,pressure left\n0,1,1", "the columns 'pressure' and 'pressure left' exclude each other"),
+        ("pressure\n1", "the column 'time' is missing; columns are: pressure"),
+        ("time\n1", "keyframes.0: needs at least one of pressure, valve, pull, tension"),
+        ("time,pressure\n\n0", "0: has 1 cells; 2 are needed, one for each column"),
+        ("time,pressure\n0,1,2", "0,1,2: has 3 cells; 2 are needed"),
+        ("time,pressure\n0,", "0,: each cell must be a number, as in 0.5"),
+        ("time,pressure\n0,high", "0,high: each cell must be a number, as in 0.5"),
+        ("time,pressure\n0,nan", "keyframes.0.pressure = nan: input should be a finite number"),
+        ("time,pressure\n1,1\n0.5,1", "the times of the keyframes must increase; they are [1.0, 0.5]"),
+        ("time,pressure\n-1,1", "keyframes.0.time = -1.0: input should be greater than or equal to 0"),
+        ("time,pressure\n0,\0", "each cell must be a number"),
+    ],
+)
+def test_a_wrong_csv_is_refused_in_one_line(tmp_path: Path, content: str, message: str) -> None:
+    assert message in refusal(write(tmp_path, content, "script.csv"))
+
+
+def test_a_finger_that_there_is_not_is_refused_before_the_run(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"keyframes\.0\.pressure: no finger or cavity is called 'lift'; did you mean"):
+        controller_of(tmp_path, "time,pressure lift,pressure right\n0,1,1", "script.csv")
+
+
+def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "script.csv"
+    path.write_bytes(b"time,pressure\n\xff\xfe")
+    with pytest.raises(SceneError, match=r"script\.csv: not readable as CSV: "):
+        scripted_controller(path)
+
+
+@given(st.text() | st.text("time,prsu \n0123456789.\"'[]#kPa", max_size=60).map("time,pressure\n".__add__))
+def test_whatever_is_in_it_only_a_scene_error_comes_out(text: str) -> None:
+    try:
+        tables = read_keyframes(text)
+    except SceneError:
+        return
+    assert set(tables) == {"keyframes"}
+
+
+# Files of scripts: pressures by finger, and what is refused, with file, key, value and what would be valid.
+
+
+def keyframe(pressure: str) -> str:
+    return f"keyframes = [{{ time = 0.0, pressure = {pressure} }}]"
+
+
+@pytest.mark.parametrize(
+    ("pressure", "expected"),
+    [
+        ("7", [7.0, 7.0, 7.0]),
+        ("{ left = 1.0, right = 2.0 }", [1.0, 1.0, 2.0]),
+        ('{ right = 2, "left.tip" = 3, "left.base" = 1 }', [1.0, 3.0, 2.0]),
+        ("{ right.base = 2.0, left.tip = 3.0, left.base = 1.0 }", [1.0, 3.0, 2.0]),  # tables in tables, to TOML
+    ],
+)
+def test_pressure_is_for_all_or_by_finger_or_cavity(tmp_path: Path, pressure: str, expected: list[float]) -> None:
+    assert pressures(follow(controller_of(tmp_path, keyframe(pressure)), 0.0)[0.0]) == expected
+
+
+def test_each_cavity_is_interpolated_between_its_own_keyframes(tmp_path: Path) -> None:
+    script = (
+        "[[keyframes]]\ntime = 0\npressure = { left = 0.0, right = 30.0 }\n[[keyframes]]\ntime = 1\npressure = 10.0"
+    )
+    asked = follow(controller_of(tmp_path, script), 0.5)
+    assert pressures(asked[0.5]) == pytest.approx([5.0, 5.0, 20.0])
+
+
+def test_the_largest_of_all_cavities_is_scaled(tmp_path: Path) -> None:
+    controller = controller_of(tmp_path, keyframe("{ left = 10.0, right = 40.0 }"), pressure=80.0)
+    assert pressures(follow(controller, 0.0)[0.0]) == [20.0, 20.0, 80.0]
+
+
+def test_a_setting_replaces_the_interpolation(tmp_path: Path) -> None:
+    script = "keyframes = [{ time = 0.0, pressure = 0.0 }, { time = 1.0, pressure = 8.0 }]"
+    linear = follow(controller_of(tmp_path, script), 0.25)[0.25]
+    smooth = follow(controller_of(tmp_path, script, interpolation="smooth"), 0.25)[0.25]
+    assert (pressures(linear)[0], pressures(smooth)[0]) == pytest.approx((2.0, 1.25))
+
+
+@pytest.mark.parametrize("value", ["cubic", 3, ""])
+def test_a_wrong_interpolation_is_named_as_a_setting(tmp_path: Path, value: str) -> None:
+    with pytest.raises(SceneError, match=r"^controller\.settings\.interpolation = .*: input should be 'linear' or"):
+        scripted_controller(write(tmp_path, keyframe("1.0")), interpolation=value)
+
+
+@pytest.mark.parametrize(
+    ("pressure", "message"),
+    [
+        ("{}", "keyframes.0.pressure: names no finger or cavity"),
+        ("{ left = '1' }", "keyframes.0.pressure: left = '1' must be a finite number [kPa]"),
+        ("{ left = inf }", "keyframes.0.pressure: left = inf must be a finite number [kPa]"),
+        ("{ left = { tip = true } }", "keyframes.0.pressure: left.tip = True must be a finite number [kPa]"),
+        ("[1.0]", "keyframes.0.pressure = [1.0]: input should be a valid number"),
+        ("true", "keyframes.0.pressure = True: input should be a valid number"),
+    ],
+)
+def test_a_wrong_pressure_is_refused_when_the_file_is_read(tmp_path: Path, pressure: str, message: str) -> None:
+    assert refusal(write(tmp_path, keyframe(pressure))) == message
+
+
+STEP = "[[steps]]\npressure = {}\nduration = 1.0"
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        (
+            keyframe("{ lift = 1.0 }"),
+            "keyframes.0.pressure: no finger or cavity is called 'lift'; did you mean 'left'?",
+        ),
+        (keyframe("{ left.tap = 1.0 }"), "no finger or cavity is called 'left.tap'; did you mean 'left.tip'?"),
+        (
+            keyframe("{ left = 1.0 }"),
+            "keyframes.0.pressure: does not name 'right.base'; a keyframe has the pressure of",
+        ),
+        (keyframe("{ left = 1.0, right = 1.0, 'left.tip' = 2.0 }"), "'left.tip' is given twice, the second time as"),
+        (STEP.format("{ lift = 1.0 }"), "steps.0.pressure: no finger or cavity is called 'lift'; did you mean 'left'?"),
+        (
+            "[[steps]]\nname = 'wait'\nuntil = 'contact_force[\"left|cub\"] > 1'\ntimeout = 1.0",
+            "steps.0 'wait': until = 'contact_force[\"left|cub\"] > 1': contact_force[\"left|cub\"]: "
+            "no pair of bodies is called 'left|cub'; did you mean 'left|cube'?",
+        ),
+    ],
+)
+def test_unknown_name_is_refused_before_the_run(tmp_path: Path, script: str, message: str) -> None:
+    assert message in refusal(tmp_path / "script.toml", lambda _: controller_of(tmp_path, script))
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        (
+            "steps = [{ hold = 1.0 }]\nkeyframes = [{ time = 0.0, pressure = 1.0 }]",
+            "exactly one of keyframes, steps is needed; given: keyframes, steps",
+        ),
+        ("step = [{ hold = 1.0 }]", "step: unknown key; did you mean 'steps'?"),
+        ("steps = []", "steps = []: at least 1 is needed"),
+        ("steps = [{}]", "steps.0: does nothing; it needs at least one of pressure, valve, pull, tension,"),
+        ("steps = [{ name = 'a' }]", "steps.0: does nothing"),
+        ("steps = [{ time = 1.0, pressure = 1.0 }]", "steps.0.time: unknown key; "),
+        ("keyframes = [{ time = 1.0, pressure = 1.0, until = 'time > 1' }]", "keyframes.0.until: unknown key; "),
+        ("steps = [{ untill = 'time > 1', timeout = 1.0 }]", "steps.0.untill: unknown key; did you mean 'until'?"),
+        ("steps = [{ until = 'time > 1' }]", "steps.0: until needs a timeout [s], after which the run fails"),
+        ("steps = [{ hold = 1.0, timeout = 1.0 }]", "steps.0: timeout without until has no effect"),
+        ("steps = [{ until = 'time > 1', timeout = 0.0 }]", "steps.0.timeout = 0.0: input should be greater than 0"),
+        ("steps = [{ until = true, timeout = 1.0 }]", "steps.0.until = True: input should be a valid string"),
+        ("steps = [{ pressure = 1.0 }]", "steps.0: pressure needs a duration [s] or a pressure_rate [kPa/s]"),
+        (
+            "steps = [{ base_translation = [1.0, 0.0, 0.0], pressure = 1.0, pressure_rate = 1.0 }]",
+            "steps.0: base_translation needs a duration [s] or a base_speed [mm/s]",
+        ),
+        ("steps = [{ base_rotation = [1.0, 0.0, 0.0] }]", "or a base_turning_speed [degrees/s]"),
+        (
+            "steps = [{ pressure = 1.0, pressure_rate = 1.0, duration = 1.0 }]",
+            "steps.0: duration and pressure_rate are both given; give one of them",
+        ),
+        ("steps = [{ hold = 1.0, base_speed = 1.0 }]", "steps.0: base_speed without base_translation has no effect"),
+        ("steps = [{ duration = 1.0 }]", "steps.0: duration without anything that moves; to wait, give hold [s]"),
+        ("steps = [{ hold = -1.0 }]", "steps.0.hold = -1.0: input should be greater than 0"),
+        ("steps = [{ pressure = nan, duration = 1.0 }]", "steps.0.pressure = nan: input should be a finite number"),
+        (
+            "steps = [{ hold = 1.0 }, { name = 'close', until = 'contact_forse > 60', timeout = 1.0 }]",
+            "steps.1 'close': until = 'contact_forse > 60': no quantity is called 'contact_forse'; "
+            "did you mean 'contact_force'?",
+        ),
+        (
+            "steps = [{ until = 'contact_force', timeout = 1.0 }]",
+            "steps.0: until = 'contact_force': 'contact_force' is a number; compare it with something",
+        ),
+    ],
+)
+def test_a_wrong_file_of_steps_is_refused_in_one_line(tmp_path: Path, script: str, message: str) -> None:
+    assert message in refusal(write(tmp_path, script))
+
+
+def test_steps_without_pressure_cannot_be_scaled(tmp_path: Path) -> None:
+    path = write(tmp_path, "steps = [{ hold = 1.0 }]")
+    with pytest.raises(SceneError, match="has no pressure above 0"):
+        scripted_controller(path, pressure=50.0)

@@ -236,7 +236,7 @@ def test_a_name_that_ends_in_a_number_is_a_folder(command, block: Path, tmp_path
     assert (tmp_path / "wall-1.5" / "wall-1.5.msh").is_file()
 
 
-def test_a_missed_limit_is_named_and_nothing_is_written_unless_forced(command, block: Path, tmp_path: Path) -> None:
+def test_missed_limit_is_named_and_only_force_writes(command, block: Path, tmp_path: Path) -> None:
     block.write_text('kind = "block"\n[quality]\nradius_ratio = 0.8\nelements_across_walls = 2\n')
     refused = command("mesh", block, "-o", tmp_path / "body")
     assert refused.code == 2
@@ -353,7 +353,7 @@ def test_what_cannot_be_meshed_leaves_the_old_file_alone(command, tmp_path: Path
     assert output.read_text() == "the mesh of yesterday"
 
 
-def test_an_output_that_cannot_be_written_is_refused_before_the_work(command, tmp_path: Path) -> None:
+def test_unwritable_output_is_refused_before_meshing(command, tmp_path: Path) -> None:
     assert "is not a kind of volume mesh file" in command("mesh", "tutorial", "-o", tmp_path / "finger.stl").error
     (tmp_path / "file").touch()
     below_a_file = tmp_path / "file" / "finger.msh"

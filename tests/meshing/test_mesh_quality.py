@@ -1,15 +1,32 @@
-"""The figures of whole meshes, and what speaks against them."""
+"""The figures of a mesh: shapes of its elements, its walls, and the limits of a geometry file."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from blocks import make_block
+from hypothesis import given
+from hypothesis import strategies as st
 
 from taichisoft import VolumeMesh
+from taichisoft.errors import MeshError
 from taichisoft.mesh import boundary_triangles, with_middle_nodes
+from taichisoft_meshing import wall_quality as wall_quality
+from taichisoft_meshing.geometry_file import make_geometry, quality_limits
+from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.mesh_quality import QualityLimits, cautions, faults, measure, missed_limits
-from taichisoft_meshing.wall_quality import winding_numbers
+from taichisoft_meshing.wall_quality import (
+    MANY,
+    Walls,
+    dihedral_angles,
+    edge_lengths,
+    find_walls,
+    measure_surfaces,
+    measure_walls,
+    radius_ratios,
+    winding_numbers,
+)
 
 
 def hollow() -> VolumeMesh:
@@ -61,13 +78,13 @@ def test_a_wall_of_one_element_is_warned_of() -> None:
     assert unit == "its longest side = 0.04 mm: soft robots have 1 to 20000; 0.04 m are 40 mm"
 
 
-def test_a_wall_of_one_quadratic_element_is_none_that_is_warned_of() -> None:
+def test_wall_of_one_quadratic_element_gives_no_warning() -> None:
     quality = measure(with_middle_nodes(hollow()))
     assert quality.elements_across_walls == 1
     assert cautions(quality) == []
 
 
-def test_two_pieces_are_a_fault_and_so_are_nodes_that_should_be_one() -> None:
+def test_two_pieces_and_duplicate_nodes_are_faults() -> None:
     """Two cubes side by side that share no node: two pieces, and their nodes in the common plane stand twice."""
     cube = make_block((2, 2, 2), (2.0, 2.0, 2.0))
     apart, touching = measure(beside(cube, cube, 3.0)), measure(beside(cube, cube, 2.0))
@@ -149,3 +166,176 @@ def test_winding_numbers_tell_inside_from_outside() -> None:
 )
 def test_each_limit_is_named_with_the_measure_and_its_value(limit: dict, line: str) -> None:
     assert missed_limits(measure(hollow()), QualityLimits(**limit)) == [line]
+
+
+# The shapes of tetrahedra.
+
+ORDER = np.array([[0, 1, 2, 3]])
+REGULAR = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
+CORNER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+LINE = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], dtype=float)
+
+
+def test_the_regular_tetrahedron_has_the_ratio_1_in_any_size() -> None:
+    for size in (1e-3, 1.0, 1e3):
+        assert radius_ratios(size * REGULAR, ORDER) == pytest.approx([1], rel=1e-12)
+        assert edge_lengths(size * REGULAR, ORDER).ravel() == pytest.approx([size * np.sqrt(8)] * 2, rel=1e-12)
+
+
+def test_the_corner_of_a_cube_has_the_ratio_of_its_two_spheres() -> None:
+    """Circumscribed sqrt(3)/2; inscribed 3 V / S = (1/2) / (3/2 + sqrt(3)/2) = 1 / (3 + sqrt(3))."""
+    expected = 3 / (3 + np.sqrt(3)) / (np.sqrt(3) / 2)
+    assert radius_ratios(CORNER, ORDER) == pytest.approx([expected], rel=1e-12)
+
+
+def test_a_flat_tetrahedron_has_the_ratio_0() -> None:
+    assert radius_ratios(SQUARE, ORDER) == pytest.approx([0], abs=1e-15)
+    assert radius_ratios(LINE, ORDER) == pytest.approx([0], abs=1e-15)
+
+
+def test_dihedral_angles_of_known_tetrahedra() -> None:
+    """Regular: acos(1/3). Corner of a cube: 90 degrees at the three edges of the cube, else acos(1/sqrt(3))."""
+    assert dihedral_angles(REGULAR, ORDER) == pytest.approx(np.full((1, 6), np.degrees(np.arccos(1 / 3))), rel=1e-12)
+    slanted = np.degrees(np.arccos(1 / np.sqrt(3)))
+    assert sorted(dihedral_angles(CORNER, ORDER)[0]) == pytest.approx([slanted] * 3 + [90] * 3, rel=1e-12)
+    assert sorted(dihedral_angles(SQUARE, ORDER)[0]) == pytest.approx([0] * 4 + [180] * 2)
+
+
+def test_edges_are_the_shortest_and_the_longest() -> None:
+    corners = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0], [0, 0, 1]], dtype=float)
+    assert edge_lengths(corners, ORDER).tolist() == [[1.0, 5.0]]
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_measures_ignore_place_and_order_of_nodes(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    corners = random.random((4, 3))
+    turned, _ = np.linalg.qr(random.standard_normal((3, 3)))
+    moved = corners @ turned + random.random(3)
+    order = random.permutation(4).reshape(1, 4)
+    for shape in (radius_ratios, dihedral_angles, edge_lengths):
+        here, there = (np.sort(shape(*given).ravel()) for given in ((corners, ORDER), (moved, order)))
+        np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-6)
+
+
+def test_the_radius_ratio_is_gmshs_gamma() -> None:
+    nodes = np.random.default_rng(3).random((40, 3))
+    elements = np.arange(40).reshape(10, 4)
+    with gmsh_session("tetrahedra") as gmsh:
+        volume = gmsh.model.addDiscreteEntity(3)
+        gmsh.model.mesh.addNodes(3, volume, np.arange(1, 41), nodes.ravel())
+        gmsh.model.mesh.addElementsByType(volume, 4, np.arange(1, 11), elements.ravel() + 1)
+        gamma = gmsh.model.mesh.getElementQualities(np.arange(1, 11), "gamma")
+    np.testing.assert_allclose(radius_ratios(nodes, elements), np.abs(gamma), rtol=1e-9)
+
+
+# The table [quality] of a geometry file, for every kind.
+
+FILE = Path("finger.toml")
+
+
+def test_what_a_file_does_not_say_has_defaults() -> None:
+    assert quality_limits({}, FILE) == QualityLimits()
+    limits = quality_limits({"quality": {"radius_ratio": 0.2, "elements_across_walls": 2}}, FILE)
+    assert limits == QualityLimits(radius_ratio=0.2, elements_across_walls=2)
+
+
+@pytest.mark.parametrize(
+    ("table", "problem"),
+    [
+        ({"radius_ratio": 2.0}, "quality.radius_ratio = 2.0: input should be less than or equal to 1"),
+        ({"radius": 0.1}, "quality.radius: unknown key; did you mean 'radius_ratio'?"),
+        ({"elements_across_walls": 2.5}, "quality.elements_across_walls = 2.5: input should be a valid integer"),
+        ({"shortest_edge": float("nan")}, "quality.shortest_edge = nan: input should be a finite number"),
+        ({"smallest_dihedral_angle": True}, "quality.smallest_dihedral_angle = True: input should be a valid number"),
+        (3, "quality = 3: must be a table, [quality]"),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_file(table: object, problem: str) -> None:
+    with pytest.raises(MeshError) as refused:
+        make_geometry("pneunet_finger", {"quality": table}, FILE)
+    assert str(refused.value) == f"finger.toml: {problem}"
+
+
+def test_a_kind_does_not_see_the_table() -> None:
+    make_geometry("pneunet_finger", {"quality": {"radius_ratio": 0.2}}, FILE)  # which knows no such key
+
+
+# Walls found with rays: their thickness and how many elements they are thick, whatever the body's shape.
+
+
+@pytest.mark.parametrize("layers", [1, 2, 3, 4, 6])
+def test_a_plate_is_as_many_elements_thick_as_it_has_layers(layers: int) -> None:
+    """Whatever diagonal the tetrahedra take, no path from one face to the other has fewer edges than layers."""
+    plate = make_block((6, 5, layers), (60.0, 50.0, 10.0))
+    walls = find_walls(plate.nodes, plate.elements)
+    through = np.isclose(walls.thickness, 10.0)
+    assert walls.areas[through].sum() == pytest.approx(2 * 60 * 50)
+    assert (walls.elements_across[through] == min(layers, MANY)).all()
+
+
+def test_rays_through_nodes_and_edges_are_not_lost() -> None:
+    """Some rays in a block of boxes run along faces of tetrahedra all the way; a turned block adds rounding."""
+    for seed in range(3):
+        block = make_block((4, 4, 4), (4.0, 4.0, 4.0))
+        turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0] if seed else np.eye(3)
+        turn *= np.sign(np.linalg.det(turn))
+        walls = find_walls(block.nodes @ turn.T, block.elements)
+        assert walls.areas.sum() == pytest.approx(6 * 16)
+        assert walls.thickness == pytest.approx(np.full(len(walls.areas), 4.0))
+
+
+def wedge(degrees: float) -> VolumeMesh:
+    """A prism of 80 mm between two faces that meet at an angle, sharp: a block whose nodes at one end are made one."""
+    block = make_block((8, 4, 4), (80.0, 40.0, 2.0))
+    nodes = block.nodes + np.array([40.0, 0.0, 0.0])
+    nodes[:, 2] *= nodes[:, 0] * np.tan(np.radians(degrees / 2))
+    nodes, merged = np.unique(nodes.round(9), axis=0, return_inverse=True)
+    elements = merged[block.elements]
+    whole = (np.diff(np.sort(elements, axis=1), axis=1) > 0).all(axis=1)
+    return VolumeMesh("wedge", nodes, elements[whole]).check()
+
+
+def test_the_edge_of_a_wedge_is_no_wall() -> None:
+    """A wedge of 10 degrees is a wall, but not where triangles of both faces share a node."""
+    mesh = wedge(10.0)
+    walls = find_walls(mesh.nodes, mesh.elements)
+    assert (walls.elements_across >= 1).all()
+    assert walls.thickness.min() > 0.5
+    corner = find_walls(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
+    assert len(corner.areas) == 0
+
+
+def test_faces_that_are_not_parallel_are_no_wall() -> None:
+    """A wedge of 60 degrees is no wall; only the parallel ends of the prism remain."""
+    mesh = wedge(60.0)
+    walls = find_walls(mesh.nodes, mesh.elements)
+    assert walls.areas.sum() == pytest.approx(2 * 80 * 80 * np.tan(np.radians(30)))
+    assert walls.thickness == pytest.approx(np.full(len(walls.areas), 40.0))
+
+
+def of_block(mesh: VolumeMesh) -> dict[tuple[str, str], tuple[float, int, float]]:
+    walls = measure_walls(mesh, measure_surfaces(mesh))
+    return {wall.sides: (wall.thinnest, wall.elements_across, wall.share_of_one) for wall in walls}
+
+
+def test_walls_are_told_apart_by_their_sides() -> None:
+    """A cube of 50 mm with a hollow of 30 mm in the middle: walls of 10 mm on all sides, one box thick."""
+    walls = of_block(make_block((5, 5, 5), (50.0, 50.0, 50.0), hollow=True))
+    assert walls[("cavity", "outer")] == pytest.approx((10.0, 1, 1.0))
+    assert walls[("outer", "outer")] == pytest.approx((50.0, 5, 0.0))
+    assert ("cavity", "cavity") not in walls
+
+
+@pytest.mark.parametrize(("thin", "across"), [(4, 2), (6, 1)])
+def test_a_few_edges_straight_through_do_not_make_a_wall_thin(
+    thin: int, across: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wall is called one element thick only if more than 5 % of its area is."""
+    block = make_block((5, 5, 5), (50.0, 50.0, 50.0), hollow=True)
+    cavity, outer = (np.tile(surface.triangles[:1], (100, 1)) for surface in reversed(measure_surfaces(block)))
+    elements_across = np.where(np.arange(100) < thin, 1, np.where(np.arange(100) < 50, 2, 3))
+    walls = Walls(cavity, outer, np.ones(100), np.full(100, 10.0), elements_across)
+    monkeypatch.setattr(wall_quality, "find_walls", lambda nodes, elements: walls)
+    assert of_block(block) == {("cavity", "outer"): (10.0, across, thin / 100)}

@@ -80,7 +80,7 @@ def test_the_shipped_fingers_mould_passes_its_check(tmp_path: Path, figures: Fig
     figures.close("finger [mm^3]", stiff + soft, part(tmp_path, "").volume, 1e-5 * soft)
 
 
-def test_without_draft_the_castings_are_the_finger_of_the_drawing(tmp_path: Path, figures: Figures) -> None:
+def test_castings_without_draft_are_the_drawn_finger(tmp_path: Path, figures: Figures) -> None:
     """What is poured less what fills the holes of the lids, with the stiff layer, is the volume of the silicone; the
     slide leaves the bore up to the base, where the drawing is closed."""
     record = write(tmp_path, {**SMALL, "inlet": {"diameter": 2.0}}, draft=0.0)

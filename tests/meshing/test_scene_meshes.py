@@ -1,16 +1,25 @@
-"""Meshes for scenes: made once for the same inputs, whatever happens to the cache."""
+"""Meshes for scenes: made in a process of their own, kept, and found again."""
 
 import logging
+import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 import pytest
+import typer
+from test_odd_input import told
+from typer.testing import CliRunner
 
+import taichisoft_meshing
 from taichisoft import Geometry, VolumeMesh, hookimpl, load_scene, write_volume_mesh
 from taichisoft.base import SUFFIX
 from taichisoft.errors import MeshError, SceneError
@@ -18,8 +27,8 @@ from taichisoft.running import plugins
 from taichisoft.running.simulation import load_meshes
 from taichisoft.scene import data_folder, scene_from_dict, scene_to_toml
 from taichisoft_meshing import gmsh_session, mesh_job
-from taichisoft_meshing.mesh_cache import cache_folder
-from taichisoft_meshing.scene_meshes import merge_tables, mesh_for_scene
+from taichisoft_meshing.body_tables import MOST_ELEMENTS, element_count
+from taichisoft_meshing.mesh_job import MeshJob, cache_folder, make_mesh, make_mesh_apart, merge_tables, mesh_for_scene
 
 
 class Wedge(Geometry):
@@ -131,7 +140,7 @@ def changed_code(file: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "change", [changed_file, changed_size, changed_by_the_scene, changed_named_file, changed_gmsh, changed_code]
 )
-def test_whatever_a_mesh_is_made_from_another_one_is_made_when_it_changes(
+def test_changed_input_makes_another_mesh(
     file: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[..., dict[str, Any]]
 ) -> None:
     (file.parent / "shape.stl").write_text("a shape")
@@ -169,7 +178,7 @@ def test_without_a_place_to_keep_it_the_mesh_is_the_same(file: Path, monkeypatch
         assert same(mesh_for_scene(file), kept)
 
 
-def test_a_kept_mesh_of_which_one_number_was_changed_is_made_anew(file: Path) -> None:
+def test_kept_mesh_with_a_changed_number_is_remade(file: Path) -> None:
     """It can be read, and would be another body."""
     mesh = mesh_for_scene(file)
     (entry,) = entries()
@@ -234,7 +243,7 @@ def test_a_shipped_geometry_needs_no_suffix(mesh: Any) -> None:
     assert found.request == ({"size": 14.0} if isinstance(mesh, dict) and "size" in mesh else {})
 
 
-def test_a_geometry_beside_the_scene_needs_none_and_a_shipped_mesh_wins_over_a_geometry(file: Path) -> None:
+def test_shipped_mesh_wins_over_a_shipped_geometry(file: Path) -> None:
     body = {"mass": 0.04, "young_modulus": 500, "poisson_ratio": 0.3}
     bodies = {"own": {**body, "mesh": {"file": "wedge"}}, "shipped": {**body, "mesh": "tutorial-coarse"}}
     scene = scene_from_dict({"soft_bodies": bodies}, folder=file.parent)
@@ -254,15 +263,13 @@ def test_a_name_of_neither_a_mesh_nor_a_geometry_lists_both() -> None:
 SAVE_FINGER = f"""
 import numpy, sys
 from pathlib import Path
-from taichisoft_meshing.scene_meshes import mesh_for_scene
+from taichisoft_meshing.mesh_job import mesh_for_scene
 mesh = mesh_for_scene(Path({str(FINGER)!r}), size=16.0)
 numpy.savez(sys.argv[1], nodes=mesh.nodes, elements=mesh.elements, **mesh.surface_groups)
 """
 
 
-def test_two_processes_that_make_the_same_mesh_at_a_time_both_get_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_processes_at_once_get_the_same_mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And a third one, later, gets the same bits from the cache, in which nothing else is left."""
     monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
     names = [str(tmp_path / f"{number}.npz") for number in range(2)]
@@ -290,3 +297,160 @@ def test_bodies_of_a_scene_that_names_a_geometry(file: Path) -> None:
     assert load_scene(written) == scene
     with pytest.raises(SceneError, match=rf"^soft_bodies.one.mesh: {file}: edgy: unknown key"):
         load_meshes(load_scene(written, ["soft_bodies.one.mesh.set.edgy=3"]))
+
+
+# `taichisoft mesh cache`, and where it looks.
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path))
+    return tmp_path / "meshes"
+
+
+def shown(*arguments: str) -> str:
+    application = typer.Typer()
+    taichisoft_meshing.taichisoft_commands(application)
+    result = CliRunner().invoke(application, ["mesh", "cache", *arguments])
+    assert result.exit_code == 0, result.output
+    return result.output.strip()
+
+
+def test_cache_folder_follows_the_variable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cache_folder() == folder
+    monkeypatch.setenv("TAICHISOFT_CACHE", "~/elsewhere")
+    assert cache_folder() == Path.home() / "elsewhere" / "meshes"
+    monkeypatch.delenv("TAICHISOFT_CACHE")
+    assert cache_folder() == platformdirs.user_cache_path("taichisoft", appauthor=False) / "meshes"
+
+
+def test_it_is_shown_and_cleared(folder: Path) -> None:
+    """Other files in the folder stay."""
+    assert shown() == f"0 meshes, 0.0 MB, in {folder}"
+    folder.mkdir()
+    for name in ("one.msh", "one.msh.sha256", "two.msh", ".three.msh.17.partial", "notes.txt"):
+        (folder / name).write_bytes(bytes(150_000))
+    assert shown() == f"2 meshes, 0.3 MB, in {folder}"
+    assert shown("--clear") == f"deleted 2 meshes, 0.3 MB, in {folder}"
+    assert [path.name for path in folder.iterdir()] == ["notes.txt"]
+    assert shown() == f"0 meshes, 0.0 MB, in {folder}"
+
+
+# Meshing in a process of its own: what crashes there, or does not end, is one line with the name of the file.
+
+KIND = """
+import os, time
+from taichisoft import Geometry, hookimpl
+
+class Odd(Geometry):
+    def __init__(self, tables, path):
+        self.does, self.begun = tables["does"], tables.get("begun")
+    def mesh(self, size=None):
+        if self.does == "crash":
+            os.abort()
+        if self.begun:
+            with open(self.begun + ".partial", "w") as file:
+                file.write(str(os.getpid()))
+            os.rename(self.begun + ".partial", self.begun)
+        time.sleep(600)
+
+@hookimpl
+def taichisoft_geometry_kinds():
+    return {"odd": Odd}
+"""
+
+
+@pytest.fixture
+def odd(tmp_path: Path, taichisoft_plugins: object) -> Path:
+    """A plug-in whose kind crashes, or never comes to an end."""
+    path = tmp_path / "odd.py"
+    path.write_text(KIND)
+    plugins.load_plugin(path)
+    return tmp_path / "body.toml"
+
+
+def test_a_crash_is_one_line_with_the_name_of_the_file(odd: Path) -> None:
+    with pytest.raises(MeshError, match=r"body\.toml: the process that meshes it ended without a mesh: .*SIGABRT$"):
+        make_mesh_apart(MeshJob("odd", {"does": "crash"}, odd, {}))
+
+
+PARENT = """
+import sys
+from pathlib import Path
+from taichisoft.running.plugins import load_plugin
+from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_job import make_mesh_apart
+
+load_plugin(Path(sys.argv[1]))
+make_mesh_apart(MeshJob("odd", {"does": "wait", "begun": sys.argv[2]}, Path("body.toml"), {}))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="asks for a process by a signal")
+def test_who_is_killed_while_a_mesh_is_made_leaves_no_process(odd: Path, tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    words = [sys.executable, "-c", PARENT, str(tmp_path / "odd.py"), str(begun)]
+    parent = subprocess.Popen(words)
+    while not begun.exists():
+        assert parent.poll() is None
+        time.sleep(0.02)
+    meshing = int(begun.read_text())
+    parent.kill()
+    parent.wait()
+    try:
+        with pytest.raises(ProcessLookupError):
+            for _ in range(500):
+                os.kill(meshing, 0)
+                time.sleep(0.02)
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(meshing, signal.SIGKILL)
+
+
+def test_endless_mesh_reports_and_meets_its_time_limit(
+    odd: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(mesh_job, "BETWEEN_LINES", 0.2)
+    with caplog.at_level("INFO"), pytest.raises(MeshError, match=r"body\.toml: .* took more than 0\.5 s; take larger"):
+        make_mesh_apart(MeshJob("odd", {"does": "wait"}, odd, {}), time_limit=0.5)
+    assert "body.toml: 0 s so far" in caplog.text
+
+
+def test_the_mesh_is_the_one_that_this_process_would_make() -> None:
+    from taichisoft.scene import data_folder
+    from taichisoft_meshing.geometry_file import read_tables
+
+    file = data_folder() / "fingers" / "tutorial.toml"
+    kind, tables = read_tables(file)
+    job = MeshJob(kind, tables, file, {"size": 14.0})
+    apart, here = make_mesh_apart(job), make_mesh(job)
+    np.testing.assert_array_equal(apart.mesh.nodes, here.mesh.nodes)
+    np.testing.assert_array_equal(apart.mesh.elements, here.mesh.elements)
+    assert apart.remarks == here.remarks
+
+
+@pytest.mark.parametrize("key", ["largest", "smallest"])
+def test_mesh_too_large_is_refused_before_gmsh_starts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, key: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    line = told(
+        monkeypatch,
+        capsys,
+        "mesh",
+        "tutorial",
+        "--set",
+        f"mesh.{key}=0.001",
+        "--set",
+        "mesh.smallest=0.001",
+        "-o",
+        "x.msh",
+    )
+    assert "it would make about" in line and f"{MOST_ELEMENTS:.0e} are the most" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_estimate_is_that_of_regular_tetrahedra() -> None:
+    """A regular tetrahedron of edge s has s^3 / (6 sqrt 2); a metre of 0.001 mm has some 1e19."""
+    assert element_count(1e9, 1.0, 1.0) == pytest.approx(6 * np.sqrt(2) * 1e9, rel=2e-3)
+    assert element_count(1e3, 10.0, 0.001, [100.0]) > 1e8 > element_count(1e3, 10.0, 0.001)

@@ -1,4 +1,4 @@
-"""STEP bodies of several solids, with open chambers and numbered faces: a finger of a designer."""
+"""Bodies of STEP files: read, refused, meshed, with solids, faces, cavities and openings by their numbers."""
 
 import re
 import warnings
@@ -15,17 +15,246 @@ from solid_shapes import write_step
 
 import taichisoft
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh, boundary_triangles, count_open_edges, element_volumes, enclosed_volume
+from taichisoft.mesh import (
+    VolumeMesh,
+    boundary_triangles,
+    count_open_edges,
+    element_volumes,
+    enclosed_volume,
+    tetrahedron_volumes,
+)
 from taichisoft.scene import scene_from_dict
 from taichisoft_meshing.body_pictures import draw_faces
-from taichisoft_meshing.cad_body import read_step
+from taichisoft_meshing.cad_body import cap_triangles, read_step, rims
 from taichisoft_meshing.file_bodies import StepBody, through_edges
+from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 from taichisoft_meshing.mesh_commands import with_options
-from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_job import MeshJob, mesh_for_scene
 from taichisoft_meshing.mesh_quality import faults, measure
-from taichisoft_meshing.openings import cap_triangles, rims
-from taichisoft_meshing.scene_meshes import mesh_for_scene
 from taichisoft_meshing.wall_quality import find_walls
+
+
+def two_voids(occ: Any) -> None:
+    """A block of 12000 mm^3 with a ball and a box in it."""
+    voids = [(3, occ.addSphere(10, 10, 10, 5)), (3, occ.addBox(20, 8, 8, 4, 4, 4))]
+    occ.cut([(3, occ.addBox(0, 0, 0, 30, 20, 20))], voids)
+
+
+def test_a_body_with_two_voids(tmp_path: Path) -> None:
+    solid = read_step(write_step(tmp_path / "body.step", two_voids))
+    assert sorted(solid.void_volumes) == pytest.approx([64, 4 / 3 * np.pi * 125], rel=1e-9)
+    assert solid.volume == pytest.approx(12000 - sum(solid.void_volumes), rel=1e-9)
+    assert solid.extent == pytest.approx([30, 20, 20], abs=1e-5)
+    assert not solid.flat
+
+
+def test_a_file_in_metres_is_taken_to_millimetres(tmp_path: Path) -> None:
+    """And one in millimetres is read as such after it."""
+    path = write_step(tmp_path / "body.stp", lambda occ: occ.addBox(0, 0, 0, 3, 2, 1))
+    millimetres = path.read_text()
+    assert "SI_UNIT(.MILLI.,.METRE.)" in millimetres
+    metres = tmp_path / "metres.step"
+    metres.write_text(millimetres.replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT($,.METRE.)"))
+    for _ in range(2):
+        assert read_step(metres).volume == pytest.approx(6e9)
+        assert read_step(path).volume == pytest.approx(6.0)
+    assert read_step(path).flat
+
+
+def body_in_a_void(occ: Any) -> None:
+    occ.cut([(3, occ.addBox(0, 0, 0, 10, 10, 10))], [(3, occ.addBox(2, 2, 2, 6, 6, 6))])
+    occ.addBox(4, 4, 4, 2, 2, 2)
+
+
+@pytest.mark.parametrize(
+    ("draw", "problem"),
+    [
+        (
+            lambda occ: [occ.addBox(0, 0, 0, 10, 20, 20), occ.addBox(40, 0, 0, 10, 10, 10)],
+            r"has 2 solids, of 4000, 1000 mm\^3, and solid 2 shares no face with those joined to solid 1",
+        ),
+        (body_in_a_void, r"has 2 solids, of 784, 8 mm\^3, and solid 2 shares no face"),
+        (lambda occ: occ.addRectangle(0, 0, 0, 1, 1), "has no solid body, and 1 face; export the body as a solid"),
+    ],
+)
+def test_one_body_of_solids_is_needed(tmp_path: Path, draw: Callable[[Any], object], problem: str) -> None:
+    path = write_step(tmp_path / "body.step", draw)
+    with pytest.raises(MeshError, match=f"^{path}: {problem}"):
+        read_step(path)
+
+
+def edited(change: Callable[[str], str]) -> Callable[[Path], None]:
+    def edit(path: Path) -> None:
+        write_step(path, lambda occ: occ.addBox(0, 0, 0, 1, 1, 1))
+        text = path.read_text()
+        assert change(text) != text
+        path.write_text(change(text))
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("write", "problem"),
+    [
+        (lambda path: None, r"no such file; a STEP file \(.step, .stp\) is needed"),
+        (lambda path: path.mkdir(), "cannot be read: Is a directory"),
+        (lambda path: path.write_text(" \n"), "is not a STEP file: it does not begin with ISO"),
+        (
+            lambda path: path.write_text("solid body\nendsolid"),
+            "is not a STEP file: it does not begin with ISO-10303-21",
+        ),
+        (lambda path: path.write_text("ISO-10303-21;\nHEADER;\nEND-ISO-10303-21;\n"), "it has no section DATA"),
+        (edited(lambda text: text[: len(text) // 2]), "stops too early: it does not end with END-ISO-10303-21"),
+        (
+            edited(lambda text: text.replace("(0.,0.,0.)", "(0.,NaN,0.)", 1)),
+            r"line \d+ has the number NaN, which is not finite",
+        ),
+        (edited(lambda text: text.replace("CLOSED_SHELL", "OPEN_WORD")), "has no solid body|not readable as STEP"),
+    ],
+)
+def test_files_that_are_no_step_files_are_told(tmp_path: Path, write: Callable[[Path], None], problem: str) -> None:
+    path = tmp_path / "body.step"
+    write(path)
+    with pytest.raises(MeshError, match=f"^{path}: .*({problem})"):
+        read_step(path)
+
+
+def test_another_suffix_is_told(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"body.iges: '.iges' is not a kind of STEP file; valid: .step, .stp$"):
+        read_step(tmp_path / "body.iges")
+
+
+def test_names_that_read_like_numbers_are_names(tmp_path: Path) -> None:
+    path = tmp_path / "body.step"
+    edited(lambda text: text.replace("MANIFOLD_SOLID_BREP(''", "MANIFOLD_SOLID_BREP('(NaN,inf)'"))(path)
+    assert read_step(path).volume == pytest.approx(1.0)
+
+
+# Bodies from STEP files, meshed.
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with three bodies: flat faces and a box in it, a ball and a box in it, and no void."""
+    folder = tmp_path_factory.mktemp("step")
+    write_step(folder / "flat.step", flat)
+    write_step(folder / "voids.step", two_voids)
+    write_step(folder / "full.step", lambda occ: occ.addBox(0, 0, 0, 10, 10, 10))
+    return folder
+
+
+def flat(occ: Any) -> None:
+    occ.cut([(3, occ.addBox(0, 0, 0, 30, 20, 20))], [(3, occ.addBox(20, 8, 8, 4, 4, 4))])
+
+
+def body(folder: Path, name: str, **tables: Any) -> StepBody:
+    return StepBody({"file": name, **tables}, folder / "body.toml")
+
+
+def test_flat_faces_keep_their_volume(folder: Path) -> None:
+    base = {"point": [30, 0, 0], "normal": [1, 0, 0]}
+    geometry = body(folder, "flat.step", cavities=1, base=base, mesh={"largest": 6})
+    mesh = geometry.mesh()
+    assert list(mesh.surface_groups) == ["outer", "cavity", "base"]
+    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(12000 - 64, rel=1e-9)
+    assert enclosed_volume(mesh.nodes, mesh.surface_groups["cavity"]) == pytest.approx(64, rel=1e-9)
+    assert enclosed_volume(mesh.nodes, mesh.surface_groups["outer"]) == pytest.approx(12000, rel=1e-9)
+    assert count_open_edges(mesh.surface_groups["cavity"]) == count_open_edges(mesh.surface_groups["outer"]) == 0
+    a, b, c = np.moveaxis(mesh.nodes[mesh.surface_groups["base"]], 1, 0)
+    assert np.cross(b - a, c - a).sum(axis=0) / 2 == pytest.approx([400, 0, 0], abs=1e-9)
+    again = geometry.mesh()
+    assert np.array_equal(again.nodes, mesh.nodes) and np.array_equal(again.elements, mesh.elements)
+    assert len(geometry.mesh(3.0).nodes) > 2 * len(mesh.nodes)
+
+
+def test_curved_faces_are_meshed_as_fine_as_their_curvature(folder: Path) -> None:
+    """The ball with edges of a sixteenth turn, within 6 %, and each cavity in its own group."""
+    mesh = body(folder, "voids.step", cavities=2, mesh={"largest": 7}).mesh()
+    ball = 4 / 3 * np.pi * 125
+    walls = sorted(enclosed_volume(mesh.nodes, mesh.surface_groups[name]) for name in ("cavity_0", "cavity_1"))
+    assert walls[0] == pytest.approx(64, rel=1e-9)
+    assert 0.94 * ball < walls[1] < ball
+    silicone = tetrahedron_volumes(mesh.nodes, mesh.elements).sum()
+    assert silicone == pytest.approx(12000 - sum(walls), rel=1e-9)
+    with pytest.warns(UserWarning, match=r"body.toml: cavity_\d has .* mm\^3 in the mesh instead of 523.599, .*% off"):
+        rough = body(folder, "voids.step", mesh={"largest": 7, "curvature": 8}).mesh()
+    assert len(rough.nodes) < len(mesh.nodes)
+
+
+def test_the_volume_of_a_bore_converges_with_the_edges_around_it(tmp_path: Path) -> None:
+    """An inscribed polygon of n sides lacks 1 - n sin(2 pi / n) / 2 pi of the circle: hardly more is missing, and a
+    third of it at least, since no edge is much shorter than asked for."""
+
+    def plate(occ: Any) -> None:
+        occ.cut([(3, occ.addBox(0, 0, 0, 20, 20, 6))], [(3, occ.addCylinder(10, 10, -1, 0, 0, 8, 3))])
+
+    write_step(tmp_path / "plate.step", plate)
+    bore = np.pi * 9 * 6
+    for sides in (8, 32):
+        mesh = body(tmp_path, "plate.step", mesh={"largest": 6, "curvature": sides}).mesh()
+        missing = (tetrahedron_volumes(mesh.nodes, mesh.elements).sum() - (2400 - bore)) / bore
+        polygon = 1 - sides / (2 * np.pi) * np.sin(2 * np.pi / sides)
+        assert polygon / 3 < missing < 1.25 * polygon
+
+
+def test_smaller_elements_at_the_cavity(folder: Path) -> None:
+    even = body(folder, "flat.step", mesh={"largest": 8}).mesh()
+    graded = body(folder, "flat.step", mesh={"largest": 8, "smallest": 2}).mesh()
+    assert len(graded.surface_groups["cavity"]) > 2 * len(even.surface_groups["cavity"])
+
+
+def test_walls_of_two_elements(folder: Path) -> None:
+    plain, split = (
+        body(folder, "flat.step", mesh={"largest": 10, "elements_across_walls": across}).mesh() for across in (1, 2)
+    )
+    assert np.array_equal(split.surface_groups["cavity"], plain.surface_groups["cavity"])
+    assert len(through_edges(plain.elements)) > 0
+    assert len(through_edges(split.elements)) == 0
+
+
+def test_a_body_without_a_void_is_meshed_and_said(folder: Path) -> None:
+    with pytest.warns(UserWarning, match="full.step: the body has no cavity; a cavity is a void without an opening$"):
+        mesh = body(folder, "full.step", mesh={"largest": 10}).mesh()
+    assert list(mesh.surface_groups) == ["outer"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert body(folder, "full.step", cavities=0).cavity_volumes == ()
+
+
+@pytest.mark.parametrize(
+    ("tables", "problem"),
+    [
+        ({}, "file: this key is missing"),
+        (
+            {"file": "flat.step", "cavities": 2},
+            "cavities = 2: .*flat.step has 1; a cavity is a void without an opening",
+        ),
+        ({"file": "full.step", "cavities": 1}, "cavities = 1: .*full.step has 0"),
+        ({"file": "flat.step", "cavities": -1}, "cavities = -1: input should be greater than or equal to 0"),
+        ({"file": "flat.step", "size": 3}, "size: unknown key"),
+        ({"file": "flat.step", "mesh": {"largest": 31}}, "size 31: is larger than the body; must be at most 30 mm"),
+        (
+            {"file": "flat.step", "base": {"point": [40, 0, 0], "normal": [1, 0, 0]}, "mesh": {"largest": 10}},
+            r"base: no triangle of the outer surface lies in this plane; it spans \[0.0, 0.0, 0.0\] to \[30.0, ",
+        ),
+    ],
+)
+def test_what_is_wrong_in_the_tables_is_told(folder: Path, tables: dict, problem: str) -> None:
+    with pytest.raises(MeshError, match=f"^{folder}/body.toml: {problem}"):
+        StepBody(tables, folder / "body.toml").mesh()
+
+
+def test_a_file_names_its_step_file_beside_it(folder: Path) -> None:
+    file = folder / "finger.toml"
+    file.write_text('kind = "step"\nfile = "flat.step"\n')
+    geometry = read_geometry(file)
+    assert geometry.presets == {"coarse": 3.44, "medium": 1.72, "fine": 0.859}  # type: ignore[attr-defined]
+    mesh = mesh_geometry(geometry, 8.0, file)
+    assert mesh.source == str(file)
+    assert list(mesh.surface_groups) == ["outer", "cavity"]
+
+
+# STEP bodies of several solids, with open chambers and numbered faces: a finger of a designer.
 
 LENGTH, WIDTH, HEIGHT, LAYER = 40.0, 12.0, 12.0, 2.0
 CLOSED, OPEN, INLET = 14.0 * 6.0 * 7.0, 12.0 * 6.0 * 7.0, 4.0 * 2.0 * 2.0
@@ -44,14 +273,14 @@ def finger(occ: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`finger.step`, whose solids have the names "body" and "stiff layer", as CAD writes them."""
-    folder = tmp_path_factory.mktemp("solids")
-    path = write_step(folder / "finger.step", finger)
+    drawn = tmp_path_factory.mktemp("solids")
+    path = write_step(drawn / "finger.step", finger)
     names = {"1": "'body'", "2": "'stiff layer'"}
     unnamed = r"'Open CASCADE STEP translator [\d.]+ \d+\.(\d)'"
     path.write_text(re.sub(unnamed, lambda found: names[found[1]], path.read_text()))
-    return folder
+    return drawn
 
 
 @pytest.fixture(autouse=True)
@@ -59,16 +288,16 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
 
 
-def step_body(folder: Path, name: str = "finger.step", **tables: Any) -> StepBody:
-    return StepBody({"file": name, **tables}, folder / "body.toml")
+def step_body(drawn: Path, name: str = "finger.step", **tables: Any) -> StepBody:
+    return StepBody({"file": name, **tables}, drawn / "body.toml")
 
 
 @pytest.fixture(scope="module")
-def meshed(folder: Path) -> VolumeMesh:
+def meshed(drawn: Path) -> VolumeMesh:
     """The finger with its inlet closed and the shared face as a group, all said on the way."""
-    (glue,) = (face.number for face in read_step(folder / "finger.step").faces if len(face.solids) == 2)
+    (glue,) = (face.number for face in read_step(drawn / "finger.step").faces if len(face.solids) == 2)
     with pytest.warns(UserWarning, match=r"finger.step: the flat end, face \d+ and \d+, is the group 'base'"):
-        return step_body(folder, cavities=2, close_inlets=True, faces={"paper": glue}, mesh={"largest": 6}).mesh()
+        return step_body(drawn, cavities=2, close_inlets=True, faces={"paper": glue}, mesh={"largest": 6}).mesh()
 
 
 def test_each_solid_is_a_group_and_they_share_their_faces(meshed: VolumeMesh) -> None:
@@ -100,16 +329,16 @@ def test_a_chamber_open_at_its_inlet_is_closed_by_a_cap(meshed: VolumeMesh) -> N
     ), "both faces of the end; the cap is no silicone that could be held"
 
 
-def test_what_is_open_is_said_with_its_place(folder: Path) -> None:
+def test_what_is_open_is_said_with_its_place(drawn: Path) -> None:
     opening = r"opening 1, 4 mm\^2 wide in face \d+ around \[0, 6, 3\] mm before 520 mm\^3 of air; close_inlets = true"
     with pytest.warns(UserWarning, match=f"finger.step: a chamber is open; {opening} makes cavities .*, and false "):
-        assert len(step_body(folder).cavity_volumes) == 1
+        assert len(step_body(drawn).cavity_volumes) == 1
     with pytest.raises(MeshError, match=f"cavities = 2: .*finger.step has 1; a cavity is a void .*; {opening}"):
-        _ = step_body(folder, cavities=2).body
+        _ = step_body(drawn, cavities=2).body
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert step_body(folder, close_inlets=False).cavity_volumes == pytest.approx([CLOSED])
-        assert step_body(folder, close_inlets=[1]).cavity_volumes == pytest.approx([CLOSED, OPEN + INLET])
+        assert step_body(drawn, close_inlets=False).cavity_volumes == pytest.approx([CLOSED])
+        assert step_body(drawn, close_inlets=[1]).cavity_volumes == pytest.approx([CLOSED, OPEN + INLET])
 
 
 def chamber(occ: Any, outside: Any, *cut: Any) -> None:
@@ -217,12 +446,10 @@ def test_layers_get_two_elements_across(tmp_path: Path) -> None:
     assert counts[1] == 0
 
 
-def test_thin_walls_get_finer_elements(folder: Path) -> None:
+def test_thin_walls_get_finer_elements(drawn: Path) -> None:
     """Triangles on walls have edges of at most 1.5 times the ratio, the rest stay as they were."""
     coarse, fine = (
-        step_body(
-            folder, close_inlets=True, mesh={"largest": 8, "elements_across_walls": 1, "wall_ratio": ratio}
-        ).mesh()
+        step_body(drawn, close_inlets=True, mesh={"largest": 8, "elements_across_walls": 1, "wall_ratio": ratio}).mesh()
         for ratio in (0.0, 1.2)
     )
     edges = []
@@ -234,7 +461,7 @@ def test_thin_walls_get_finer_elements(folder: Path) -> None:
     assert np.quantile(edges[0], 0.9) > 2.0
     assert np.quantile(edges[1], 0.9) < 1.5 * 1.2
     with pytest.raises(MeshError, match=r"mesh.wall_ratio = 0.001: must be at least .* elements"):
-        step_body(folder, close_inlets=False, mesh={"largest": 8, "wall_ratio": 0.001}).mesh()
+        step_body(drawn, close_inlets=False, mesh={"largest": 8, "wall_ratio": 0.001}).mesh()
 
 
 @pytest.mark.parametrize(
@@ -249,9 +476,9 @@ def test_thin_walls_get_finer_elements(folder: Path) -> None:
         ({"base": [{"point": [0, 0, 0], "normal": [1, 0, 0]}], "faces": {"base": 3}}, "base and faces.base: only one"),
     ],
 )
-def test_numbers_and_names_that_are_wrong_are_told(folder: Path, tables: dict[str, Any], problem: str) -> None:
+def test_numbers_and_names_that_are_wrong_are_told(drawn: Path, tables: dict[str, Any], problem: str) -> None:
     with pytest.raises(MeshError, match=f"body.toml: {problem}"):
-        step_body(folder, **{"close_inlets": False, "mesh": {"largest": 10}, **tables}).mesh()
+        step_body(drawn, **{"close_inlets": False, "mesh": {"largest": 10}, **tables}).mesh()
 
 
 def test_a_body_of_another_unit_is_doubted(tmp_path: Path) -> None:
@@ -260,9 +487,9 @@ def test_a_body_of_another_unit_is_doubted(tmp_path: Path) -> None:
     assert "small.step: its longest side = 0.04" in read_step(path).doubt
 
 
-def test_several_planes_are_one_base(folder: Path) -> None:
+def test_several_planes_are_one_base(drawn: Path) -> None:
     planes = [{"point": [x, 0, 0], "normal": [1, 0, 0]} for x in (0, LENGTH)]
-    mesh = step_body(folder, close_inlets=False, base=planes, mesh={"largest": 10}).mesh()
+    mesh = step_body(drawn, close_inlets=False, base=planes, mesh={"largest": 10}).mesh()
     assert set(np.unique(mesh.nodes[mesh.surface_groups["base"]][..., 0])) == {0.0, LENGTH}
 
 
@@ -272,8 +499,8 @@ def test_solids_that_overlap_are_refused(tmp_path: Path) -> None:
         read_step(path)
 
 
-def test_options_and_keys_of_scenes_are_keys_of_the_geometry(folder: Path) -> None:
-    job = MeshJob("step", {"file": "finger.step", "mesh": {"largest": 6.0}}, folder / "finger.step", {})
+def test_options_and_keys_of_scenes_are_keys_of_the_geometry(drawn: Path) -> None:
+    job = MeshJob("step", {"file": "finger.step", "mesh": {"largest": 6.0}}, drawn / "finger.step", {})
     changed = with_options(job, 2, ["7=base", "9 = base", "1=pad"], ["2=stiff"], close_inlets=True).tables
     assert changed == {
         "file": "finger.step",
@@ -283,16 +510,16 @@ def test_options_and_keys_of_scenes_are_keys_of_the_geometry(folder: Path) -> No
         "close_inlets": True,
     }
     with pytest.warns(UserWarning, match="is the group 'base'"):
-        mesh = mesh_for_scene(folder / "finger.step", size=6.0, order=2, set={"close_inlets": False})
+        mesh = mesh_for_scene(drawn / "finger.step", size=6.0, order=2, set={"close_inlets": False})
     assert mesh.elements.shape[1] == 10
 
 
-def test_from_step_to_a_gripper(folder: Path) -> None:
+def test_from_step_to_a_gripper(drawn: Path) -> None:
     """Three fingers straight from the STEP file, the layer of another stiffness: pressure in both chambers bends them.
 
     The layer stretches least, so that each tip moves away from the chambers' side, towards its layer.
     """
-    mesh = {"file": str(folder / "finger.step"), "size": 10.0, "set": {"close_inlets": True}}
+    mesh = {"file": str(drawn / "finger.step"), "size": 10.0, "set": {"close_inlets": True}}
     one = {
         "mesh": mesh,
         "element": "linear",
@@ -304,7 +531,7 @@ def test_from_step_to_a_gripper(folder: Path) -> None:
         "cavities": {name: {"group": name} for name in ("cavity_0", "cavity_1")},
     }
     fingers = {f"finger{k}": {**one, "translation": [0.0, 30.0 * k, 0.0]} for k in range(3)}
-    simulation = taichisoft.Simulation(scene_from_dict({"gravity": [0, 0, 0], "soft_bodies": fingers}, folder))
+    simulation = taichisoft.Simulation(scene_from_dict({"gravity": [0, 0, 0], "soft_bodies": fingers}, drawn))
     start = simulation.state.position.copy()
     names = [f"{finger}.{name}" for finger in fingers for name in ("cavity_0", "cavity_1")]
     for step in range(1, 4):
@@ -315,12 +542,12 @@ def test_from_step_to_a_gripper(folder: Path) -> None:
 
 
 def test_the_picture_has_the_number_of_each_face_that_is_seen(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    drawn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The eleven faces of the outside, which no other hides, and none of the closed chamber and between the solids."""
     from matplotlib.axes import Axes
 
-    body, drawn, text = read_step(folder / "finger.step"), [], Axes.text
+    body, drawn, text = read_step(drawn / "finger.step"), [], Axes.text
 
     def keep(axes: Axes, x: float, y: float, words: str, **style: Any) -> Any:
         drawn.append(words)

@@ -1,4 +1,4 @@
-"""Bodies between closed surfaces, meshed anew or with the given triangles."""
+"""Bodies between surfaces, meshed: kept or new triangles, walls of two elements, volumes as the files have them."""
 
 import warnings
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from blocks import make_block
 from conftest import examples
 from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
@@ -14,11 +15,12 @@ from solid_shapes import Surface, ball, box, save, together, turned_round
 
 from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError
-from taichisoft.mesh import boundary_triangles, count_open_edges, enclosed_volume, tetrahedron_volumes
+from taichisoft.mesh import boundary_triangles, count_open_edges, enclosed_volume, read_surface, tetrahedron_volumes
 from taichisoft_meshing import file_bodies
-from taichisoft_meshing.file_bodies import SurfacesBody
+from taichisoft_meshing.file_bodies import SurfacesBody, cut_edges, through_edges, without_inverted
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
-from taichisoft_meshing.gmsh_session import GmshFailure
+from taichisoft_meshing.gmsh_session import GmshFailure, _surfaces, compare_volumes
+from taichisoft_meshing.mesh_quality import measure
 
 # Flat faces: the volumes are those of the drawing, but for the single precision of STL.
 FLAT = 1e-6
@@ -235,3 +237,169 @@ def test_a_file_names_its_surfaces_beside_it(tmp_path: Path, monkeypatch: pytest
         mesh = mesh_geometry(geometry, None, file)
     assert silicone(mesh) == pytest.approx(12000 - 64, rel=FLAT)
     assert mesh.source == str(file)
+
+
+# Walls of two elements between unchanged surfaces.
+
+
+@examples(20)
+@given(st.tuples(*[st.integers(1, 4)] * 3), st.integers(0, 1000))
+def test_cut_edges_keep_the_volume_and_the_boundary(cells: tuple[int, int, int], seed: int) -> None:
+    """The parts of a block with shaken nodes have positive volumes and meet face to face."""
+    block = make_block(cells, (3.0, 4.0, 5.0))
+    nodes = block.nodes + np.random.default_rng(seed).uniform(-0.1, 0.1, block.nodes.shape)
+    through = through_edges(block.elements)
+    cut_nodes, cut, parents = cut_edges(nodes, block.elements, through)
+    parts = np.bincount(parents, tetrahedron_volumes(cut_nodes, cut))
+    np.testing.assert_allclose(parts, tetrahedron_volumes(nodes, block.elements), rtol=1e-9)
+    assert len(cut_nodes) == len(nodes) + len(through)
+    assert np.array_equal(cut_nodes[: len(nodes)], nodes)
+    volumes = tetrahedron_volumes(cut_nodes, cut)
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(tetrahedron_volumes(nodes, block.elements).sum(), rel=1e-12)
+    before, after = (np.sort(boundary_triangles(elements), axis=1) for elements in (block.elements, cut))
+    assert np.array_equal(np.unique(before, axis=0), np.unique(after, axis=0))
+    assert len(through_edges(cut)) == 0
+
+
+def test_an_edge_between_the_inside_and_the_boundary_stays() -> None:
+    """The edges inside 2 x 2 x 2 boxes are those around the node in the middle, and those that cut corners."""
+    block = make_block((2, 2, 2), (2.0, 2.0, 2.0))
+    middle = int(np.argmin(np.linalg.norm(block.nodes, axis=1)))
+    through = through_edges(block.elements)
+    assert len(through) > 0
+    assert (through != middle).all()
+    assert (through[:, 0] < through[:, 1]).all()
+
+
+@examples(20)
+@given(st.integers(0, 1000), st.floats(0.1, 2.0))
+def test_nodes_moved_through_a_face_go_back(seed: int, distance: float) -> None:
+    """Shaken by up to two edges: no element is inverted, and nodes are either where they were or where they went."""
+    block = make_block((3, 3, 3), (3.0, 3.0, 3.0))
+    moved = block.nodes + np.random.default_rng(seed).uniform(-distance, distance, block.nodes.shape)
+    kept = without_inverted(block.nodes, moved, block.elements)
+    assert tetrahedron_volumes(kept, block.elements).min() > 0
+    back, there = (kept == block.nodes).all(axis=1), (kept == moved).all(axis=1)
+    assert (back | there).all()
+    if (tetrahedron_volumes(moved, block.elements) > 0).all():
+        assert there.all()
+
+
+def test_a_kept_surface_gets_walls_of_two_elements(tmp_path: Path) -> None:
+    save(box((30, 20, 20), parts=2), tmp_path / "body.stl")
+    save(box((24, 14, 14), parts=2), tmp_path / "cavity.stl")
+    meshes = []
+    for across in ({"elements_across_walls": 1}, {}):  # two unless somebody wants fewer
+        tables = {
+            "outer": "body.stl",
+            "cavity": "cavity.stl",
+            "keep_surface": True,
+            "mesh": {**across, "largest": 10},
+            "base": {"point": [15, 0, 0], "normal": [1, 0, 0]},
+        }
+        meshes.append(SurfacesBody(tables, tmp_path / "body.toml").mesh())
+    plain, split = meshes
+    assert measure(plain).elements_across_walls == 1
+    assert measure(split).elements_across_walls == 2
+    for name, triangles in plain.surface_groups.items():
+        assert np.array_equal(split.surface_groups[name], triangles)
+    on_surfaces = np.unique(boundary_triangles(plain.elements))
+    assert np.array_equal(split.nodes[on_surfaces], plain.nodes[on_surfaces])
+    assert tetrahedron_volumes(split.nodes, split.elements).sum() == pytest.approx(12000 - 24 * 14 * 14, rel=1e-9)
+    assert len(split.element_groups["silicone"]) == len(split.elements)
+
+
+def test_how_many_elements_are_one_or_two(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"body.toml: mesh.elements_across_walls = 3: input should be 1 or 2$"):
+        SurfacesBody({"outer": "body.stl", "mesh": {"elements_across_walls": 3}}, tmp_path / "body.toml")
+
+
+# Meshes of gmsh are compared with the bodies that they should be.
+
+
+@pytest.fixture
+def block() -> VolumeMesh:
+    """27 boxes of 10 mm less the inner one, in tetrahedra: 26000 mm^3 around 1000."""
+    return make_block((3, 3, 3), (30.0, 30.0, 30.0), hollow=True)
+
+
+@pytest.mark.parametrize(
+    ("silicone", "cavity", "tolerance", "problem"),
+    [
+        (26000.1, 1000, 1e-6, r"^block: silicone has 26000 mm\^3 in the mesh instead of 26000.1, 0.00038 % off; try"),
+        (26000, 1010, 1e-6, r"^block: cavity has 1000 mm\^3 in the mesh instead of 1010, 0.99 % off; try another"),
+        (26000, 1400, None, r"^block: cavity has 1000 mm\^3 in the mesh instead of 1400, 29 % off; try another si"),
+    ],
+)
+def test_a_wrong_volume_is_refused(
+    block: VolumeMesh, silicone: float, cavity: float, tolerance: float | None, problem: str
+) -> None:
+    compare_volumes(block, 26000, [1000], 1e-9)
+    with pytest.raises(MeshError, match=problem):
+        compare_volumes(block, silicone, [cavity], tolerance)
+
+
+def test_what_chords_cut_off_is_said(block: VolumeMesh) -> None:
+    with pytest.warns(UserWarning, match=r"^block: cavity has 1000 mm\^3 .* 1150, 13 % off: the curved surfaces are"):
+        compare_volumes(block, 26000, [1150], None)
+
+
+def test_surfaces_must_be_the_whole_boundary(block: VolumeMesh) -> None:
+    boundary = boundary_triangles(block.elements)
+    cavity = block.surface_groups["cavity"]
+    outer = boundary[~np.isin(np.sort(boundary), cavity).all(axis=1)]
+    shells = _surfaces(block.elements, [outer[:, ::-1], cavity])  # in whatever sense gmsh has them
+    assert [enclosed_volume(block.nodes, shell) for shell in shells] == pytest.approx([27000, -1000])
+    for wrong in ([outer], [outer, cavity[1:]], [outer, cavity, block.elements[:1, :3]]):
+        with pytest.raises(GmshFailure, match="the tetrahedra do not end at the surfaces"):
+            _surfaces(block.elements, wrong)
+
+
+def test_a_surface_that_was_to_be_kept_and_was_not_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """gmsh may put a node on an edge that it cannot have otherwise; here one is moved."""
+    meshed = file_bodies.meshed_body
+
+    def moved(*arguments: Any) -> VolumeMesh:
+        mesh = meshed(*arguments)
+        mesh.nodes[0] += 1e-9
+        return mesh
+
+    monkeypatch.setattr(file_bodies, "meshed_body", moved)
+    save(box((30, 20, 20)), tmp_path / "body.stl")
+    geometry = SurfacesBody({"outer": "body.stl", "cavities": 0, "keep_surface": True}, tmp_path / "body.toml")
+    with pytest.raises(
+        MeshError, match=r"body.toml: gmsh cannot fill the body without changing its surface; remove keep"
+    ):
+        geometry.mesh()
+
+
+# The surfaces of the PneuNet gripper tutorial, which are not part of the project.
+
+MESHES = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
+OUTER, CAVITY = "pneunetCut.stl", "pneunetCavityCut.stl"
+BASE = {"point": [0, 0, 0], "normal": [1, 0, 0]}
+
+needs_tutorial = pytest.mark.skipif(
+    not (MESHES / OUTER).is_file(), reason="needs ../shared/tutorial-meshes, which are not part of the project"
+)
+
+
+@needs_tutorial
+@pytest.mark.parametrize(("keep", "cavity"), [(False, [CAVITY]), (True, [CAVITY]), (True, [])])
+def test_the_tutorials_finger(keep: bool, cavity: list[str]) -> None:
+    """The first file has both surfaces; the cavity that the second one repeats is still one."""
+    tables = {"outer": OUTER, "cavity": cavity, "keep_surface": keep, "cavities": 1, "base": BASE}
+    tables["mesh"] = {"elements_across_walls": 1}
+    mesh = SurfacesBody(tables, MESHES / "finger.toml").mesh(10.0)
+    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(51162.5, rel=1e-8)
+    assert enclosed_volume(mesh.nodes, mesh.surface_groups["cavity"]) == pytest.approx(8887.5, rel=1e-9)
+    a, b, c = np.moveaxis(mesh.nodes[mesh.surface_groups["base"]], 1, 0)
+    assert np.cross(b - a, c - a).sum(axis=0) / 2 == pytest.approx([600, 0, 0], abs=1e-3)
+    if keep:
+        assert len(mesh.surface_groups["outer"]) + len(mesh.surface_groups["cavity"]) == 2968
+        given = read_surface(MESHES / OUTER)[0]
+        first = mesh.nodes[: len(given)]
+        assert np.array_equal(first[np.lexsort(first.T)], given[np.lexsort(given.T)])
+    else:
+        assert 550 < len(mesh.nodes) < 700

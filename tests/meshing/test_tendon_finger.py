@@ -99,7 +99,7 @@ def test_the_same_dimensions_give_the_same_mesh(mesh: VolumeMesh) -> None:
     np.testing.assert_array_equal(again.elements, mesh.elements)
 
 
-def test_the_shipped_mesh_is_the_coarse_one_of_the_shipped_finger() -> None:
+def test_shipped_mesh_is_the_shipped_fingers_coarse_mesh() -> None:
     """`taichisoft mesh tendon --preset coarse -o FILE.msh`."""
     import gmsh
 
@@ -132,9 +132,7 @@ def lengths(low: float, high: float) -> st.SearchStrategy[float]:
         {"count": st.integers(0, 5), "pitch": lengths(8, 30), "width": lengths(3, 15), "hinge": lengths(2, 8)}
     ),
 )
-def test_every_finger_that_is_accepted_is_meshed_with_the_volume_of_its_drawing(
-    body: dict[str, Any], notches: dict[str, Any]
-) -> None:
+def test_accepted_finger_is_meshed_with_its_drawn_volume(body: dict[str, Any], notches: dict[str, Any]) -> None:
     """`mesh` compares the volumes, to 1e-6."""
     try:
         made = finger(body=body, notches=notches, mesh={"largest": 8.0, "smallest": 4.0})
