@@ -77,8 +77,8 @@ class FingerElements(StrEnum):
 
 
 EFFECTS = {
-    FingerElements.SMOOTHED: "bends 70 % as far as with fine meshes; a step takes 3 times as long as with linear elements",
-    FingerElements.LINEAR: "a step takes a third of the time of smoothed elements; bends 30 % as far as with fine meshes",
+    FingerElements.SMOOTHED: "bends 70 % as far as with fine meshes; a step takes 3 times as long as of linear ones",
+    FingerElements.LINEAR: "bends 30 % as far as with fine meshes; a step takes a third of the time of smoothed ones",
 }
 """What the elements cost and gain on the coarse mesh of the tutorial's finger, see docs/elements.md."""
 

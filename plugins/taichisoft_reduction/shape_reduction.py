@@ -19,7 +19,7 @@ from taichisoft_reduction.body_shapes import BodyShape, RelativeMotion, body_sha
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.shape_fit import displacements_of
 from taichisoft_reduction.training_plan import Ranges, TrainingPlan, actuator_ranges
-from taichisoft_reduction.training_run import ONE_THREAD, RunResult, TrainingRun, TrainingRuns
+from taichisoft_reduction.training_run import NOW, ONE_THREAD, Progress, RunResult, TrainingRun, TrainingRuns
 from taichisoft_reduction.validation import (
     Comparison,
     as_tables,
@@ -139,7 +139,7 @@ def serve_fit(link: Link) -> None:
         link.send((fit.mode_count, fit.domain_count, chosen))
         method, argument, validated = link.receive()
         if method == "choose":
-            fit.choose(lambda count, error: None, argument)
+            fit.choose(argument)
             chosen = len(fit.cubature.domain) if fit.cubature is not None else 0
         elif method == "use modes":
             fit.use_modes(argument)
@@ -185,17 +185,6 @@ class Wishes:
     plugins: Sequence[str] = ()
 
 
-class Progress:
-    """What a reduction says while it goes on; this one says nothing."""
-
-    def runs(self, title: str, total: int) -> Callable[[str, str], None]:
-        """Begin a number of runs; what is returned is called with the name of each that ends, and its problem."""
-        return lambda name, problem: None
-
-    def line(self, text: str) -> None:
-        """Say something."""
-
-
 @dataclass(frozen=True)
 class Reduction:
     """What came out.
@@ -221,15 +210,19 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
     _check_ranges(model, wishes.ranges)
     recordings = recorded_runs(wishes.recordings, shapes, scene)
     plan = TrainingPlan(scene, model, shapes, wishes.plugins)
-    with ExitStack() as processes, TrainingRuns(folder / RUNS, wishes.processes, wishes.plugins) as pool:
-        own_request = plan.own_run()
-        own = pool.results([own_request], progress.runs("own run", 1)) if own_request is not None else []
+    with ExitStack() as processes, TrainingRuns(folder / RUNS, wishes.processes, wishes.plugins, progress) as pool:
+        own_runs = plan.own_runs()
+        pool.start(own_runs, NOW)
+        pool.start(plan.grasps(wishes.own_training))
+        own = pool.results(own_runs, "own run")
         ranges = {
             shape.name: actuator_ranges(model, shape, own[0] if own else None, wishes.ranges, wishes.full_range)
             for shape in shapes
         }
         _say_ranges(ranges, progress)
-        training, trained, validation, full = _runs(plan, pool, own, ranges, wishes, progress)
+        training, trained, validation = _train(plan, pool, own, ranges, wishes, progress)
+        far = plan.beyond(ranges)
+        pool.start([*validation, *far])
         fits, tried = {}, {}
         for shape in shapes:
             body = next(candidate for candidate in model.soft_bodies if candidate.name == shape.name)
@@ -239,12 +232,12 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
             fits[shape.name] = processes.enter_context(fit)
             known = list(zip(training, trained, strict=True))
             tried[shape.name] = _refine(fits[shape.name], shape, folder, pool, known, wishes, progress)
+        full = pool.results(validation, "validation of the full model")
         files = {name: folder / f"{name}.npz" for name in fits}
-        reduced = _reduced_runs(pool, validation, shapes, files, progress, "validation of the reduced model")
+        reduced = _reduced_runs(pool, validation, shapes, files, "validation of the reduced model")
         comparisons = [compare(whole, other) for whole, other in zip(full, reduced, strict=True)]
-        far = plan.beyond(ranges)
-        beyond = pool.results(far, progress.runs("beyond the training", len(far)))
-        erring = _reduced_runs(pool, far, shapes, files, progress, "the reduced model beyond its training")
+        beyond = pool.results(far, "beyond the training")
+        erring = _reduced_runs(pool, far, shapes, files, "the reduced model beyond its training")
         about = {
             "scene": scene.title,
             "bodies": {shape.name: _about(fits[shape.name], shape, files[shape.name]) for shape in shapes},
@@ -323,27 +316,26 @@ def _say_ranges(ranges: Mapping[str, Ranges], progress: Progress) -> None:
             progress.line(f"{name}: trained from {low:g} to {high:g} ({key})")
 
 
-def _runs(
+def _train(
     plan: TrainingPlan,
     pool: TrainingRuns,
     own: Sequence[RunResult],
     ranges: Mapping[str, Ranges],
     wishes: Wishes,
     progress: Progress,
-) -> tuple[list[TrainingRun], list[RunResult], list[TrainingRun], list[RunResult]]:
-    """Requests and results of the training, and of the validation."""
+) -> tuple[list[TrainingRun], list[RunResult], list[TrainingRun]]:
+    """Requests and results of the training, and requests of the validation."""
     first = plan.first_runs(ranges)
-    ramps = pool.results(first, progress.runs("ramps", len(first)))
+    ramps = pool.results(first, "ramps")
     driven = [shape.name for shape in plan.shapes if ranges[shape.name]]
     by_shape = dict(zip(driven, ramps, strict=True))
     training = plan.training(ranges, by_shape, own) if wishes.own_training else first
     validation = plan.validation(ranges, by_shape, own)
-    both = [*training, *validation]
-    results = pool.results(both, progress.runs("training and validation", len(both)))
-    for result in results[: len(training)]:
+    results = pool.results(training, "training")
+    for result in results:
         if result.problem:
             progress.line(f"{result.name}: left out of the training: {result.problem}")
-    return training, results[: len(training)], validation, results[len(training) :]
+    return training, results, validation
 
 
 def _refine(
@@ -370,7 +362,7 @@ def _refine(
     def tried(names: Sequence[str], title: str) -> tuple[list[tuple[RunResult, RunResult]], bool]:
         fit.write(path)
         runs = [known[name] for name in names if name in known]
-        again = _reduced_runs(pool, [request for request, _ in runs], [shape], {shape.name: path}, progress, title)
+        again = _reduced_runs(pool, [request for request, _ in runs], [shape], {shape.name: path}, title)
         pairs = [(full, repeated) for (_, full), repeated in zip(runs, again, strict=True)]
         error = worst([compare(*pair) for pair in pairs]) if pairs else 0.0
         progress.line(f"{title}; error of the training {100.0 * error:.2g} %")
@@ -418,12 +410,11 @@ def _reduced_runs(
     requests: Sequence[TrainingRun],
     shapes: Sequence[BodyShape],
     files: Mapping[str, Path],
-    progress: Progress,
     title: str,
 ) -> list[RunResult]:
     """The results of runs with reduced bodies."""
     reduced = [_with_modes(request, shapes, files) for request in requests]
-    return pool.results(reduced, progress.runs(title, len(reduced)))
+    return pool.results(reduced, title)
 
 
 def _with_modes(request: TrainingRun, shapes: Sequence[BodyShape], files: Mapping[str, Path]) -> TrainingRun:

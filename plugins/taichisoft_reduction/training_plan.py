@@ -437,9 +437,13 @@ class TrainingPlan:
         self._all_bodies = tuple(name for shape in shapes for name in shape.bodies)
         self._bodies = {body.name: body for body in model.soft_bodies}
 
-    def own_run(self) -> TrainingRun | None:
-        """The scene's own run, for the validation; None without a controller."""
-        return self._own(OWN_RUN, self._scene, frames=OWN_FRAMES) if self._scene.controller is not None else None
+    def own_runs(self) -> list[TrainingRun]:
+        """The scene's own run, for the validation; none without a controller."""
+        return [self._own(OWN_RUN, self._scene, frames=OWN_FRAMES)] if self._scene.controller is not None else []
+
+    def grasps(self, own_training: bool) -> list[TrainingRun]:
+        """Further runs of the scene's controller for the validation and, if wanted, the training."""
+        return [*(self._grasps() if own_training else []), *self._unseen_grasps()]
 
     def first_runs(self, ranges: Mapping[str, Ranges]) -> list[TrainingRun]:
         """Ramps of each shape, by which the places to press are found."""
@@ -460,16 +464,12 @@ class TrainingPlan:
         self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
     ) -> list[TrainingRun]:
         """Runs that are not trained on: the scene's own first, if it has a controller."""
-        first = self.own_run()
-        runs = [] if first is None else [first]
+        runs = self.own_runs()
         for shape in self.shapes:
             tables = unseen(ranges[shape.name], self._shift(shape))
             runs += [self._alone(shape, name, table, OWN_FRAMES) for name, table in tables.items()]
             runs += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, True)
-        return runs + [
-            self._own("unseen-grasp", scene, frames=OWN_FRAMES)
-            for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
-        ]
+        return runs + self._unseen_grasps()
 
     def beyond(self, ranges: Mapping[str, Ranges]) -> list[TrainingRun]:
         """Runs far beyond the training, in which reduced bodies are expected to err."""
@@ -496,6 +496,12 @@ class TrainingPlan:
         for name, make in objects.items():
             runs += [self._own(f"grasp-{name}", scene) for scene in self._with_object(make)]
         return runs
+
+    def _unseen_grasps(self) -> list[TrainingRun]:
+        return [
+            self._own("unseen-grasp", scene, frames=OWN_FRAMES)
+            for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
+        ]
 
     def _with_object(self, make: Callable[[np.ndarray], dict[str, Any]]) -> list[Scene]:
         """The scene with another shape, made of the extents [mm], in the place of its main object, if it has one."""

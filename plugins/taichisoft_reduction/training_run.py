@@ -72,6 +72,11 @@ class TrainingRun:
     files: str = ""
 
     @property
+    def cost(self) -> float:
+        """Simulated time, summed over the bodies [s]."""
+        return self.duration * len(self.bodies)
+
+    @property
     def file_name(self) -> str:
         """Name of its file, which has a hash of all that decides what comes out."""
         text = json.dumps({**asdict(self), "version": taichisoft.__version__}, sort_keys=True)
@@ -312,8 +317,8 @@ class ScaledController(Controller):
         return replace(request, **scaled) if scaled else request
 
 
-def make_run(request: TrainingRun, path: Path) -> str:
-    """Make a run and write its result; the problem that ended it early, or an empty text."""
+def make_run(request: TrainingRun, path: Path) -> None:
+    """Make a run and write its result."""
     from taichisoft.running import Simulation, make_controller, run
     from taichisoft.scene import scene_from_toml
 
@@ -349,7 +354,6 @@ def make_run(request: TrainingRun, path: Path) -> str:
     speed = simulation.state.step / simulation.seconds if simulation is not None and simulation.seconds else 0.0
     with atomic_file(path, ReductionError) as partial:
         kept.result(request.name, problem, speed).save(partial)
-    return problem
 
 
 # Runs in several processes at a time; finished results stay in a folder and are not made again.
@@ -360,15 +364,29 @@ RUN_LIMIT = 3600.0
 ONE_THREAD = {"TAICHISOFT_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 TRIES = 3
 """How often a run is begun whose process is killed."""
+NOW, LATER = 0.0, 1e9
+"""Ranks of runs that are waited for, and of runs that fill the processes meanwhile."""
+
+
+class Progress:
+    """What a reduction reports; this one reports nothing."""
+
+    def runs(self, title: str, cost: float) -> Callable[[float], None]:
+        """Begin to wait for runs of a total cost; the function returned is called with the cost of each that ends."""
+        return lambda cost: None
+
+    def line(self, text: str) -> None:
+        """Report a line."""
 
 
 class TrainingRuns:
     """Processes that make runs; leaving a `with` statement ends them."""
 
-    def __init__(self, folder: Path, processes: int, plugins: Sequence[str]):
-        """Keep the results in `folder`, and load `plugins`, paths, into each process."""
-        self._folder, self._plugins = folder, tuple(plugins)
+    def __init__(self, folder: Path, processes: int, plugins: Sequence[str], progress: Progress):
+        """Keep the results in `folder`, load `plugins`, paths, into each process, and report to `progress`."""
+        self._folder, self._plugins, self._progress = folder, tuple(plugins), progress
         self._pool = Pool(PREPARE, processes, ONE_THREAD, TRIES)
+        self._pending: set[Path] = set()
 
     def __enter__(self) -> "TrainingRuns":
         return self
@@ -376,25 +394,29 @@ class TrainingRuns:
     def __exit__(self, *_: object) -> None:
         self._pool.__exit__()
 
-    def results(self, requests: Sequence[TrainingRun], done: Callable[[str, str], None]) -> list[RunResult]:
-        """The results of runs, in the order of the requests; those that are in the folder are read from it.
-
-        Args:
-            requests: the runs.
-            done: called with the name of each run that ends, and the problem that ended it early, if any.
-        """
+    def start(self, requests: Sequence[TrainingRun], rank: float = LATER) -> None:
+        """Have runs made that are not in the folder, long ones first, while none of a lower rank waits."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        jobs = [(request, self._folder / request.file_name) for request in requests]
-        missing = [(request, path) for request, path in jobs if RunResult.load(path) is None]
-        missing.sort(key=lambda job: -job[0].duration * len(job[0].bodies))  # long ones first
-        for job in missing:
-            self._pool.submit(job[0].name, job, self._plugins, RUN_LIMIT)
-        for _ in missing:
-            name, problem = self._pool.next_done()
+        for request in sorted(requests, key=lambda request: -request.cost):
+            path = self._folder / request.file_name
+            if path not in self._pending and RunResult.load(path) is None:
+                self._pending.add(path)
+                self._pool.submit(path, (request, path), self._plugins, RUN_LIMIT, rank - request.cost)
+
+    def results(self, requests: Sequence[TrainingRun], title: str) -> list[RunResult]:
+        """The results of runs, in the order of the requests, which are waited for under a title."""
+        self.start(requests, NOW)
+        paths = [self._folder / request.file_name for request in requests]
+        awaited = {path: request.cost for path, request in zip(paths, requests, strict=True) if path in self._pending}
+        count = self._progress.runs(title, sum(awaited.values()))
+        while awaited:
+            path, problem = self._pool.next_done()
             if isinstance(problem, Exception):
                 raise ReductionError(f"a process that makes runs failed: {problem}") from problem
-            done(name, problem)
-        return [_loaded(path) for _, path in jobs]
+            self._pending.remove(path)
+            if path in awaited:
+                count(awaited.pop(path))
+        return [_loaded(path) for path in paths]
 
 
 def _loaded(path: Path) -> RunResult:
@@ -404,7 +426,7 @@ def _loaded(path: Path) -> RunResult:
     return result
 
 
-def prepare(plugins: Sequence[str]) -> Callable[[tuple[TrainingRun, Path]], str]:
+def prepare(plugins: Sequence[str]) -> Callable[[tuple[TrainingRun, Path]], None]:
     """What a process does: it loads Taichi and plug-ins, and makes runs."""
     from taichisoft.running import (
         Simulation,  # noqa: F401  # starts Taichi

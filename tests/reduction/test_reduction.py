@@ -17,10 +17,10 @@ from taichisoft_reduction.body_shapes import RelativeMotion, body_shapes
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.reduce_command import reduce
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
-from taichisoft_reduction.shape_fit import Basis, DomainForces, MotionCriterion, NonNegativeSearch, choose_domains
-from taichisoft_reduction.shape_reduction import Progress, Wishes, _drives, find_mode_count, reduce_scene
+from taichisoft_reduction.shape_fit import Basis, DomainForces, DomainSearch, MotionCriterion, NonNegativeSearch
+from taichisoft_reduction.shape_reduction import Wishes, _drives, find_mode_count, reduce_scene
 from taichisoft_reduction.training_plan import presses
-from taichisoft_reduction.training_run import RunResult, Timetable, TrainingRun
+from taichisoft_reduction.training_run import Progress, RunResult, Timetable, TrainingRun
 from taichisoft_reduction.validation import compare, error_per_imbalance, largest_imbalance, worst
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
@@ -137,6 +137,16 @@ def test_weights_are_the_non_negative_least_squares(seed):
     assert missed <= scipy.optimize.nnls(rows.astype(float), target)[1] + 1e-3
 
 
+def test_search_goes_on_to_the_smallest_parts():
+    """Weights of 1 are exact, so that the residual falls to rounding, however much the columns resemble each other."""
+    rng = np.random.default_rng(0)
+    parts = rng.standard_normal((120, 120)) * np.logspace(0.0, -5.0, 120)
+    search = NonNegativeSearch((1.0 + parts @ rng.standard_normal((120, 400))).astype(np.float32))
+    target = search.residual
+    while search.residual > 1e-7 * target:
+        assert search.grow(4) and len(search.chosen) < 150
+
+
 def test_chosen_domains_move_a_beam_as_all_do(block):
     """Fewer domains than there are, within the error that is allowed, on states they were not chosen by, too."""
     scene = beam(block, element="smoothed", young_modulus=100.0)
@@ -155,7 +165,7 @@ def test_chosen_domains_move_a_beam_as_all_do(block):
     amplitudes = basis.amplitudes[:, :6]
     criterion = MotionCriterion(forces, amplitudes[::2], amplitudes[:1], 0.01)
     allowed = 0.01 * basis.largest
-    chosen = choose_domains(criterion, forces.volume, allowed, lambda count, error: None)
+    chosen = DomainSearch(criterion, forces.volume).until(allowed)
     assert chosen.error <= allowed and len(chosen.domain) < 0.6 * forces.count
     unseen = MotionCriterion(forces, amplitudes[1::2], amplitudes[:1], 0.01)
     assert unseen.error(chosen.domain, chosen.weight) < 3.0 * allowed
