@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -153,11 +154,11 @@ ATTEMPTS = 3
 """How often domains are chosen until the motions of the training are followed within the tolerance."""
 FAILED = 1.0
 """Error that a file says where a run of the validation failed: as large as the displacements."""
-FOLLOWED_BY_MODES = ("ramp", "wave", "press-0", "press-1")
-"""Runs of the training, of a body alone, that modes have to follow with all domains: where silicone hardly changes its
-volume, those that hold its displacements to the tolerance may lock."""
-REFINED_BY = (*FOLLOWED_BY_MODES, "turned-0.6")
-"""Those that are repeated with the chosen domains."""
+FOLLOWED = ("ramp", "wave", "press-0", "press-1", "turned-0.6")
+"""Runs of the training, of a body alone, that modes have to follow with all domains and with the chosen ones: where
+silicone hardly changes its volume, modes that hold its displacements to the tolerance may lock."""
+STRICTER, LEAST = 0.9, 0.5
+"""Factors on the error allowed to the domains from one try to the next, the largest and the smallest."""
 
 
 @dataclass(frozen=True)
@@ -359,31 +360,32 @@ def _refine(
     }
     path = folder / f"{shape.name}.npz"
 
-    def tried(names: Sequence[str], title: str) -> tuple[list[tuple[RunResult, RunResult]], bool]:
+    def tried(title: str) -> tuple[list[tuple[RunResult, RunResult]], float]:
         fit.write(path)
-        runs = [known[name] for name in names if name in known]
+        runs = [known[name] for name in FOLLOWED if name in known]
         again = _reduced_runs(pool, [request for request, _ in runs], [shape], {shape.name: path}, title)
         pairs = [(full, repeated) for (_, full), repeated in zip(runs, again, strict=True)]
         error = worst([compare(*pair) for pair in pairs]) if pairs else 0.0
         progress.line(f"{title}; error of the training {100.0 * error:.2g} %")
-        return pairs, error <= wishes.tolerance
+        return pairs, error
 
     def is_followed() -> bool:
-        return tried(FOLLOWED_BY_MODES, f"{shape.name}: {fit.mode_count} modes with all {fit.domain_count} domains")[1]
+        title = f"{shape.name}: {fit.mode_count} modes with all {fit.domain_count} domains"
+        return tried(title)[1] <= wishes.tolerance
 
     if wishes.modes is None:
         find_mode_count(fit, is_followed)
     pairs: list[tuple[RunResult, RunResult]] = []
-    before = 0
-    for attempt in range(ATTEMPTS):
-        fit.choose(0.5**attempt)
-        if fit.chosen_count == before:  # all that matter are chosen
+    part, before, count = 1.0, math.inf, 0
+    for _ in range(ATTEMPTS):
+        fit.choose(part)
+        if fit.chosen_count == count:  # all that matter are chosen
             break
-        before = fit.chosen_count
-        title = f"{shape.name}: {fit.mode_count} modes, {before} of {fit.domain_count} domains"
-        pairs, followed = tried(REFINED_BY, title)
-        if followed:
+        count = fit.chosen_count
+        pairs, error = tried(f"{shape.name}: {fit.mode_count} modes, {count} of {fit.domain_count} domains")
+        if error <= wishes.tolerance or error > STRICTER * before:  # or it is that of the modes
             break
+        part, before = part * min(STRICTER, max(LEAST, STRICTER * wishes.tolerance / error)), error
     return pairs
 
 

@@ -70,7 +70,7 @@ def with_reduced_bodies(scene: Scene, folder: Path, key: str = "--reduced") -> S
         SceneError: no such folder, or none of its files is that of a soft body.
     """
     if not folder.is_dir():
-        shipped = {path.name: path for path in (data_folder() / "reduced").iterdir()}
+        shipped = {path.name: path for path in (data_folder() / "reduced").glob("*")}
         if str(folder) not in shipped:
             raise SceneError(
                 f"{key} {folder}: no such folder, and no shipped one ({', '.join(sorted(shipped))}); "
