@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -442,10 +443,10 @@ class ShapeFit:
         allowed = part * SHARE * self._tolerance * self.basis.largest
         self.cubature = self._search.until(allowed)
 
-    def modes(self, **validated: Any) -> Modes:
-        """What goes into the file of the shape, with what the validation found; modes in single precision."""
+    def write(self, path: Path, **validated: Any) -> None:
+        """Write the file of the shape, with what the validation found; modes in single precision."""
         amplitudes = self.basis.amplitudes[:, : self.mode_count]
-        return Modes(
+        Modes(
             rest_position=self._body.mesh.nodes,
             modes=self.basis.modes[:, :, : self.mode_count].astype(np.float32),
             domain=None if self.cubature is None else self.cubature.domain,
@@ -454,7 +455,7 @@ class ShapeFit:
             fingerprint=self._body.fingerprint,
             tolerance=self._tolerance,
             **validated,
-        )
+        ).write(path)
 
 
 def displacements_of(shape: BodyShape, results: Sequence[RunResult]) -> list[np.ndarray]:

@@ -113,15 +113,15 @@ class FitProcess:
 
     def use_modes(self, count: int) -> None:
         """See `ShapeFit.use_modes`."""
-        self._ask(("use modes", count, {}))
+        self._ask(("use_modes", (count,), {}))
 
     def choose(self, part: float = 1.0) -> None:
         """See `ShapeFit.choose`."""
-        self._ask(("choose", part, {}))
+        self._ask(("choose", (part,), {}))
 
     def write(self, path: Path, **validated: Any) -> None:
-        """Write the file of the shape, see `ShapeFit.modes`."""
-        self._ask(("write", path, validated))
+        """See `ShapeFit.write`."""
+        self._ask(("write", (path,), validated))
 
     def _ask(self, message: Any) -> None:
         try:
@@ -131,21 +131,14 @@ class FitProcess:
 
 
 def serve_fit(link: Link) -> None:
-    """Make a fit of the arguments that come first, and do what the messages after them say."""
+    """Make a fit of the arguments that come first, and call its methods with those of the messages after them."""
     from taichisoft_reduction.shape_fit import ShapeFit
 
     fit = ShapeFit(*link.receive())
-    chosen = 0
     while True:
-        link.send((fit.mode_count, fit.domain_count, chosen))
-        method, argument, validated = link.receive()
-        if method == "choose":
-            fit.choose(argument)
-            chosen = len(fit.cubature.domain) if fit.cubature is not None else 0
-        elif method == "use modes":
-            fit.use_modes(argument)
-        else:
-            fit.modes(**validated).write(argument)
+        link.send((fit.mode_count, fit.domain_count, 0 if fit.cubature is None else len(fit.cubature.domain)))
+        method, arguments, named = link.receive()
+        getattr(fit, method)(*arguments, **named)
 
 
 RUNS = "runs"

@@ -412,8 +412,8 @@ def _spread(points: np.ndarray, chosen: np.ndarray, count: int) -> list[int]:
 OWN_RUN = "own-run"
 OWN_FRAMES = 120
 """Moments that are kept of a run of the validation."""
-WEAKER, STRONGER = 0.75, 1.2
-"""Factors on what the scene's own controller asks for, in the training."""
+STRONGER = 1.2
+"""Factor on what the scene's own controller asks for, in the training."""
 SHIFT = 0.15
 """How far the base is shaken, as a share of the body's largest extent."""
 SOLID = ("surface", "scale", "smooth", "box", "sphere", "cylinder", "capsule", "inertia", "centre_of_mass", "density")
@@ -484,15 +484,11 @@ class TrainingPlan:
             return []
         objects: Mapping[str, Callable[[np.ndarray], dict[str, Any]]] = {
             "ball": lambda size: {"sphere": {"radius": 0.5 * float(size.min())}},
-            "box": lambda size: {"box": (0.8 * size).tolist()},
             "cylinder": lambda size: {
                 "cylinder": {"radius": 0.5 * float(min(size[:2])), "length": float(size[2])},
             },
         }
-        runs = [
-            self._own("own-weaker", self._scene, factor=WEAKER),
-            self._own("own-stronger", self._scene, factor=STRONGER),
-        ]
+        runs = [self._own("own-stronger", self._scene, factor=STRONGER)]
         for name, make in objects.items():
             runs += [self._own(f"grasp-{name}", scene) for scene in self._with_object(make)]
         return runs

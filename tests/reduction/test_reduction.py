@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft import Control, Simulation, load_scene, make_model, scene_from_dict
 from taichisoft.mechanics import FramePlaces, Modes
 from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.scene import scene_to_toml
 from taichisoft_reduction.body_shapes import RelativeMotion, body_shapes
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.reduce_command import reduce
@@ -20,7 +21,7 @@ from taichisoft_reduction.reduced_check import ReducedCheckOutput
 from taichisoft_reduction.shape_fit import Basis, DomainForces, DomainSearch, MotionCriterion, NonNegativeSearch
 from taichisoft_reduction.shape_reduction import Wishes, _drives, find_mode_count, reduce_scene
 from taichisoft_reduction.training_plan import presses
-from taichisoft_reduction.training_run import Progress, RunResult, Timetable, TrainingRun
+from taichisoft_reduction.training_run import Progress, RunResult, Timetable, TrainingRun, TrainingRuns
 from taichisoft_reduction.validation import compare, error_per_imbalance, largest_imbalance, worst
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
@@ -309,6 +310,30 @@ def test_other_request_has_another_file():
     one = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
     other = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 2.0)}))
     assert one.file_name != other.file_name
+
+
+def test_runs_in_the_folder_are_not_made_again(block, tmp_path):
+    """A run that was begun to fill a process counts when it is waited for; the next command reads all from files."""
+    scene = scene_to_toml(beam(block, element="linear", young_modulus=100.0))
+    tables = [Timetable((0.0, 0.1), {"gravity/z": (0.0, -gravity)}) for gravity in (9810.0, 5000.0)]
+    heavy, light = (TrainingRun("run", scene, ("beam",), 0.04 * (1 + n), table) for n, table in enumerate(tables))
+    waits, costs = [], []
+
+    class Counting(Progress):
+        def runs(self, title, cost):
+            waits.append((title, cost))
+            return costs.append
+
+    with TrainingRuns(tmp_path, 1, (), Counting()) as runs:
+        runs.start([heavy])
+        runs.results([light], "light")
+        results = runs.results([heavy, light], "both")
+    assert [len(result.time) for result in results] == [4, 8]
+    assert sum(costs) == pytest.approx(sum(cost for _, cost in waits)) and waits[0] == ("light", light.cost)
+    made = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    with TrainingRuns(tmp_path, 1, (), Counting()) as runs:
+        runs.results([heavy, light], "again")
+    assert waits[-1] == ("again", 0) and made == {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize(
