@@ -1,6 +1,6 @@
 """`taichisoft reduce`: reduced models of the soft bodies of a scene, with their errors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -145,8 +145,7 @@ def _show(console: "Console", reduction: "Reduction") -> None:
     table = Table(title="errors in runs that were not trained on: largest / mean (largest in percent of the change)")
     for name in HEADER:
         table.add_column(plain(name))
-    rows: Sequence[Sequence[str]] = table_rows(reduction.comparisons)
-    for row in rows:
+    for row in table_rows(reduction.comparisons):
         table.add_row(*map(plain, row))
     console.print(table)
     for comparison in reduction.comparisons:

@@ -16,7 +16,7 @@ from taichisoft.mesh import MappedSurface
 from taichisoft.scene import scene_from_dict, scene_to_toml
 from taichisoft_reduction.body_shapes import BodyShape, mesh_digest
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.training_run import RunResult, Timetable, TrainingRun
+from taichisoft_reduction.training_run import AXES, RunResult, Timetable, TrainingRun
 
 if TYPE_CHECKING:
     from taichisoft import Model
@@ -102,7 +102,6 @@ FREQUENCY = 1.5
 """Of waves [Hz]."""
 TURN = math.radians(40.0)
 """How far the base turns."""
-AXES = ("x", "y", "z")
 FURTHER, HEAVIER = 1.6, 6.0
 """How far actuators, and gravity across, go beyond the training, over what they do in it."""
 

@@ -274,25 +274,20 @@ class TimetableController(Controller):
 
     def __init__(self, timetable: Timetable):
         """Follow `timetable`."""
-        self._timetable = timetable
-        self._keys = sorted({channel.partition("/")[0] for channel in timetable.channels})
+        self._times = timetable.times
+        self._channels: dict[str, dict[str, tuple[float, ...]]] = {}
+        for channel, values in timetable.channels.items():
+            key, _, name = channel.partition("/")
+            self._channels.setdefault(key, {})[name] = values
 
     def control(self, observation: Observation) -> Control:
         """The values at the end of the step."""
         end = observation.time + observation.control_period
-        now = {
-            channel: float(np.interp(end, self._timetable.times, values))
-            for channel, values in self._timetable.channels.items()
-        }
         request: dict[str, object] = {}
-        for key in self._keys:
-            own = {name: value for (its_key, _, name), value in _split(now) if its_key == key}
-            request[key] = own if key in DRIVES else np.array([own.get(axis, 0.0) for axis in AXES])
+        for key, channels in self._channels.items():
+            now = {name: float(np.interp(end, self._times, values)) for name, values in channels.items()}
+            request[key] = now if key in DRIVES else np.array([now.get(axis, 0.0) for axis in AXES])
         return Control(**request)  # type: ignore[arg-type]
-
-
-def _split(values: dict[str, float]) -> list[tuple[tuple[str, str, str], float]]:
-    return [(channel.partition("/"), value) for channel, value in values.items()]
 
 
 class ScaledController(Controller):
