@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 # Displacements from recordings that a user gives for the training.
 
-MOST_FRAMES = 200
-"""Frames that are taken of a recording."""
+MOST_INSTANTS = 200
+"""Instants that are taken of a recording."""
 
 
 def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Scene) -> list[RunResult]:
@@ -50,7 +50,7 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
     results = []
     for path in paths:
         with read_recording(path) as recording:
-            frames = np.unique(np.linspace(0, recording.instant_count - 1, MOST_FRAMES).astype(int))
+            instants = np.unique(np.linspace(0, recording.instant_count - 1, MOST_INSTANTS).astype(int))
             displacement: dict[str, list[np.ndarray]] = {}
             for body in recording.soft_bodies:
                 settings = recording.scene.soft_bodies[body.name]
@@ -59,9 +59,9 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
                     continue
                 carrier = recording.frames.names.index(settings.follows)
                 motion = RelativeMotion(body.mesh_nodes, settings.rotation, settings.translation)
-                for frame in frames:
-                    places = recording.frames.places(recording.row("frame_pose", frame))
-                    position = recording.row("position", frame)[body.nodes]
+                for instant in instants:
+                    places = recording.frames.places(recording.row("frame_pose", instant))
+                    position = recording.row("position", instant)[body.nodes]
                     displacement.setdefault(name, []).append(motion.displacement(position, places, carrier))
             if not displacement:
                 names = ", ".join(shape.name for shape in shapes)

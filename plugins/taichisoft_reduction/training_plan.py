@@ -409,8 +409,8 @@ def _spread(points: np.ndarray, chosen: np.ndarray, count: int) -> list[int]:
 
 
 OWN_RUN = "own-run"
-OWN_FRAMES = 120
-"""Moments that are kept of a run of the validation."""
+OWN_INSTANTS = 120
+"""Instants that are kept of a run of the validation."""
 STRONGER = 1.2
 """Factor on what the scene's own controller asks for, in the training."""
 SHIFT = 0.15
@@ -438,7 +438,7 @@ class TrainingPlan:
 
     def own_runs(self) -> list[TrainingRun]:
         """The scene's own run, for the validation; none without a controller."""
-        return [self._own(OWN_RUN, self._scene, frames=OWN_FRAMES)] if self._scene.controller is not None else []
+        return [self._own(OWN_RUN, self._scene, instants=OWN_INSTANTS)] if self._scene.controller is not None else []
 
     def grasps(self, own_training: bool) -> list[TrainingRun]:
         """Further runs of the scene's controller for the validation and, if wanted, the training."""
@@ -466,7 +466,7 @@ class TrainingPlan:
         runs = self.own_runs()
         for shape in self.shapes:
             tables = unseen(ranges[shape.name], self._shift(shape))
-            runs += [self._alone(shape, name, table, OWN_FRAMES) for name, table in tables.items()]
+            runs += [self._alone(shape, name, table, OWN_INSTANTS) for name, table in tables.items()]
             runs += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, True)
         return runs + self._unseen_grasps()
 
@@ -474,7 +474,7 @@ class TrainingPlan:
         """Runs far beyond the training, in which reduced bodies are expected to err."""
         tables = {shape: beyond(ranges[shape.name], self._scene.gravity) for shape in self.shapes}
         return [
-            self._alone(shape, *table, OWN_FRAMES) for shape, by_name in tables.items() for table in by_name.items()
+            self._alone(shape, *table, OWN_INSTANTS) for shape, by_name in tables.items() for table in by_name.items()
         ]
 
     def _grasps(self) -> list[TrainingRun]:
@@ -494,7 +494,7 @@ class TrainingPlan:
 
     def _unseen_grasps(self) -> list[TrainingRun]:
         return [
-            self._own("unseen-grasp", scene, frames=OWN_FRAMES)
+            self._own("unseen-grasp", scene, instants=OWN_INSTANTS)
             for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
         ]
 
@@ -527,15 +527,17 @@ class TrainingPlan:
             name = f"press-{number}" if not is_unseen else "unseen-press"
             for scene in self._valid({**self._alone_tables(shape), "obstacles": {"press": press.obstacle}}):
                 runs.append(
-                    self._request(f"{shape.name}-{name}", scene, (shape.name,), table, OWN_FRAMES if is_unseen else 24)
+                    self._request(
+                        f"{shape.name}-{name}", scene, (shape.name,), table, OWN_INSTANTS if is_unseen else 24
+                    )
                 )
         return runs
 
-    def _alone(self, shape: BodyShape, name: str, table: Timetable, frames: int = 24) -> TrainingRun:
+    def _alone(self, shape: BodyShape, name: str, table: Timetable, instants: int = 24) -> TrainingRun:
         """A run of the first body of a shape alone, or with all soft bodies where it cannot be alone."""
         scenes = self._valid(self._alone_tables(shape)) or self._valid(self._without(self._tables, "obstacles"))
         scene = scenes[0] if scenes else self._scene
-        return self._request(f"{shape.name}-{name}", scene, (shape.name,), table, frames)
+        return self._request(f"{shape.name}-{name}", scene, (shape.name,), table, instants)
 
     def _alone_tables(self, shape: BodyShape) -> dict[str, Any]:
         tables = self._without(self._tables, "obstacles", "rigid_bodies", "goal", "external_forces")
@@ -555,20 +557,22 @@ class TrainingPlan:
         except TaichisoftError:
             return []
 
-    def _own(self, name: str, scene: Scene, factor: float = 1.0, frames: int = 40) -> TrainingRun:
+    def _own(self, name: str, scene: Scene, factor: float = 1.0, instants: int = 40) -> TrainingRun:
         return TrainingRun(
             name,
             scene_to_toml(scene),
             self._all_bodies,
             scene.time.duration,
             factor=factor,
-            frames=frames,
+            instants=instants,
             **self._common,
         )
 
-    def _request(self, name: str, scene: Scene, bodies: tuple[str, ...], table: Timetable, frames: int) -> TrainingRun:
+    def _request(
+        self, name: str, scene: Scene, bodies: tuple[str, ...], table: Timetable, instants: int
+    ) -> TrainingRun:
         duration = max(scene.time.step, round(table.duration / scene.time.step) * scene.time.step)
-        return TrainingRun(name, scene_to_toml(scene), bodies, duration, table, frames=frames, **self._common)
+        return TrainingRun(name, scene_to_toml(scene), bodies, duration, table, instants=instants, **self._common)
 
     def _size(self, shape: BodyShape) -> float:
         return float(np.ptp(self._bodies[shape.name].rest_position, axis=0).max())

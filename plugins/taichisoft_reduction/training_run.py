@@ -56,7 +56,7 @@ class TrainingRun:
         duration: simulated time [s].
         timetable: what drives it; None for the scene's own controller.
         factor: factor on all pressures, volumes, tensions and pulls that the scene's own controller asks for.
-        frames: number of moments that are kept.
+        instants: number of instants that are kept.
         plugins: paths of the plug-ins that it needs.
         files: digest of the meshes that the scene names.
     """
@@ -67,7 +67,7 @@ class TrainingRun:
     duration: float
     timetable: Timetable | None = None
     factor: float = 1.0
-    frames: int = 24
+    instants: int = 24
     plugins: tuple[str, ...] = ()
     files: str = ""
 
@@ -90,9 +90,9 @@ class RunResult:
     Attributes:
         name: name of the run.
         problem: why it did not reach its end, in one line; empty where it did.
-        time: of each frame [s], shape (frame_count,).
-        displacement: relative displacements of the nodes by body [mm], shape (frame_count, node_count, 3).
-        figures: values in each frame by name with unit, such as "lift of cube [mm]", shape (frame_count,).
+        time: of each instant [s], shape (instant_count,).
+        displacement: relative displacements of the nodes by body [mm], shape (instant_count, node_count, 3).
+        figures: values in each instant by name with unit, such as "lift of cube [mm]", shape (instant_count,).
         touched: whether something pressed a node, by body, shape (node_count,).
         drives: by actuator, the key of `taichisoft.Control` that drove it, and its smallest and largest value.
         steps_per_second: of processor time, without the time for what is kept.
@@ -183,13 +183,13 @@ class RunFigures:
         return sorted(((a, b) for a, b in pairs if a != b), key=lambda pair: (order[pair[0]], order[pair[1]]))
 
 
-class RunFrames(Output):
+class RunInstants(Output):
     """Keeps displacements and figures in some steps, evenly spread over the run."""
 
-    def __init__(self, bodies: Sequence[str], step_count: int, frames: int):
-        """Keep the displacements of `bodies` in at most `frames` of `step_count` steps."""
+    def __init__(self, bodies: Sequence[str], step_count: int, instants: int):
+        """Keep the displacements of `bodies` in at most `instants` of `step_count` steps."""
         self._bodies = bodies
-        self._every = max(1, math.ceil(step_count / frames))
+        self._every = max(1, math.ceil(step_count / instants))
         self._time: list[float] = []
         self._figures: list[dict[str, float]] = []
         self._displacement: dict[str, list[np.ndarray]] = {name: [] for name in bodies}
@@ -235,8 +235,8 @@ class RunFrames(Output):
             problem=problem,
             time=np.array(self._time),
             displacement={
-                body: np.array(frames, np.float32).reshape(len(frames), len(self._touched[body]), 3)
-                for body, frames in self._displacement.items()
+                body: np.array(instants, np.float32).reshape(len(instants), len(self._touched[body]), 3)
+                for body, instants in self._displacement.items()
             },
             figures={key: np.array([row.get(key, 0.0) for row in self._figures]) for key in names},
             touched=self._touched,
@@ -328,7 +328,7 @@ def make_run(request: TrainingRun, path: Path) -> None:
             self.seconds += time.process_time() - started
             return report
 
-    kept, problem = RunFrames(request.bodies, 1, 1), ""
+    kept, problem = RunInstants(request.bodies, 1, 1), ""
     simulation = None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a run that is pressed hard on purpose
@@ -340,7 +340,7 @@ def make_run(request: TrainingRun, path: Path) -> None:
             else:
                 controller = ScaledController(make_controller(scene), request.factor)
             simulation = TimedSimulation(scene)
-            kept = RunFrames(request.bodies, round(request.duration / scene.time.step), request.frames)
+            kept = RunInstants(request.bodies, round(request.duration / scene.time.step), request.instants)
             run(simulation, controller, [kept], request.duration)
         except BeyondLaw:
             pass  # the run was completed

@@ -68,7 +68,7 @@ def test_the_stiffness_is_the_slope_of_the_forces_at_rest(block):
     (body,) = make_model(beam(block, element="smoothed", law="yeoh", coefficients={"c10": 20.0})).soft_bodies
     forces = DomainForces(body, random_modes(body, 6))
     small = 1e-6 * np.eye(6)
-    slopes = [(forces.forces(one) - forces.forces(-one)).sum(axis=0) / 2e-6 for one in small]
+    slopes = [(forces.forces(step) - forces.forces(-step)).sum(axis=0) / 2e-6 for step in small]
     assert np.array(slopes) + forces.anchor == pytest.approx(forces.stiffness(np.zeros(6)), rel=1e-5)
 
 
@@ -98,8 +98,8 @@ def test_modes_are_orthonormal_in_the_mass_and_hold_the_training():
     assert basis.count_for(1e-4) == 4
 
 
-@pytest.mark.parametrize(("needed", "found"), [(20, 20), (25, 25), (30, 31), (40, 47), (60, 47)])
-def test_mode_count_is_bisected(needed, found):
+@pytest.mark.parametrize(("needed", "enough"), [(20, 20), (25, 25), (30, 31), (40, 47), (60, 47)])
+def test_mode_count_is_bisected(needed, enough):
     class Fit:
         mode_count = 20
 
@@ -113,7 +113,7 @@ def test_mode_count_is_bisected(needed, found):
         return fit.mode_count >= needed
 
     find_mode_count(fit, is_followed)
-    assert fit.mode_count == found
+    assert fit.mode_count == enough
     assert len(tried) == len(set(tried)) <= 4
 
 
@@ -190,8 +190,8 @@ def test_motion_of_the_frame_is_no_displacement(values):
 def test_copies_share_a_shape_and_other_materials_do_not():
     tiny = {"mesh": "tutorial-coarse", "mass": 0.01, "young_modulus": 100.0, "poisson_ratio": 0.3, "anchors": ANCHORS}
     bodies = {"a": tiny, "b": {**tiny, **TURNED}, "c": {**tiny, "young_modulus": 90.0}, "free": {**tiny, "anchors": []}}
-    found = body_shapes(scene_from_dict({"soft_bodies": bodies}))
-    assert [shape.bodies for shape in found] == [("a", "b"), ("c",)]
+    shapes = body_shapes(scene_from_dict({"soft_bodies": bodies}))
+    assert [shape.bodies for shape in shapes] == [("a", "b"), ("c",)]
 
 
 def run_result(**changes):
@@ -207,9 +207,9 @@ def run_result(**changes):
 def test_comparison_has_the_largest_error(tmp_path):
     other = np.zeros((2, 4, 3))
     other[1, 2] = [0.0, 3.0, 4.0]
-    found = compare(run_result(displacement={"a": 10.0 * other}), run_result(displacement={"a": 9.0 * other}))
-    assert found.deviations["position"].largest == pytest.approx(5.0)
-    assert worst([found]) == pytest.approx(0.1)
+    comparison = compare(run_result(displacement={"a": 10.0 * other}), run_result(displacement={"a": 9.0 * other}))
+    assert comparison.deviations["position"].largest == pytest.approx(5.0)
+    assert worst([comparison]) == pytest.approx(0.1)
     assert worst([compare(run_result(), run_result(problem="it diverged"))]) == float("inf")
     run_result().save(tmp_path / "run.npz")
     assert RunResult.load(tmp_path / "run.npz").figures["lift of cube [mm]"].tolist() == [0.0, 1.0]
@@ -258,15 +258,15 @@ def test_reduced_check_finds_where_models_part(block, tmp_path):
         if full.state.step % 2 == 0:
             away.append(float(np.linalg.norm(full.state.position - reduced.state.position, axis=1).max()))
     check.end("completed")
-    (found,) = (one for one in check.partings() if one.quantity == "position")
-    assert (found.of, found.largest, found.time) == ("beam", max(away), pytest.approx(0.06))
-    above = [2 * (n + 1) * 0.01 for n, one in enumerate(away) if one > 0.02 * found.scale]
-    assert found.parted == pytest.approx(above[0])
+    (parting,) = (row for row in check.partings() if row.quantity == "position")
+    assert (parting.of, parting.largest, parting.time) == ("beam", max(away), pytest.approx(0.06))
+    above = [2 * (n + 1) * 0.01 for n, error in enumerate(away) if error > 0.02 * parting.scale]
+    assert parting.parted == pytest.approx(above[0])
     assert (
         f"of beam at 0.06 s; beyond the tolerance from {above[0]:.2f} s on"
         in check.summary()["position: reduced from full"]
     )
-    assert json.loads((tmp_path / "reduced_check.json").read_text())["quantities"][0]["largest"] == found.largest
+    assert json.loads((tmp_path / "reduced_check.json").read_text())["quantities"][0]["largest"] == parting.largest
     with pytest.raises(ReductionError, match="--reduced-check: no soft body of the scene is reduced"):
         ReducedCheckOutput(tmp_path).begin(full.model, full.state)
 
@@ -286,11 +286,11 @@ def test_every_place_of_the_pad_is_pressed(block):
     bent[:, :, 0] = 0.6 * bent[:, :, 2]
     ramp = RunResult("ramp", "", time, {"beam": bent}, {})
     nowhere = np.zeros(len(body.rest_position), bool)
-    found = presses(body, ramp, nowhere, 0.1, unseen=False)
-    kinds = set().union(*(one.obstacle for one in found))
+    obstacles = presses(body, ramp, nowhere, 0.1, unseen=False)
+    kinds = set().union(*(press.obstacle for press in obstacles))
     assert {"sphere", "box", "cylinder"} <= kinds
-    assert len(found) == 10
-    assert all(one.normal[2] < -0.5 for one in found)
+    assert len(obstacles) == 10
+    assert all(press.normal[2] < -0.5 for press in obstacles)
 
 
 def test_drives_cover_all_copies():
@@ -307,9 +307,9 @@ def test_drives_cover_all_copies():
 
 
 def test_other_request_has_another_file():
-    one = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
+    run = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
     other = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 2.0)}))
-    assert one.file_name != other.file_name
+    assert run.file_name != other.file_name
 
 
 def test_runs_in_the_folder_are_not_made_again(block, tmp_path):
@@ -337,7 +337,7 @@ def test_runs_in_the_folder_are_not_made_again(block, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"tolerance": "0"}, "--tolerance 0: must be a share"),
         ({"tolerance": "nan%"}, "--tolerance nan%: must be a share"),
@@ -347,8 +347,8 @@ def test_runs_in_the_folder_are_not_made_again(block, tmp_path):
         ({"range_": ["a.tube=5:1"]}, "--range a.tube=5:1: must be BODY.ACTUATOR=LOW:HIGH"),
     ],
 )
-def test_wrong_options_are_refused(tmp_path, options, said):
-    with pytest.raises(ReductionError, match=said):
+def test_wrong_options_are_refused(tmp_path, options, message):
+    with pytest.raises(ReductionError, match=message):
         reduce(**{"scene": "gripper", "output": tmp_path, "modes": None, "tolerance": "1%", **OTHERS, **options})
 
 

@@ -27,7 +27,7 @@ def test_shipped_models_move_as_the_full_body(name):
     The mesh is that which the modes were made of, to the bit; model and modes refuse other materials and masses.
     """
     scene = load_scene(name)
-    full, reduced = (Simulation(make_model(one)) for one in (scene, with_reduced_bodies(scene, Path(name))))
+    full, reduced = (Simulation(make_model(each)) for each in (scene, with_reduced_bodies(scene, Path(name))))
     body = reduced.model.soft_bodies[0]
     assert np.array_equal(body.modes.rest_position, body.mesh.nodes)
     drives = json.loads(body.modes.drives)
