@@ -152,6 +152,8 @@ FOLLOWED = ("ramp", "wave", "press-0", "press-1", "turned-0.6")
 silicone hardly changes its volume, modes that hold its displacements to the tolerance may lock."""
 STRICTER, LEAST = 0.9, 0.5
 """Factors on the error allowed to the domains from one try to the next, the largest and the smallest."""
+WORTH = 0.75
+"""Factor to which more domains have to reduce the error of the motion; otherwise it comes from elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -376,7 +378,7 @@ def _refine(
             break
         count = fit.chosen_count
         pairs, error = tried(f"{shape.name}: {fit.mode_count} modes, {count} of {fit.domain_count} domains")
-        if error <= wishes.tolerance or error > STRICTER * before:  # or it is that of the modes
+        if error <= wishes.tolerance or error > WORTH * before:
             break
         part, before = part * min(STRICTER, max(LEAST, STRICTER * wishes.tolerance / error)), error
     return pairs
