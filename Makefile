@@ -4,12 +4,13 @@
 # make scoreboard  friction: problems of FCLIB and Siconos in the folder DATA=...
 # make site    the documents as a site in out/site, which opens from the disk
 # make wheel   the packages to publish, with the kernels' machine code, in out/wheel
+# make reduced the shipped reduced models in data/reduced; what they are made by is in out/reduced
 # make clean   remove what these made
 #
 # All first install what they need into .venv; `make grasp` has no need of the tools of `make test`.
 # PYTHON=/path/to/python chooses the interpreter.
 
-.PHONY: grasp test bench scoreboard site wheel lint kernels clean system-libraries browser
+.PHONY: grasp test bench scoreboard site wheel reduced lint kernels clean system-libraries browser
 
 grasp: system-libraries
 	mkdir -p out/grasp
@@ -39,6 +40,14 @@ site: .venv/test-tools
 wheel: .venv/test-tools
 	.venv/bin/python -c 'from taichisoft.runtime.compiler import ship; ship()'
 	.venv/bin/python -m build --outdir out/wheel
+
+reduced: system-libraries
+	.venv/bin/taichisoft reduce gripper -o out/reduced/gripper
+	.venv/bin/taichisoft reduce cable-gripper -o out/reduced/cable-gripper
+	.venv/bin/taichisoft reduce finger-inflated -o out/reduced/finger-inflated --range finger.cavity=0:75
+	for scene in gripper cable-gripper finger-inflated; do \
+	    install -D --mode 644 --target-directory data/reduced/$$scene out/reduced/$$scene/*.npz || exit; \
+	done
 
 lint: .venv/test-tools
 	.venv/bin/ruff check

@@ -196,7 +196,10 @@ def run_command(
     profile: Annotated[bool, typer.Option("--profile", help="Show the times of the phases of a step.")] = False,
     reduced: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Soft bodies move by the modes that `taichisoft reduce` wrote there."),
+        typer.Option(
+            metavar="FOLDER",
+            help="Soft bodies move by modes of `taichisoft reduce`, or by shipped ones, such as gripper.",
+        ),
     ] = None,
 ) -> None:
     """Simulate a scene and write the results to a folder."""

@@ -18,6 +18,7 @@ from blocks import make_block
 from hypothesis import settings
 
 from taichisoft import hookimpl, write_volume_mesh
+from taichisoft.base.text import warn_caller_once
 from taichisoft.running import plugins
 from taichisoft.running.hookspecs import PROJECT
 
@@ -41,6 +42,12 @@ def examples(count: int, **others: Any) -> settings:
 def _wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables are cut to the terminal: no test depends on how wide that is, nor on the length of the paths in them."""
     monkeypatch.setenv("COLUMNS", "1000")
+
+
+@pytest.fixture(autouse=True)
+def _warned_afresh() -> None:
+    """What is warned of once in a process is warned of in each test that shows it."""
+    warn_caller_once.cache_clear()
 
 
 @pytest.fixture

@@ -31,6 +31,7 @@ FOLDERS = {
     "taichisoft/data/arms": "data/arms",
     "taichisoft/data/fingers": "data/fingers",
     "taichisoft/data/meshes": "data/meshes",
+    "taichisoft/data/reduced": "data/reduced",
     "taichisoft/data/scenes": "data/scenes",
     "taichisoft/data/studies": "data/studies",
 }

@@ -1,6 +1,6 @@
 """`taichisoft reduce`: reduced models of the soft bodies of a scene, with their errors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from taichisoft_reduction.shape_reduction import Reduction
+
+
+SPEED_PERIOD = 600.0
+"""The time left is estimated by the runs that ended in so long [s]."""
 
 
 def reduce(
@@ -100,18 +104,30 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def _progress(console: "Console", bars: ExitStack) -> Any:
-    """Bars of runs, and lines between them."""
+    """Bars of runs with the time left, and lines between them."""
+    from rich import progress
+
+    from taichisoft.base import printable
     from taichisoft.running import print_line
-    from taichisoft_reduction.shape_reduction import Progress
-    from taichisoft_studies.study_commands import progress_bar
+    from taichisoft_reduction.training_run import Progress
 
     class Shown(Progress):
         """On the console; one bar at a time."""
 
-        def runs(self, title: str, total: int) -> Callable[[str, str], None]:
+        def runs(self, title: str, cost: float) -> Callable[[float], None]:
             bars.close()
-            count = bars.enter_context(progress_bar(console, title, total))
-            return lambda name, problem: count(f"{name}: {problem}" if problem else "")
+            columns = (
+                progress.TextColumn("{task.description}", markup=False),
+                progress.BarColumn(),
+                progress.TaskProgressColumn(),
+                progress.TimeElapsedColumn(),
+                progress.TimeRemainingColumn(),
+            )
+            bar = progress.Progress(
+                *columns, console=console, speed_estimate_period=SPEED_PERIOD, disable=not console.is_terminal
+            )
+            task = bars.enter_context(bar).add_task(printable(title), total=cost)
+            return lambda ended: bar.advance(task, ended)
 
         def line(self, text: str) -> None:
             bars.close()
@@ -129,8 +145,7 @@ def _show(console: "Console", reduction: "Reduction") -> None:
     table = Table(title="errors in runs that were not trained on: largest / mean (largest in percent of the change)")
     for name in HEADER:
         table.add_column(plain(name))
-    rows: Sequence[Sequence[str]] = table_rows(reduction.comparisons)
-    for row in rows:
+    for row in table_rows(reduction.comparisons):
         table.add_row(*map(plain, row))
     console.print(table)
     for comparison in reduction.comparisons:

@@ -18,11 +18,11 @@ from taichisoft_reduction.validation import POSITION, UNITS, changes, tolerance_
 FILE_NAME = "reduced_check.json"
 EVERY = 2
 """Steps from one comparison to the next."""
-ASKED = (
+REQUESTS = (
     *("actuator_imposed", "actuator_request", "valve_request", "frame_request", "frame_velocity"),
     *("anchor_position", "pull_point", "gravity", "young_modulus"),
 )
-"""Fields of a state that say what a controller asks for."""
+"""Fields of a state that hold the requests of a controller."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class ReducedCheckOutput(Output):
         if self._problem:
             return
         full = self._full
-        full.restore(full.state.changed(**{name: getattr(state, name) for name in ASKED}))
+        full.restore(full.state.changed(**{name: getattr(state, name) for name in REQUESTS}))
         try:
             other = full.step()
         except SimulationDiverged as error:

@@ -1,9 +1,11 @@
 """The reduced model of a shape: its modes and its integration domains."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -270,33 +272,35 @@ class MotionCriterion:
         return float(np.linalg.norm(moved, axis=2).max())
 
 
-def choose_domains(
-    criterion: MotionCriterion, volume: np.ndarray, allowed: float, progress: Callable[[int, float], None]
-) -> Cubature:
-    """The fewest domains that greedy search finds whose largest error is at most `allowed` [mm].
+class DomainSearch:
+    """A greedy search for few domains, which can go on to a smaller error."""
 
-    Args:
-        criterion: what is made small.
-        volume: volumes of all domains for the energies of shape and of volume [mm^3], shape (count, 2).
-        allowed: largest error [mm].
-        progress: called with the number of domains and their error.
-    """
-    flat = criterion.rows.reshape(-1, criterion.rows.shape[2])
-    # Two more rows: the domains stand for the whole volume, so that states unlike all of these are not too soft.
-    whole = float(np.sqrt((criterion.whole**2).mean())) / np.maximum(volume.sum(axis=0), 1e-300)[:, None]
-    rows = np.vstack([flat, (whole * volume.T)[volume.any(axis=0)]]).astype(np.float32)
-    search = NonNegativeSearch(rows)
-    batch, residual = BATCH, float("inf")
-    while True:
-        grows = search.grow(batch)
-        error = criterion.error(search.chosen, search.weight)
-        progress(len(search.chosen), error)
-        # Of several columns that come in together each may push the others out again; a single one cannot.
-        stalled = search.residual > PROGRESS * residual
-        if error <= allowed or not grows or (stalled and batch == 1):
-            order = np.argsort(search.chosen)
-            return Cubature(search.chosen[order], search.weight[order], error)
-        batch, residual = 1 if stalled else BATCH, search.residual
+    def __init__(self, criterion: MotionCriterion, volume: np.ndarray):
+        """Make a criterion small.
+
+        Args:
+            criterion: what is made small.
+            volume: volumes of all domains for the energies of shape and of volume [mm^3], shape (count, 2).
+        """
+        flat = criterion.rows.reshape(-1, criterion.rows.shape[2])
+        # Two more rows: the domains stand for the whole volume, so that states unlike all of these are not too soft.
+        whole = float(np.sqrt((criterion.whole**2).mean())) / np.maximum(volume.sum(axis=0), 1e-300)[:, None]
+        rows = np.vstack([flat, (whole * volume.T)[volume.any(axis=0)]]).astype(np.float32)
+        self._criterion, self._search = criterion, NonNegativeSearch(rows)
+        self._batch, self._residual, self._error = BATCH, math.inf, math.inf
+
+    def until(self, allowed: float) -> Cubature:
+        """The fewest domains that are found whose largest error is at most `allowed` [mm]."""
+        search, goes_on = self._search, True
+        while goes_on and self._error > allowed:
+            grows = search.grow(self._batch)
+            self._error = self._criterion.error(search.chosen, search.weight)
+            # Of several columns that come in together each may push the others out again; a single one cannot.
+            stalled = search.residual > PROGRESS * self._residual
+            goes_on = grows and not (stalled and self._batch == 1)
+            self._batch, self._residual = 1 if stalled else BATCH, search.residual
+        order = np.argsort(search.chosen)
+        return Cubature(search.chosen[order], search.weight[order], self._error)
 
 
 class NonNegativeSearch:
@@ -311,8 +315,7 @@ class NonNegativeSearch:
         """Seek weights by which columns of `rows`, shape (row_count, column_count), add up to the sum of all."""
         self._rows = rows
         self._target = rows.sum(axis=1, dtype=np.float64)
-        self._right = self._target.astype(np.float32) @ rows
-        self._products = np.zeros((0, 0))
+        self._products, self._right = np.zeros((0, 0)), np.zeros(0)
         self.chosen, self.weight = np.zeros(0, int), np.zeros(0)
 
     @property
@@ -330,6 +333,7 @@ class NonNegativeSearch:
         new = self._rows[:, add].astype(np.float64)
         cross = self._rows[:, self.chosen].T.astype(np.float64) @ new
         self._products = np.block([[self._products, cross], [cross.T, new.T @ new]])
+        self._right = np.concatenate([self._right, new.T @ self._target])
         self.chosen = np.concatenate([self.chosen, add])
         self._solve(np.concatenate([self.weight, np.zeros(len(add))]))
         return bool(len(add))
@@ -338,10 +342,10 @@ class NonNegativeSearch:
         """The least squares over the chosen columns, from weights that are not negative; drops the others."""
         kept = np.arange(len(self.chosen))
         while True:
-            solution = _solve_positive(self._products[np.ix_(kept, kept)], self._right[self.chosen[kept]])
+            solution = _solve_positive(self._products[np.ix_(kept, kept)], self._right[kept])
             if (solution > 0.0).all():
                 self.chosen, self.weight = self.chosen[kept], solution
-                self._products = self._products[np.ix_(kept, kept)]
+                self._products, self._right = self._products[np.ix_(kept, kept)], self._right[kept]
                 return
             falling = solution <= 0.0
             fall = np.where(falling, weight - solution, 1.0)
@@ -369,7 +373,6 @@ STATES, PERTURBED, SPUN = 110, 40, 20
 and states that are also taken spinning."""
 PERTURBATION = 0.2
 """How far those are from states of the training, as a share of the amplitudes' standard deviations."""
-"""Share of the tolerance for the domains, in states at rest: in motion errors add up to some three times as much."""
 SEED = 30
 
 
@@ -429,29 +432,30 @@ class ShapeFit:
         self.mode_count = min(count, len(self.basis.singular_values))
 
     @cached_property
-    def _criterion(self) -> MotionCriterion:
+    def _search(self) -> DomainSearch:
         states = self._states()
         forces = DomainForces(self._body, self.basis.modes[:, :, : self.mode_count])
-        return MotionCriterion(forces, states, states[:SPUN], self._lag)
+        criterion = MotionCriterion(forces, states, states[:SPUN], self._lag)
+        return DomainSearch(criterion, self._body.mesh_domains.volume)
 
-    def choose(self, progress: Callable[[int, float], None], part: float = 1.0) -> None:
+    def choose(self, part: float = 1.0) -> None:
         """Choose domains whose error is within a `part` of their share of the tolerance."""
         allowed = part * SHARE * self._tolerance * self.basis.largest
-        self.cubature = choose_domains(self._criterion, self._body.mesh_domains.volume, allowed, progress)
+        self.cubature = self._search.until(allowed)
 
-    def modes(self, **validated: Any) -> Modes:
-        """What goes into the file of the shape, with what the validation found."""
+    def write(self, path: Path, **validated: Any) -> None:
+        """Write the file of the shape, with what the validation found; modes in single precision."""
         amplitudes = self.basis.amplitudes[:, : self.mode_count]
-        return Modes(
+        Modes(
             rest_position=self._body.mesh.nodes,
-            modes=self.basis.modes[:, :, : self.mode_count],
+            modes=self.basis.modes[:, :, : self.mode_count].astype(np.float32),
             domain=None if self.cubature is None else self.cubature.domain,
             weight=None if self.cubature is None else self.cubature.weight,
             amplitude_range=np.column_stack([amplitudes.min(axis=0), amplitudes.max(axis=0)]),
             fingerprint=self._body.fingerprint,
             tolerance=self._tolerance,
             **validated,
-        )
+        ).write(path)
 
 
 def displacements_of(shape: BodyShape, results: Sequence[RunResult]) -> list[np.ndarray]:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -19,7 +20,7 @@ from taichisoft_reduction.body_shapes import BodyShape, RelativeMotion, body_sha
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.shape_fit import displacements_of
 from taichisoft_reduction.training_plan import Ranges, TrainingPlan, actuator_ranges
-from taichisoft_reduction.training_run import ONE_THREAD, RunResult, TrainingRun, TrainingRuns
+from taichisoft_reduction.training_run import NOW, ONE_THREAD, Progress, RunResult, TrainingRun, TrainingRuns
 from taichisoft_reduction.validation import (
     Comparison,
     as_tables,
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 
 # Displacements from recordings that a user gives for the training.
 
-MOST_FRAMES = 200
-"""Frames that are taken of a recording."""
+MOST_INSTANTS = 200
+"""Instants that are taken of a recording."""
 
 
 def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Scene) -> list[RunResult]:
@@ -49,7 +50,7 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
     results = []
     for path in paths:
         with read_recording(path) as recording:
-            frames = np.unique(np.linspace(0, recording.instant_count - 1, MOST_FRAMES).astype(int))
+            instants = np.unique(np.linspace(0, recording.instant_count - 1, MOST_INSTANTS).astype(int))
             displacement: dict[str, list[np.ndarray]] = {}
             for body in recording.soft_bodies:
                 settings = recording.scene.soft_bodies[body.name]
@@ -58,9 +59,9 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
                     continue
                 carrier = recording.frames.names.index(settings.follows)
                 motion = RelativeMotion(body.mesh_nodes, settings.rotation, settings.translation)
-                for frame in frames:
-                    places = recording.frames.places(recording.row("frame_pose", frame))
-                    position = recording.row("position", frame)[body.nodes]
+                for instant in instants:
+                    places = recording.frames.places(recording.row("frame_pose", instant))
+                    position = recording.row("position", instant)[body.nodes]
                     displacement.setdefault(name, []).append(motion.displacement(position, places, carrier))
             if not displacement:
                 names = ", ".join(shape.name for shape in shapes)
@@ -112,15 +113,15 @@ class FitProcess:
 
     def use_modes(self, count: int) -> None:
         """See `ShapeFit.use_modes`."""
-        self._ask(("use modes", count, {}))
+        self._ask(("use_modes", (count,), {}))
 
     def choose(self, part: float = 1.0) -> None:
         """See `ShapeFit.choose`."""
-        self._ask(("choose", part, {}))
+        self._ask(("choose", (part,), {}))
 
     def write(self, path: Path, **validated: Any) -> None:
-        """Write the file of the shape, see `ShapeFit.modes`."""
-        self._ask(("write", path, validated))
+        """See `ShapeFit.write`."""
+        self._ask(("write", (path,), validated))
 
     def _ask(self, message: Any) -> None:
         try:
@@ -130,21 +131,14 @@ class FitProcess:
 
 
 def serve_fit(link: Link) -> None:
-    """Make a fit of the arguments that come first, and do what the messages after them say."""
+    """Make a fit of the arguments that come first, and call its methods with those of the messages after them."""
     from taichisoft_reduction.shape_fit import ShapeFit
 
     fit = ShapeFit(*link.receive())
-    chosen = 0
     while True:
-        link.send((fit.mode_count, fit.domain_count, chosen))
-        method, argument, validated = link.receive()
-        if method == "choose":
-            fit.choose(lambda count, error: None, argument)
-            chosen = len(fit.cubature.domain) if fit.cubature is not None else 0
-        elif method == "use modes":
-            fit.use_modes(argument)
-        else:
-            fit.modes(**validated).write(argument)
+        link.send((fit.mode_count, fit.domain_count, 0 if fit.cubature is None else len(fit.cubature.domain)))
+        method, arguments, named = link.receive()
+        getattr(fit, method)(*arguments, **named)
 
 
 RUNS = "runs"
@@ -153,11 +147,13 @@ ATTEMPTS = 3
 """How often domains are chosen until the motions of the training are followed within the tolerance."""
 FAILED = 1.0
 """Error that a file says where a run of the validation failed: as large as the displacements."""
-FOLLOWED_BY_MODES = ("ramp", "wave", "press-0", "press-1")
-"""Runs of the training, of a body alone, that modes have to follow with all domains: where silicone hardly changes its
-volume, those that hold its displacements to the tolerance may lock."""
-REFINED_BY = (*FOLLOWED_BY_MODES, "turned-0.6")
-"""Those that are repeated with the chosen domains."""
+FOLLOWED = ("ramp", "wave", "press-0", "press-1", "turned-0.6")
+"""Runs of the training, of a body alone, that modes have to follow with all domains and with the chosen ones: where
+silicone hardly changes its volume, modes that hold its displacements to the tolerance may lock."""
+STRICTER, LEAST = 0.9, 0.5
+"""Factors on the error allowed to the domains from one try to the next, the largest and the smallest."""
+WORTH = 0.75
+"""Factor to which more domains have to reduce the error of the motion; otherwise it comes from elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -185,17 +181,6 @@ class Wishes:
     plugins: Sequence[str] = ()
 
 
-class Progress:
-    """What a reduction says while it goes on; this one says nothing."""
-
-    def runs(self, title: str, total: int) -> Callable[[str, str], None]:
-        """Begin a number of runs; what is returned is called with the name of each that ends, and its problem."""
-        return lambda name, problem: None
-
-    def line(self, text: str) -> None:
-        """Say something."""
-
-
 @dataclass(frozen=True)
 class Reduction:
     """What came out.
@@ -221,15 +206,19 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
     _check_ranges(model, wishes.ranges)
     recordings = recorded_runs(wishes.recordings, shapes, scene)
     plan = TrainingPlan(scene, model, shapes, wishes.plugins)
-    with ExitStack() as processes, TrainingRuns(folder / RUNS, wishes.processes, wishes.plugins) as pool:
-        own_request = plan.own_run()
-        own = pool.results([own_request], progress.runs("own run", 1)) if own_request is not None else []
+    with ExitStack() as processes, TrainingRuns(folder / RUNS, wishes.processes, wishes.plugins, progress) as pool:
+        own_runs = plan.own_runs()
+        pool.start(own_runs, NOW)
+        pool.start(plan.grasps(wishes.own_training))
+        own = pool.results(own_runs, "own run")
         ranges = {
             shape.name: actuator_ranges(model, shape, own[0] if own else None, wishes.ranges, wishes.full_range)
             for shape in shapes
         }
         _say_ranges(ranges, progress)
-        training, trained, validation, full = _runs(plan, pool, own, ranges, wishes, progress)
+        training, trained, validation = _train(plan, pool, own, ranges, wishes, progress)
+        far = plan.beyond(ranges)
+        pool.start([*validation, *far])
         fits, tried = {}, {}
         for shape in shapes:
             body = next(candidate for candidate in model.soft_bodies if candidate.name == shape.name)
@@ -239,12 +228,12 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
             fits[shape.name] = processes.enter_context(fit)
             known = list(zip(training, trained, strict=True))
             tried[shape.name] = _refine(fits[shape.name], shape, folder, pool, known, wishes, progress)
+        full = pool.results(validation, "validation of the full model")
         files = {name: folder / f"{name}.npz" for name in fits}
-        reduced = _reduced_runs(pool, validation, shapes, files, progress, "validation of the reduced model")
+        reduced = _reduced_runs(pool, validation, shapes, files, "validation of the reduced model")
         comparisons = [compare(whole, other) for whole, other in zip(full, reduced, strict=True)]
-        far = plan.beyond(ranges)
-        beyond = pool.results(far, progress.runs("beyond the training", len(far)))
-        erring = _reduced_runs(pool, far, shapes, files, progress, "the reduced model beyond its training")
+        beyond = pool.results(far, "beyond the training")
+        erring = _reduced_runs(pool, far, shapes, files, "the reduced model beyond its training")
         about = {
             "scene": scene.title,
             "bodies": {shape.name: _about(fits[shape.name], shape, files[shape.name]) for shape in shapes},
@@ -323,27 +312,26 @@ def _say_ranges(ranges: Mapping[str, Ranges], progress: Progress) -> None:
             progress.line(f"{name}: trained from {low:g} to {high:g} ({key})")
 
 
-def _runs(
+def _train(
     plan: TrainingPlan,
     pool: TrainingRuns,
     own: Sequence[RunResult],
     ranges: Mapping[str, Ranges],
     wishes: Wishes,
     progress: Progress,
-) -> tuple[list[TrainingRun], list[RunResult], list[TrainingRun], list[RunResult]]:
-    """Requests and results of the training, and of the validation."""
+) -> tuple[list[TrainingRun], list[RunResult], list[TrainingRun]]:
+    """Requests and results of the training, and requests of the validation."""
     first = plan.first_runs(ranges)
-    ramps = pool.results(first, progress.runs("ramps", len(first)))
+    ramps = pool.results(first, "ramps")
     driven = [shape.name for shape in plan.shapes if ranges[shape.name]]
     by_shape = dict(zip(driven, ramps, strict=True))
     training = plan.training(ranges, by_shape, own) if wishes.own_training else first
     validation = plan.validation(ranges, by_shape, own)
-    both = [*training, *validation]
-    results = pool.results(both, progress.runs("training and validation", len(both)))
-    for result in results[: len(training)]:
+    results = pool.results(training, "training")
+    for result in results:
         if result.problem:
             progress.line(f"{result.name}: left out of the training: {result.problem}")
-    return training, results[: len(training)], validation, results[len(training) :]
+    return training, results, validation
 
 
 def _refine(
@@ -367,31 +355,32 @@ def _refine(
     }
     path = folder / f"{shape.name}.npz"
 
-    def tried(names: Sequence[str], title: str) -> tuple[list[tuple[RunResult, RunResult]], bool]:
+    def tried(title: str) -> tuple[list[tuple[RunResult, RunResult]], float]:
         fit.write(path)
-        runs = [known[name] for name in names if name in known]
-        again = _reduced_runs(pool, [request for request, _ in runs], [shape], {shape.name: path}, progress, title)
+        runs = [known[name] for name in FOLLOWED if name in known]
+        again = _reduced_runs(pool, [request for request, _ in runs], [shape], {shape.name: path}, title)
         pairs = [(full, repeated) for (_, full), repeated in zip(runs, again, strict=True)]
         error = worst([compare(*pair) for pair in pairs]) if pairs else 0.0
         progress.line(f"{title}; error of the training {100.0 * error:.2g} %")
-        return pairs, error <= wishes.tolerance
+        return pairs, error
 
     def is_followed() -> bool:
-        return tried(FOLLOWED_BY_MODES, f"{shape.name}: {fit.mode_count} modes with all {fit.domain_count} domains")[1]
+        title = f"{shape.name}: {fit.mode_count} modes with all {fit.domain_count} domains"
+        return tried(title)[1] <= wishes.tolerance
 
     if wishes.modes is None:
         find_mode_count(fit, is_followed)
     pairs: list[tuple[RunResult, RunResult]] = []
-    before = 0
-    for attempt in range(ATTEMPTS):
-        fit.choose(0.5**attempt)
-        if fit.chosen_count == before:  # all that matter are chosen
+    part, before, count = 1.0, math.inf, 0
+    for _ in range(ATTEMPTS):
+        fit.choose(part)
+        if fit.chosen_count == count:  # all that matter are chosen
             break
-        before = fit.chosen_count
-        title = f"{shape.name}: {fit.mode_count} modes, {before} of {fit.domain_count} domains"
-        pairs, followed = tried(REFINED_BY, title)
-        if followed:
+        count = fit.chosen_count
+        pairs, error = tried(f"{shape.name}: {fit.mode_count} modes, {count} of {fit.domain_count} domains")
+        if error <= wishes.tolerance or error > WORTH * before:
             break
+        part, before = part * min(STRICTER, max(LEAST, STRICTER * wishes.tolerance / error)), error
     return pairs
 
 
@@ -418,12 +407,11 @@ def _reduced_runs(
     requests: Sequence[TrainingRun],
     shapes: Sequence[BodyShape],
     files: Mapping[str, Path],
-    progress: Progress,
     title: str,
 ) -> list[RunResult]:
     """The results of runs with reduced bodies."""
     reduced = [_with_modes(request, shapes, files) for request in requests]
-    return pool.results(reduced, progress.runs(title, len(reduced)))
+    return pool.results(reduced, title)
 
 
 def _with_modes(request: TrainingRun, shapes: Sequence[BodyShape], files: Mapping[str, Path]) -> TrainingRun:

@@ -16,7 +16,7 @@ from taichisoft.mesh import MappedSurface
 from taichisoft.scene import scene_from_dict, scene_to_toml
 from taichisoft_reduction.body_shapes import BodyShape, mesh_digest
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.training_run import RunResult, Timetable, TrainingRun
+from taichisoft_reduction.training_run import AXES, RunResult, Timetable, TrainingRun
 
 if TYPE_CHECKING:
     from taichisoft import Model
@@ -102,7 +102,6 @@ FREQUENCY = 1.5
 """Of waves [Hz]."""
 TURN = math.radians(40.0)
 """How far the base turns."""
-AXES = ("x", "y", "z")
 FURTHER, HEAVIER = 1.6, 6.0
 """How far actuators, and gravity across, go beyond the training, over what they do in it."""
 
@@ -410,10 +409,10 @@ def _spread(points: np.ndarray, chosen: np.ndarray, count: int) -> list[int]:
 
 
 OWN_RUN = "own-run"
-OWN_FRAMES = 120
-"""Moments that are kept of a run of the validation."""
-WEAKER, STRONGER = 0.75, 1.2
-"""Factors on what the scene's own controller asks for, in the training."""
+OWN_INSTANTS = 120
+"""Instants that are kept of a run of the validation."""
+STRONGER = 1.2
+"""Factor on what the scene's own controller asks for, in the training."""
 SHIFT = 0.15
 """How far the base is shaken, as a share of the body's largest extent."""
 SOLID = ("surface", "scale", "smooth", "box", "sphere", "cylinder", "capsule", "inertia", "centre_of_mass", "density")
@@ -437,9 +436,13 @@ class TrainingPlan:
         self._all_bodies = tuple(name for shape in shapes for name in shape.bodies)
         self._bodies = {body.name: body for body in model.soft_bodies}
 
-    def own_run(self) -> TrainingRun | None:
-        """The scene's own run, for the validation; None without a controller."""
-        return self._own(OWN_RUN, self._scene, frames=OWN_FRAMES) if self._scene.controller is not None else None
+    def own_runs(self) -> list[TrainingRun]:
+        """The scene's own run, for the validation; none without a controller."""
+        return [self._own(OWN_RUN, self._scene, instants=OWN_INSTANTS)] if self._scene.controller is not None else []
+
+    def grasps(self, own_training: bool) -> list[TrainingRun]:
+        """Further runs of the scene's controller for the validation and, if wanted, the training."""
+        return [*(self._grasps() if own_training else []), *self._unseen_grasps()]
 
     def first_runs(self, ranges: Mapping[str, Ranges]) -> list[TrainingRun]:
         """Ramps of each shape, by which the places to press are found."""
@@ -460,22 +463,18 @@ class TrainingPlan:
         self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
     ) -> list[TrainingRun]:
         """Runs that are not trained on: the scene's own first, if it has a controller."""
-        first = self.own_run()
-        runs = [] if first is None else [first]
+        runs = self.own_runs()
         for shape in self.shapes:
             tables = unseen(ranges[shape.name], self._shift(shape))
-            runs += [self._alone(shape, name, table, OWN_FRAMES) for name, table in tables.items()]
+            runs += [self._alone(shape, name, table, OWN_INSTANTS) for name, table in tables.items()]
             runs += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, True)
-        return runs + [
-            self._own("unseen-grasp", scene, frames=OWN_FRAMES)
-            for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
-        ]
+        return runs + self._unseen_grasps()
 
     def beyond(self, ranges: Mapping[str, Ranges]) -> list[TrainingRun]:
         """Runs far beyond the training, in which reduced bodies are expected to err."""
         tables = {shape: beyond(ranges[shape.name], self._scene.gravity) for shape in self.shapes}
         return [
-            self._alone(shape, *table, OWN_FRAMES) for shape, by_name in tables.items() for table in by_name.items()
+            self._alone(shape, *table, OWN_INSTANTS) for shape, by_name in tables.items() for table in by_name.items()
         ]
 
     def _grasps(self) -> list[TrainingRun]:
@@ -484,18 +483,20 @@ class TrainingPlan:
             return []
         objects: Mapping[str, Callable[[np.ndarray], dict[str, Any]]] = {
             "ball": lambda size: {"sphere": {"radius": 0.5 * float(size.min())}},
-            "box": lambda size: {"box": (0.8 * size).tolist()},
             "cylinder": lambda size: {
                 "cylinder": {"radius": 0.5 * float(min(size[:2])), "length": float(size[2])},
             },
         }
-        runs = [
-            self._own("own-weaker", self._scene, factor=WEAKER),
-            self._own("own-stronger", self._scene, factor=STRONGER),
-        ]
+        runs = [self._own("own-stronger", self._scene, factor=STRONGER)]
         for name, make in objects.items():
             runs += [self._own(f"grasp-{name}", scene) for scene in self._with_object(make)]
         return runs
+
+    def _unseen_grasps(self) -> list[TrainingRun]:
+        return [
+            self._own("unseen-grasp", scene, instants=OWN_INSTANTS)
+            for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
+        ]
 
     def _with_object(self, make: Callable[[np.ndarray], dict[str, Any]]) -> list[Scene]:
         """The scene with another shape, made of the extents [mm], in the place of its main object, if it has one."""
@@ -526,15 +527,17 @@ class TrainingPlan:
             name = f"press-{number}" if not is_unseen else "unseen-press"
             for scene in self._valid({**self._alone_tables(shape), "obstacles": {"press": press.obstacle}}):
                 runs.append(
-                    self._request(f"{shape.name}-{name}", scene, (shape.name,), table, OWN_FRAMES if is_unseen else 24)
+                    self._request(
+                        f"{shape.name}-{name}", scene, (shape.name,), table, OWN_INSTANTS if is_unseen else 24
+                    )
                 )
         return runs
 
-    def _alone(self, shape: BodyShape, name: str, table: Timetable, frames: int = 24) -> TrainingRun:
+    def _alone(self, shape: BodyShape, name: str, table: Timetable, instants: int = 24) -> TrainingRun:
         """A run of the first body of a shape alone, or with all soft bodies where it cannot be alone."""
         scenes = self._valid(self._alone_tables(shape)) or self._valid(self._without(self._tables, "obstacles"))
         scene = scenes[0] if scenes else self._scene
-        return self._request(f"{shape.name}-{name}", scene, (shape.name,), table, frames)
+        return self._request(f"{shape.name}-{name}", scene, (shape.name,), table, instants)
 
     def _alone_tables(self, shape: BodyShape) -> dict[str, Any]:
         tables = self._without(self._tables, "obstacles", "rigid_bodies", "goal", "external_forces")
@@ -554,20 +557,22 @@ class TrainingPlan:
         except TaichisoftError:
             return []
 
-    def _own(self, name: str, scene: Scene, factor: float = 1.0, frames: int = 40) -> TrainingRun:
+    def _own(self, name: str, scene: Scene, factor: float = 1.0, instants: int = 40) -> TrainingRun:
         return TrainingRun(
             name,
             scene_to_toml(scene),
             self._all_bodies,
             scene.time.duration,
             factor=factor,
-            frames=frames,
+            instants=instants,
             **self._common,
         )
 
-    def _request(self, name: str, scene: Scene, bodies: tuple[str, ...], table: Timetable, frames: int) -> TrainingRun:
+    def _request(
+        self, name: str, scene: Scene, bodies: tuple[str, ...], table: Timetable, instants: int
+    ) -> TrainingRun:
         duration = max(scene.time.step, round(table.duration / scene.time.step) * scene.time.step)
-        return TrainingRun(name, scene_to_toml(scene), bodies, duration, table, frames=frames, **self._common)
+        return TrainingRun(name, scene_to_toml(scene), bodies, duration, table, instants=instants, **self._common)
 
     def _size(self, shape: BodyShape) -> float:
         return float(np.ptp(self._bodies[shape.name].rest_position, axis=0).max())

@@ -56,7 +56,7 @@ class TrainingRun:
         duration: simulated time [s].
         timetable: what drives it; None for the scene's own controller.
         factor: factor on all pressures, volumes, tensions and pulls that the scene's own controller asks for.
-        frames: number of moments that are kept.
+        instants: number of instants that are kept.
         plugins: paths of the plug-ins that it needs.
         files: digest of the meshes that the scene names.
     """
@@ -67,9 +67,14 @@ class TrainingRun:
     duration: float
     timetable: Timetable | None = None
     factor: float = 1.0
-    frames: int = 24
+    instants: int = 24
     plugins: tuple[str, ...] = ()
     files: str = ""
+
+    @property
+    def cost(self) -> float:
+        """Simulated time, summed over the bodies [s]."""
+        return self.duration * len(self.bodies)
 
     @property
     def file_name(self) -> str:
@@ -85,9 +90,9 @@ class RunResult:
     Attributes:
         name: name of the run.
         problem: why it did not reach its end, in one line; empty where it did.
-        time: of each frame [s], shape (frame_count,).
-        displacement: relative displacements of the nodes by body [mm], shape (frame_count, node_count, 3).
-        figures: values in each frame by name with unit, such as "lift of cube [mm]", shape (frame_count,).
+        time: of each instant [s], shape (instant_count,).
+        displacement: relative displacements of the nodes by body [mm], shape (instant_count, node_count, 3).
+        figures: values in each instant by name with unit, such as "lift of cube [mm]", shape (instant_count,).
         touched: whether something pressed a node, by body, shape (node_count,).
         drives: by actuator, the key of `taichisoft.Control` that drove it, and its smallest and largest value.
         steps_per_second: of processor time, without the time for what is kept.
@@ -178,13 +183,13 @@ class RunFigures:
         return sorted(((a, b) for a, b in pairs if a != b), key=lambda pair: (order[pair[0]], order[pair[1]]))
 
 
-class RunFrames(Output):
+class RunInstants(Output):
     """Keeps displacements and figures in some steps, evenly spread over the run."""
 
-    def __init__(self, bodies: Sequence[str], step_count: int, frames: int):
-        """Keep the displacements of `bodies` in at most `frames` of `step_count` steps."""
+    def __init__(self, bodies: Sequence[str], step_count: int, instants: int):
+        """Keep the displacements of `bodies` in at most `instants` of `step_count` steps."""
         self._bodies = bodies
-        self._every = max(1, math.ceil(step_count / frames))
+        self._every = max(1, math.ceil(step_count / instants))
         self._time: list[float] = []
         self._figures: list[dict[str, float]] = []
         self._displacement: dict[str, list[np.ndarray]] = {name: [] for name in bodies}
@@ -230,8 +235,8 @@ class RunFrames(Output):
             problem=problem,
             time=np.array(self._time),
             displacement={
-                body: np.array(frames, np.float32).reshape(len(frames), len(self._touched[body]), 3)
-                for body, frames in self._displacement.items()
+                body: np.array(instants, np.float32).reshape(len(instants), len(self._touched[body]), 3)
+                for body, instants in self._displacement.items()
             },
             figures={key: np.array([row.get(key, 0.0) for row in self._figures]) for key in names},
             touched=self._touched,
@@ -269,25 +274,20 @@ class TimetableController(Controller):
 
     def __init__(self, timetable: Timetable):
         """Follow `timetable`."""
-        self._timetable = timetable
-        self._keys = sorted({channel.partition("/")[0] for channel in timetable.channels})
+        self._times = timetable.times
+        self._channels: dict[str, dict[str, tuple[float, ...]]] = {}
+        for channel, values in timetable.channels.items():
+            key, _, name = channel.partition("/")
+            self._channels.setdefault(key, {})[name] = values
 
     def control(self, observation: Observation) -> Control:
         """The values at the end of the step."""
         end = observation.time + observation.control_period
-        now = {
-            channel: float(np.interp(end, self._timetable.times, values))
-            for channel, values in self._timetable.channels.items()
-        }
         request: dict[str, object] = {}
-        for key in self._keys:
-            own = {name: value for (its_key, _, name), value in _split(now) if its_key == key}
-            request[key] = own if key in DRIVES else np.array([own.get(axis, 0.0) for axis in AXES])
+        for key, channels in self._channels.items():
+            now = {name: float(np.interp(end, self._times, values)) for name, values in channels.items()}
+            request[key] = now if key in DRIVES else np.array([now.get(axis, 0.0) for axis in AXES])
         return Control(**request)  # type: ignore[arg-type]
-
-
-def _split(values: dict[str, float]) -> list[tuple[tuple[str, str, str], float]]:
-    return [(channel.partition("/"), value) for channel, value in values.items()]
 
 
 class ScaledController(Controller):
@@ -312,8 +312,8 @@ class ScaledController(Controller):
         return replace(request, **scaled) if scaled else request
 
 
-def make_run(request: TrainingRun, path: Path) -> str:
-    """Make a run and write its result; the problem that ended it early, or an empty text."""
+def make_run(request: TrainingRun, path: Path) -> None:
+    """Make a run and write its result."""
     from taichisoft.running import Simulation, make_controller, run
     from taichisoft.scene import scene_from_toml
 
@@ -328,7 +328,7 @@ def make_run(request: TrainingRun, path: Path) -> str:
             self.seconds += time.process_time() - started
             return report
 
-    kept, problem = RunFrames(request.bodies, 1, 1), ""
+    kept, problem = RunInstants(request.bodies, 1, 1), ""
     simulation = None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a run that is pressed hard on purpose
@@ -340,7 +340,7 @@ def make_run(request: TrainingRun, path: Path) -> str:
             else:
                 controller = ScaledController(make_controller(scene), request.factor)
             simulation = TimedSimulation(scene)
-            kept = RunFrames(request.bodies, round(request.duration / scene.time.step), request.frames)
+            kept = RunInstants(request.bodies, round(request.duration / scene.time.step), request.instants)
             run(simulation, controller, [kept], request.duration)
         except BeyondLaw:
             pass  # the run was completed
@@ -349,7 +349,6 @@ def make_run(request: TrainingRun, path: Path) -> str:
     speed = simulation.state.step / simulation.seconds if simulation is not None and simulation.seconds else 0.0
     with atomic_file(path, ReductionError) as partial:
         kept.result(request.name, problem, speed).save(partial)
-    return problem
 
 
 # Runs in several processes at a time; finished results stay in a folder and are not made again.
@@ -360,15 +359,29 @@ RUN_LIMIT = 3600.0
 ONE_THREAD = {"TAICHISOFT_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 TRIES = 3
 """How often a run is begun whose process is killed."""
+NOW, LATER = 0.0, 1e9
+"""Ranks of runs that are waited for, and of runs that fill the processes meanwhile."""
+
+
+class Progress:
+    """What a reduction reports; this one reports nothing."""
+
+    def runs(self, title: str, cost: float) -> Callable[[float], None]:
+        """Begin to wait for runs of a total cost; the function returned is called with the cost of each that ends."""
+        return lambda cost: None
+
+    def line(self, text: str) -> None:
+        """Report a line."""
 
 
 class TrainingRuns:
     """Processes that make runs; leaving a `with` statement ends them."""
 
-    def __init__(self, folder: Path, processes: int, plugins: Sequence[str]):
-        """Keep the results in `folder`, and load `plugins`, paths, into each process."""
-        self._folder, self._plugins = folder, tuple(plugins)
+    def __init__(self, folder: Path, processes: int, plugins: Sequence[str], progress: Progress):
+        """Keep the results in `folder`, load `plugins`, paths, into each process, and report to `progress`."""
+        self._folder, self._plugins, self._progress = folder, tuple(plugins), progress
         self._pool = Pool(PREPARE, processes, ONE_THREAD, TRIES)
+        self._pending: set[Path] = set()
 
     def __enter__(self) -> "TrainingRuns":
         return self
@@ -376,25 +389,29 @@ class TrainingRuns:
     def __exit__(self, *_: object) -> None:
         self._pool.__exit__()
 
-    def results(self, requests: Sequence[TrainingRun], done: Callable[[str, str], None]) -> list[RunResult]:
-        """The results of runs, in the order of the requests; those that are in the folder are read from it.
-
-        Args:
-            requests: the runs.
-            done: called with the name of each run that ends, and the problem that ended it early, if any.
-        """
+    def start(self, requests: Sequence[TrainingRun], rank: float = LATER) -> None:
+        """Have runs made that are not in the folder, long ones first, while none of a lower rank waits."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        jobs = [(request, self._folder / request.file_name) for request in requests]
-        missing = [(request, path) for request, path in jobs if RunResult.load(path) is None]
-        missing.sort(key=lambda job: -job[0].duration * len(job[0].bodies))  # long ones first
-        for job in missing:
-            self._pool.submit(job[0].name, job, self._plugins, RUN_LIMIT)
-        for _ in missing:
-            name, problem = self._pool.next_done()
+        for request in sorted(requests, key=lambda request: -request.cost):
+            path = self._folder / request.file_name
+            if path not in self._pending and RunResult.load(path) is None:
+                self._pending.add(path)
+                self._pool.submit(path, (request, path), self._plugins, RUN_LIMIT, rank - request.cost)
+
+    def results(self, requests: Sequence[TrainingRun], title: str) -> list[RunResult]:
+        """The results of runs, in the order of the requests, which are waited for under a title."""
+        self.start(requests, NOW)
+        paths = [self._folder / request.file_name for request in requests]
+        awaited = {path: request.cost for path, request in zip(paths, requests, strict=True) if path in self._pending}
+        count = self._progress.runs(title, sum(awaited.values()))
+        while awaited:
+            path, problem = self._pool.next_done()
             if isinstance(problem, Exception):
                 raise ReductionError(f"a process that makes runs failed: {problem}") from problem
-            done(name, problem)
-        return [_loaded(path) for _, path in jobs]
+            self._pending.remove(path)
+            if path in awaited:
+                count(awaited.pop(path))
+        return [_loaded(path) for path in paths]
 
 
 def _loaded(path: Path) -> RunResult:
@@ -404,7 +421,7 @@ def _loaded(path: Path) -> RunResult:
     return result
 
 
-def prepare(plugins: Sequence[str]) -> Callable[[tuple[TrainingRun, Path]], str]:
+def prepare(plugins: Sequence[str]) -> Callable[[tuple[TrainingRun, Path]], None]:
     """What a process does: it loads Taichi and plug-ins, and makes runs."""
     from taichisoft.running import (
         Simulation,  # noqa: F401  # starts Taichi

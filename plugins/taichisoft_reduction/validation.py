@@ -36,7 +36,7 @@ class Deviation:
     """The error of a quantity in a run.
 
     Attributes:
-        largest, mean: absolute errors, over all moments and all bodies, nodes or pairs.
+        largest, mean: absolute errors, over all instants and all bodies, nodes or pairs.
         scale: by how much the quantity changes in the full run at most.
     """
 
@@ -69,7 +69,7 @@ class Comparison:
 
 
 def compare(full: RunResult, reduced: RunResult) -> Comparison:
-    """Compare two runs at the moments that both have."""
+    """Compare two runs at the instants that both have."""
     _, of_full, of_reduced = np.intersect1d(full.time, reduced.time, return_indices=True)
     deviations = {}
     if len(of_full):

@@ -5,6 +5,7 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Mapping
+from functools import cache
 from importlib.util import find_spec
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,12 @@ def warn_caller(line: str) -> None:
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(_PACKAGES):
         frame, level = frame.f_back, level + 1
     warnings.warn(line, stacklevel=level)
+
+
+@cache
+def warn_caller_once(line: str) -> None:
+    """Warn like `warn_caller` when a line is first given in this process."""
+    warn_caller(line)
 
 
 # Packages that need not be installed: a missing one is one line that says what installs it.

@@ -9,6 +9,8 @@ The process has a session of its own, so only the parent gets Ctrl and c or a ha
 closes, and where a process forked from the parent holds the pipe open, the process sees that its parent has changed.
 """
 
+import itertools
+import math
 import os
 import pickle
 import queue
@@ -255,9 +257,9 @@ class Pool:
             tries: how often a job is begun whose process is killed.
         """
         self.function, self.environment, self.tries, self.closed = function, environment, tries, False
-        self.jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self.jobs: queue.PriorityQueue[tuple[float, int, _Job | None]] = queue.PriorityQueue()
         self._ended: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
-        self._count, self._pending = count, 0
+        self._count, self._pending, self._number = count, 0, itertools.count()
         self._seats: list[_Seat] = []
         self._lock = threading.Lock()
 
@@ -275,8 +277,9 @@ class Pool:
         content: Any,
         context: Any = None,
         time_limit: float = threading.TIMEOUT_MAX,
+        rank: float = 0.0,
     ) -> None:
-        """Have a job done, after those submitted before.
+        """Have a job done, after those of the same rank that were submitted before.
 
         Args:
             key: identifies the job in `next_done`.
@@ -284,12 +287,13 @@ class Pool:
             context: what a process needs once for many jobs, such as plug-ins or a model; sent to it again only when
                 it is another object.
             time_limit: longest time of the job [s], without the preparation of a new process.
+            rank: jobs of a lower rank come first.
         """
         with self._lock:
             self._pending += 1
             if len(self._seats) < min(self._pending, self._count):
                 self._seats.append(_Seat(self))
-        self.jobs.put(_Job(key, content, context, time_limit))
+        self.jobs.put((rank, next(self._number), _Job(key, content, context, time_limit)))
 
     def next_done(self) -> tuple[Any, Any]:
         """Wait for a job to end; its key, and its value or the exception by which it failed (see `Worker.receive`)."""
@@ -306,7 +310,7 @@ class Pool:
         self.closed = True
         for seat in self._seats:
             seat.kill()
-            self.jobs.put(None)
+            self.jobs.put((math.inf, next(self._number), None))
 
 
 class _Seat:
@@ -333,7 +337,7 @@ class _Seat:
 
     def _serve_next(self) -> bool:
         """Wait for a job and do it; False after the last. Between two jobs nothing refers to the first."""
-        job = self._pool.jobs.get()
+        *_, job = self._pool.jobs.get()
         if job is None:
             return False
         try:

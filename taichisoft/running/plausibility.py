@@ -22,7 +22,7 @@ from taichisoft.base.plausible import (
     Plausible,
     implausible,
 )
-from taichisoft.base.text import warn_caller
+from taichisoft.base.text import warn_caller, warn_caller_once
 from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.selection import select_elements
@@ -139,7 +139,7 @@ def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
         if thin:
             warned.add(mesh.source)
             effect = too_stiff(ratio) if body.element == "smoothed" else TOO_STIFF
-            warn_caller(f"soft_bodies.{name}.mesh: {effect}: {', '.join(thin)}; {ADVICE}")
+            warn_caller_once(f"soft_bodies.{name}.mesh: {effect}: {', '.join(thin)}; {ADVICE}")
 
 
 def _cavity_groups(body: SoftBodySettings) -> list[str]:

@@ -22,7 +22,7 @@ from taichisoft.running.session import Output, require_base
 from taichisoft.scene import file as scene_tables
 from taichisoft.scene.file import change_scene
 from taichisoft.scene.scene import Scene
-from taichisoft.scene.shipped import find_file
+from taichisoft.scene.shipped import data_folder, find_file
 from taichisoft.scene.soft_body import SoftBodySettings
 from taichisoft.scene.table import first_problem, short_text
 
@@ -62,15 +62,21 @@ def with_reduced_bodies(scene: Scene, folder: Path, key: str = "--reduced") -> S
 
     Args:
         scene: the scene.
-        folder: with a file BODY.npz for each shape of body; a body without one takes that of a body which it is a copy
-            of.
+        folder: with a file BODY.npz for each shape of body, or the name of a shipped one; a body without a file takes
+            that of a body which it is a copy of.
         key: what names the folder, for messages.
 
     Raises:
         SceneError: no such folder, or none of its files is that of a soft body.
     """
     if not folder.is_dir():
-        raise SceneError(f"{key} {folder}: no such folder; `taichisoft reduce SCENE -o {folder}` writes it")
+        shipped = {path.name: path for path in (data_folder() / "reduced").glob("*")}
+        if str(folder) not in shipped:
+            raise SceneError(
+                f"{key} {folder}: no such folder, and no shipped one ({', '.join(sorted(shipped))}); "
+                f"`taichisoft reduce SCENE -o {folder}` writes it"
+            )
+        folder = shipped[str(folder)]
     files = {name: folder / f"{name}{SUFFIX}" for name in scene.soft_bodies}
     own = {name: file.resolve() for name, file in files.items() if file.is_file()}
     if not own:

@@ -222,6 +222,16 @@ def test_pool_begins_a_killed_job_again(tmp_path: Path, kills: int, signal_numbe
     assert isinstance(answer, WorkerLost) or answer == kills
 
 
+def test_pool_does_jobs_of_lower_ranks_first() -> None:
+    """The first one is begun at once; the others wait for the only process."""
+    ranks = [5.0, 3.0, 4.0, 1.0]
+    with Pool("odd_work:prepare", 1) as pool:
+        pool.submit(0.0, ("sleep", 0.5))
+        for rank in ranks:
+            pool.submit(rank, ("divide", 1), rank=rank)
+        assert [pool.next_done()[0] for _ in range(5)] == [0.0, *sorted(ranks)]
+
+
 def test_pool_kills_a_job_at_its_time_limit() -> None:
     with Pool("odd_work:prepare", 1, tries=3) as pool:
         slow, quick = answers(pool, ("sleep", 600), ("divide", 1), time_limit=1.0)

@@ -1,17 +1,18 @@
 """`taichisoft new gripper` writes a scene that is valid as it stands."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from taichisoft import load_scene
 from taichisoft.errors import MeshError
-from taichisoft_meshing.new_gripper import gripper, scene_text
+from taichisoft_meshing.new_gripper import FingerElements, gripper, scene_text
 
 
 def test_a_scene_with_so_many_fingers_around_a_cube_on_the_floor(tmp_path: Path) -> None:
     path = tmp_path / "four.toml"
-    gripper(4, "tutorial", 70.0, path)
+    gripper(4, "tutorial", 70.0, output=path)
     scene = load_scene(path)
     assert list(scene.soft_bodies) == ["finger1", "finger2", "finger3", "finger4"]
     cube, floor = scene.rigid_bodies["cube"], scene.obstacles["floor"]
@@ -20,6 +21,14 @@ def test_a_scene_with_so_many_fingers_around_a_cube_on_the_floor(tmp_path: Path)
     assert all(body.regions for body in scene.soft_bodies.values())
     with pytest.raises(MeshError, match="exists already"):
         gripper(output=path)
+
+
+@pytest.mark.parametrize("elements", list(FingerElements))
+def test_elements_are_chosen_with_what_they_cost(tmp_path: Path, elements: FingerElements, capsys: Any) -> None:
+    path = tmp_path / "three.toml"
+    gripper(elements=elements, output=path)
+    assert {body.element for body in load_scene(path).soft_bodies.values()} == {elements}
+    assert f"{elements} elements: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -35,4 +44,4 @@ def test_a_scene_with_so_many_fingers_around_a_cube_on_the_floor(tmp_path: Path)
 )
 def test_a_gripper_that_makes_no_sense_is_refused(count: int, finger: str, opening: float, problem: str) -> None:
     with pytest.raises(MeshError, match=problem):
-        scene_text(count, finger, opening)
+        scene_text(count, finger, opening, FingerElements.LINEAR)

@@ -13,14 +13,15 @@ from scipy.spatial.transform import Rotation
 from taichisoft import Control, Simulation, load_scene, make_model, scene_from_dict
 from taichisoft.mechanics import FramePlaces, Modes
 from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.scene import scene_to_toml
 from taichisoft_reduction.body_shapes import RelativeMotion, body_shapes
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.reduce_command import reduce
 from taichisoft_reduction.reduced_check import ReducedCheckOutput
-from taichisoft_reduction.shape_fit import Basis, DomainForces, MotionCriterion, NonNegativeSearch, choose_domains
-from taichisoft_reduction.shape_reduction import Progress, Wishes, _drives, find_mode_count, reduce_scene
+from taichisoft_reduction.shape_fit import Basis, DomainForces, DomainSearch, MotionCriterion, NonNegativeSearch
+from taichisoft_reduction.shape_reduction import Wishes, _drives, find_mode_count, reduce_scene
 from taichisoft_reduction.training_plan import presses
-from taichisoft_reduction.training_run import RunResult, Timetable, TrainingRun
+from taichisoft_reduction.training_run import Progress, RunResult, Timetable, TrainingRun, TrainingRuns
 from taichisoft_reduction.validation import compare, error_per_imbalance, largest_imbalance, worst
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
@@ -67,7 +68,7 @@ def test_the_stiffness_is_the_slope_of_the_forces_at_rest(block):
     (body,) = make_model(beam(block, element="smoothed", law="yeoh", coefficients={"c10": 20.0})).soft_bodies
     forces = DomainForces(body, random_modes(body, 6))
     small = 1e-6 * np.eye(6)
-    slopes = [(forces.forces(one) - forces.forces(-one)).sum(axis=0) / 2e-6 for one in small]
+    slopes = [(forces.forces(step) - forces.forces(-step)).sum(axis=0) / 2e-6 for step in small]
     assert np.array(slopes) + forces.anchor == pytest.approx(forces.stiffness(np.zeros(6)), rel=1e-5)
 
 
@@ -97,8 +98,8 @@ def test_modes_are_orthonormal_in_the_mass_and_hold_the_training():
     assert basis.count_for(1e-4) == 4
 
 
-@pytest.mark.parametrize(("needed", "found"), [(20, 20), (25, 25), (30, 31), (40, 47), (60, 47)])
-def test_mode_count_is_bisected(needed, found):
+@pytest.mark.parametrize(("needed", "enough"), [(20, 20), (25, 25), (30, 31), (40, 47), (60, 47)])
+def test_mode_count_is_bisected(needed, enough):
     class Fit:
         mode_count = 20
 
@@ -112,7 +113,7 @@ def test_mode_count_is_bisected(needed, found):
         return fit.mode_count >= needed
 
     find_mode_count(fit, is_followed)
-    assert fit.mode_count == found
+    assert fit.mode_count == enough
     assert len(tried) == len(set(tried)) <= 4
 
 
@@ -137,6 +138,16 @@ def test_weights_are_the_non_negative_least_squares(seed):
     assert missed <= scipy.optimize.nnls(rows.astype(float), target)[1] + 1e-3
 
 
+def test_search_goes_on_to_the_smallest_parts():
+    """Weights of 1 are exact, so that the residual falls to rounding, however much the columns resemble each other."""
+    rng = np.random.default_rng(0)
+    parts = rng.standard_normal((120, 120)) * np.logspace(0.0, -5.0, 120)
+    search = NonNegativeSearch((1.0 + parts @ rng.standard_normal((120, 400))).astype(np.float32))
+    target = search.residual
+    while search.residual > 1e-7 * target:
+        assert search.grow(4) and len(search.chosen) < 150
+
+
 def test_chosen_domains_move_a_beam_as_all_do(block):
     """Fewer domains than there are, within the error that is allowed, on states they were not chosen by, too."""
     scene = beam(block, element="smoothed", young_modulus=100.0)
@@ -155,7 +166,7 @@ def test_chosen_domains_move_a_beam_as_all_do(block):
     amplitudes = basis.amplitudes[:, :6]
     criterion = MotionCriterion(forces, amplitudes[::2], amplitudes[:1], 0.01)
     allowed = 0.01 * basis.largest
-    chosen = choose_domains(criterion, forces.volume, allowed, lambda count, error: None)
+    chosen = DomainSearch(criterion, forces.volume).until(allowed)
     assert chosen.error <= allowed and len(chosen.domain) < 0.6 * forces.count
     unseen = MotionCriterion(forces, amplitudes[1::2], amplitudes[:1], 0.01)
     assert unseen.error(chosen.domain, chosen.weight) < 3.0 * allowed
@@ -179,8 +190,8 @@ def test_motion_of_the_frame_is_no_displacement(values):
 def test_copies_share_a_shape_and_other_materials_do_not():
     tiny = {"mesh": "tutorial-coarse", "mass": 0.01, "young_modulus": 100.0, "poisson_ratio": 0.3, "anchors": ANCHORS}
     bodies = {"a": tiny, "b": {**tiny, **TURNED}, "c": {**tiny, "young_modulus": 90.0}, "free": {**tiny, "anchors": []}}
-    found = body_shapes(scene_from_dict({"soft_bodies": bodies}))
-    assert [shape.bodies for shape in found] == [("a", "b"), ("c",)]
+    shapes = body_shapes(scene_from_dict({"soft_bodies": bodies}))
+    assert [shape.bodies for shape in shapes] == [("a", "b"), ("c",)]
 
 
 def run_result(**changes):
@@ -196,9 +207,9 @@ def run_result(**changes):
 def test_comparison_has_the_largest_error(tmp_path):
     other = np.zeros((2, 4, 3))
     other[1, 2] = [0.0, 3.0, 4.0]
-    found = compare(run_result(displacement={"a": 10.0 * other}), run_result(displacement={"a": 9.0 * other}))
-    assert found.deviations["position"].largest == pytest.approx(5.0)
-    assert worst([found]) == pytest.approx(0.1)
+    comparison = compare(run_result(displacement={"a": 10.0 * other}), run_result(displacement={"a": 9.0 * other}))
+    assert comparison.deviations["position"].largest == pytest.approx(5.0)
+    assert worst([comparison]) == pytest.approx(0.1)
     assert worst([compare(run_result(), run_result(problem="it diverged"))]) == float("inf")
     run_result().save(tmp_path / "run.npz")
     assert RunResult.load(tmp_path / "run.npz").figures["lift of cube [mm]"].tolist() == [0.0, 1.0]
@@ -247,15 +258,15 @@ def test_reduced_check_finds_where_models_part(block, tmp_path):
         if full.state.step % 2 == 0:
             away.append(float(np.linalg.norm(full.state.position - reduced.state.position, axis=1).max()))
     check.end("completed")
-    (found,) = (one for one in check.partings() if one.quantity == "position")
-    assert (found.of, found.largest, found.time) == ("beam", max(away), pytest.approx(0.06))
-    above = [2 * (n + 1) * 0.01 for n, one in enumerate(away) if one > 0.02 * found.scale]
-    assert found.parted == pytest.approx(above[0])
+    (parting,) = (row for row in check.partings() if row.quantity == "position")
+    assert (parting.of, parting.largest, parting.time) == ("beam", max(away), pytest.approx(0.06))
+    above = [2 * (n + 1) * 0.01 for n, error in enumerate(away) if error > 0.02 * parting.scale]
+    assert parting.parted == pytest.approx(above[0])
     assert (
         f"of beam at 0.06 s; beyond the tolerance from {above[0]:.2f} s on"
         in check.summary()["position: reduced from full"]
     )
-    assert json.loads((tmp_path / "reduced_check.json").read_text())["quantities"][0]["largest"] == found.largest
+    assert json.loads((tmp_path / "reduced_check.json").read_text())["quantities"][0]["largest"] == parting.largest
     with pytest.raises(ReductionError, match="--reduced-check: no soft body of the scene is reduced"):
         ReducedCheckOutput(tmp_path).begin(full.model, full.state)
 
@@ -275,11 +286,11 @@ def test_every_place_of_the_pad_is_pressed(block):
     bent[:, :, 0] = 0.6 * bent[:, :, 2]
     ramp = RunResult("ramp", "", time, {"beam": bent}, {})
     nowhere = np.zeros(len(body.rest_position), bool)
-    found = presses(body, ramp, nowhere, 0.1, unseen=False)
-    kinds = set().union(*(one.obstacle for one in found))
+    obstacles = presses(body, ramp, nowhere, 0.1, unseen=False)
+    kinds = set().union(*(press.obstacle for press in obstacles))
     assert {"sphere", "box", "cylinder"} <= kinds
-    assert len(found) == 10
-    assert all(one.normal[2] < -0.5 for one in found)
+    assert len(obstacles) == 10
+    assert all(press.normal[2] < -0.5 for press in obstacles)
 
 
 def test_drives_cover_all_copies():
@@ -296,13 +307,37 @@ def test_drives_cover_all_copies():
 
 
 def test_other_request_has_another_file():
-    one = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
+    run = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
     other = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 2.0)}))
-    assert one.file_name != other.file_name
+    assert run.file_name != other.file_name
+
+
+def test_runs_in_the_folder_are_not_made_again(block, tmp_path):
+    """A run that was begun to fill a process counts when it is waited for; the next command reads all from files."""
+    scene = scene_to_toml(beam(block, element="linear", young_modulus=100.0))
+    tables = [Timetable((0.0, 0.1), {"gravity/z": (0.0, -gravity)}) for gravity in (9810.0, 5000.0)]
+    heavy, light = (TrainingRun("run", scene, ("beam",), 0.04 * (1 + n), table) for n, table in enumerate(tables))
+    waits, costs = [], []
+
+    class Counting(Progress):
+        def runs(self, title, cost):
+            waits.append((title, cost))
+            return costs.append
+
+    with TrainingRuns(tmp_path, 1, (), Counting()) as runs:
+        runs.start([heavy])
+        runs.results([light], "light")
+        results = runs.results([heavy, light], "both")
+    assert [len(result.time) for result in results] == [4, 8]
+    assert sum(costs) == pytest.approx(sum(cost for _, cost in waits)) and waits[0] == ("light", light.cost)
+    made = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    with TrainingRuns(tmp_path, 1, (), Counting()) as runs:
+        runs.results([heavy, light], "again")
+    assert waits[-1] == ("again", 0) and made == {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"tolerance": "0"}, "--tolerance 0: must be a share"),
         ({"tolerance": "nan%"}, "--tolerance nan%: must be a share"),
@@ -312,8 +347,8 @@ def test_other_request_has_another_file():
         ({"range_": ["a.tube=5:1"]}, "--range a.tube=5:1: must be BODY.ACTUATOR=LOW:HIGH"),
     ],
 )
-def test_wrong_options_are_refused(tmp_path, options, said):
-    with pytest.raises(ReductionError, match=said):
+def test_wrong_options_are_refused(tmp_path, options, message):
+    with pytest.raises(ReductionError, match=message):
         reduce(**{"scene": "gripper", "output": tmp_path, "modes": None, "tolerance": "1%", **OTHERS, **options})
 
 
