@@ -8,10 +8,9 @@ from taichisoft.contact.kernels import separation as kernels
 from taichisoft.contact.kernels import shape_surface_contacts
 from taichisoft.contact.kernels.box_trees import FAR
 from taichisoft.contact.kernels.contacts import PLACE_COLUMNS, Contacts, Search, SearchSpace, SelfTouching
-from taichisoft.contact.kernels.self_contacts import find_self_contacts
 from taichisoft.contact.kernels.separation import ADDED, BEFORE, TAKING_PART, Choice, LastContacts, Separation
 from taichisoft.contact.kernels.smooth_contacts import smooth_against_planes, smooth_against_surfaces
-from taichisoft.contact.kernels.vertex_contacts import find_contacts, order_contacts
+from taichisoft.contact.kernels.vertex_contacts import find_contacts, find_self_contacts, order_contacts
 from taichisoft.contact.surfaces import ContactSurfaces, MovingSurfaces, most_leaves
 from taichisoft.mechanics.state import State
 
@@ -199,7 +198,6 @@ class ContactDetection:
             leaf=np.zeros(most_leaves(s.trees), dtype=np.int32),
             triangle=np.zeros(most_triangles, dtype=np.int32),
             weights=np.zeros((most_triangles, 3)),
-            deepest=np.zeros(len(s.topology.pairs)),
             place=np.zeros((capacity, PLACE_COLUMNS)),
             order=np.zeros(capacity, dtype=np.int32),
             spare=np.zeros(capacity, dtype=np.int32),

@@ -232,8 +232,21 @@ ivec2, ivec3 = ti.types.vector(2, ti.i32), ti.types.vector(3, ti.i32)
 # Columns of `SearchSpace.place`.
 GROUP, FIRST_FEATURE, SECOND_FEATURE, PLACE_COLUMNS = range(4)
 
-OWN = 1 << 22
-"""First group of contacts of a surface with itself, after those of two surfaces."""
+# First group of each kind of contact, in the order of the report: of vertices with triangles, of two edges, and of
+# vertices with planes; of a surface with itself; of curved triangles with faces, edges and planes; of round shapes with
+# surfaces, planes and each other.
+(
+    VERTEX_GROUPS,
+    EDGE_GROUPS,
+    PLANE_GROUPS,
+    OWN_GROUPS,
+    CURVED_ON_FACES,
+    CURVED_ON_EDGES,
+    CURVED_ON_PLANES,
+    SHAPES_ON_SURFACES,
+    SHAPES_ON_PLANES,
+    SHAPES_ON_SHAPES,
+) = range(0, 10 << 27, 1 << 27)
 
 
 class Contacts(NamedTuple):
@@ -296,7 +309,6 @@ class SearchSpace(NamedTuple):
         leaf: leaves of the other surface near a feature, shape (largest leaf count,).
         triangle, weights: triangles within reach of a vertex, and the barycentric weights of the points closest to the
             vertex, shapes (n,) and (n, 3) with the largest triangle count n of a surface.
-        deepest: most negative distance of a vertex of each pair of surfaces, 0 without penetration [mm], (pair_count,).
         place: sort key of each contact: the GROUP of its features, and the numbers of both features, shape
             (capacity, PLACE_COLUMNS).
         order, spare: contacts sorted by place, and work space of the sorting, shape (capacity,).
@@ -305,7 +317,6 @@ class SearchSpace(NamedTuple):
     leaf: Integers
     triangle: Integers
     weights: Vectors
-    deepest: Scalars
     place: ScalarTable
     order: Integers
     spare: Integers
@@ -364,8 +375,7 @@ def append(
     group: ti.i32,
     first_feature: ti.i32,
     second_feature: ti.i32,
-    first_body: ti.i32,
-    second_body: ti.i32,
+    bodies: ivec2,
     normal: vec3,
     distance: ti.f64,
     search: Search,
@@ -381,11 +391,22 @@ def append(
     space.place[c, GROUP] = group
     space.place[c, FIRST_FEATURE] = first_feature
     space.place[c, SECOND_FEATURE] = second_feature
-    found.bodies[c, 0] = first_body
-    found.bodies[c, 1] = second_body
+    found.bodies[c, 0], found.bodies[c, 1] = bodies[0], bodies[1]
     found.normal[c] = normal
     found.distance[c] = distance
     return c
+
+
+@func
+def corners(t: ti.i32, surfaces: Surfaces) -> ivec3:
+    """The vertices of triangle t."""
+    return ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
+
+
+@func
+def ends(e: ti.i32, surfaces: Surfaces) -> ivec3:
+    """The vertices of edge e, as the feature of a contact."""
+    return ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
 
 
 @func
@@ -403,8 +424,7 @@ def append_points(
     group: ti.i32,
     feature: ti.i32,
     k: ti.i32,
-    first_body: ti.i32,
-    second_body: ti.i32,
+    bodies: ivec2,
     first_point: vec3,
     second_point: vec3,
     normal: vec3,
@@ -412,7 +432,7 @@ def append_points(
     search: Search,
 ):
     """Add a contact of two points on features without vertices, such as planes and round shapes."""
-    c = append(group, feature, k, first_body, second_body, normal, distance, search)
+    c = append(group, feature, k, bodies, normal, distance, search)
     set_side(c, 0, ivec3(-1), vec3(0.0), first_point, search)
     set_side(c, 1, ivec3(-1), vec3(0.0), second_point, search)
 

@@ -8,13 +8,10 @@ from taichisoft.contact.kernels.contacts import (
     RoundShapes,
     Search,
     append_points,
+    ivec2,
     ivec3,
 )
-from taichisoft.runtime.language import (
-    func,
-    ti,
-    vec3,
-)
+from taichisoft.runtime.language import func, ti, vec3
 from taichisoft.runtime.launch import kernel
 
 # Round shapes without triangles: spheres, capsules and cylinders.
@@ -236,8 +233,7 @@ def cylinder_against_cylinder(pair: ti.i32, group: ti.i32, reach: ti.f64, search
                     group,
                     pair,
                     CROSSING,
-                    shapes.body[one],
-                    shapes.body[two],
+                    ivec2(shapes.body[one], shapes.body[two]),
                     first + shapes.radius[one] * normal,
                     second - shapes.radius[two] * normal,
                     normal,
@@ -319,7 +315,7 @@ def touch_rim(
     At a minimum the direction also leaves the side; at other points of an end it may lead `inward` across the rim
     (cosine). `where` is the side of the pair, the end, and the number of the point on the rim.
     """
-    shapes, there = ti.static(search.shapes, search.there)
+    there = ti.static(search.there)
     side, end, k = where[0], where[1], where[2]
     x, outward = rim_point(angle, end, mine, search)
     distance, out, _where = signed_distance(x, other, search)
@@ -327,10 +323,28 @@ def touch_rim(
     if distance < reach and out.dot(outward) <= inward and out.dot(beyond) <= ROUNDING:
         foot = x - distance * out
         number = ti.select(side == 0, 0, CROSSING + 1) + end * (RIM_POINTS + QUARTERS) + k
-        if side == 0:
-            append_points(group, pair, number, shapes.body[mine], shapes.body[other], x, foot, -out, distance, search)
-        else:
-            append_points(group, pair, number, shapes.body[other], shapes.body[mine], foot, x, out, distance, search)
+        append_from(group, pair, number, side, x, foot, out, distance, search)
+
+
+@func
+def append_from(
+    group: ti.i32,
+    pair: ti.i32,
+    k: ti.i32,
+    side: ti.i32,
+    point: vec3,
+    foot: vec3,
+    out: vec3,
+    distance: ti.f64,
+    search: Search,
+):
+    """Add a contact of two shapes; `point` is on the shape on this side of the pair, `out` leads to it from `foot`."""
+    shapes = ti.static(search.shapes)
+    bodies = ivec2(shapes.body[shapes.shape_pairs[pair, 0]], shapes.body[shapes.shape_pairs[pair, 1]])
+    if side == 0:
+        append_points(group, pair, k, bodies, point, foot, -out, distance, search)
+    else:
+        append_points(group, pair, k, bodies, foot, point, out, distance, search)
 
 
 @func
@@ -351,8 +365,7 @@ def shapes_against_planes(search: Search, first_group: ti.i32):
                         first_group + plane,
                         s,
                         k,
-                        shapes.body[s],
-                        planes.body[plane],
+                        ivec2(shapes.body[s], planes.body[plane]),
                         centre - radius * up,
                         centre - height * up,
                         -up,
@@ -415,7 +428,4 @@ def axis_against_shape(pair: ti.i32, group: ti.i32, reach: ti.f64, seen: ti.i32,
             x = a + place * (b - a)
             point, foot = x - shapes.radius[seen] * out, x - distance * out
             gap = distance - shapes.radius[seen]
-            if seen == shapes.shape_pairs[pair, 0]:
-                append_points(group, pair, k, shapes.body[seen], shapes.body[s], point, foot, -out, gap, search)
-            else:
-                append_points(group, pair, k, shapes.body[s], shapes.body[seen], foot, point, out, gap, search)
+            append_from(group, pair, k, ti.i32(seen != shapes.shape_pairs[pair, 0]), point, foot, out, gap, search)

@@ -7,10 +7,16 @@ soft surface within reach. A penetrating contact keeps its normal and has a nega
 
 from taichisoft.contact.kernels.box_trees import find_leaves
 from taichisoft.contact.kernels.contacts import (
+    SHAPES_ON_PLANES,
+    SHAPES_ON_SHAPES,
+    SHAPES_ON_SURFACES,
     RoundShapes,
     Search,
     Surfaces,
     append,
+    corners,
+    ends,
+    ivec2,
     ivec3,
     set_side,
 )
@@ -30,13 +36,14 @@ from taichisoft.contact.kernels.shape_contacts import (
     signed_distance,
 )
 from taichisoft.contact.kernels.vertex_contacts import (
-    COINCIDENT,
-    closest_on_triangle,
+    closest_point,
+    direction,
     edge_pseudonormal,
     face_normal,
     find_triangles,
     in_normal_cone,
     is_local_minimum,
+    is_on_open_edge,
     on_triangle,
     outward_normal,
 )
@@ -96,6 +103,16 @@ def shapes_against_surfaces(search: Search, depth: ti.f64, first_group: ti.i32):
 
 
 @func
+def zeros_of(weights: vec3) -> ti.i32:
+    """Number of corners without a part in a point: 1 on an edge, 2 at a corner."""
+    zeros = 0
+    for corner in ti.static(range(3)):
+        if weights[corner] == 0.0:
+            zeros += 1
+    return zeros
+
+
+@func
 def touch_ball(pair: ti.i32, group: ti.i32, k: ti.i32, sphere: vec4, near_count: ti.i32, limits: vec2, search: Search):
     """Store the contacts of ball k of a shape; the vertices of soft surfaces are left to `touch_vertex`.
 
@@ -106,27 +123,20 @@ def touch_ball(pair: ti.i32, group: ti.i32, k: ti.i32, sphere: vec4, near_count:
     reach, depth = limits[0], limits[1]
     closest, weights, within_reach = find_triangles(centre, near_count, reach + radius, depth, search)
     if closest >= 0:
-        out = outward_normal(closest, weights, surfaces, moved.position)
-        foot = on_triangle(closest, weights, surfaces, moved.position)
-        if (centre - foot).dot(out) < 0.0:
+        away = centre - on_triangle(closest, weights, surfaces, moved.position)
+        if away.dot(outward_normal(closest, weights, surfaces, moved.position)) < 0.0:
             push_out(pair, group, k, closest, weights, sphere, depth, search)
         else:
             for i in range(within_reach):
                 t, w = space.triangle[i], space.weights[i]
                 there = on_triangle(t, w, surfaces, moved.position)
                 away = centre - there
-                zeros = 0
-                for c in ti.static(range(3)):
-                    if w[c] == 0.0:
-                        zeros += 1
-                is_left_to_vertices = zeros == 2 and shapes.surface_pairs[pair, IS_SOFT] == 1
+                is_left_to_vertices = zeros_of(w) == 2 and shapes.surface_pairs[pair, IS_SOFT] == 1
                 if is_local_minimum(t, w, away, surfaces, moved.position) and not is_left_to_vertices:
                     facing = outward_normal(t, w, surfaces, moved.position)
                     if away.dot(facing) >= 0.0:
-                        distance = away.norm()
-                        if distance > COINCIDENT:
-                            facing = away / distance
-                        store_face(pair, group, k, t, w, there, facing, distance - radius, search)
+                        out = direction(away, facing)
+                        store_face(pair, group, k, t, w, there, out, away.norm() - radius, search)
 
 
 @func
@@ -136,16 +146,10 @@ def push_out(
     """Store the contact of a ball whose centre is inside a surface, down to `depth` [mm] from the closest triangle."""
     surfaces, moved = ti.static(search.surfaces, search.moved)
     centre = vec3(sphere[0], sphere[1], sphere[2])
-    out = outward_normal(closest, weights, surfaces, moved.position)
     foot = on_triangle(closest, weights, surfaces, moved.position)
-    beyond_rim = 0
-    for c in ti.static(range(3)):
-        if weights[c] == 0.0 and surfaces.edge_triangles[surfaces.triangle_edges[closest, c], 1] < 0:
-            beyond_rim = 1
     depth_here = (foot - centre).norm()
-    if depth_here > COINCIDENT:
-        out = (foot - centre) / depth_here
-    if depth_here <= depth and beyond_rim == 0:
+    if depth_here <= depth and not is_on_open_edge(closest, weights, surfaces):
+        out = direction(foot - centre, outward_normal(closest, weights, surfaces, moved.position))
         store_face(pair, group, k, closest, weights, foot, out, -depth_here - sphere[3], search)
 
 
@@ -156,20 +160,13 @@ def touch_face(pair: ti.i32, group: ti.i32, t: ti.i32, near_count: ti.i32, limit
     reach, depth = limits[0], limits[1]
     s = shapes.surface_pairs[pair, SHAPE]
     normal = face_normal(t, surfaces, moved.position)
-    a = moved.position[surfaces.triangles[t, 0]]
-    b = moved.position[surfaces.triangles[t, 1]]
-    c = moved.position[surfaces.triangles[t, 2]]
     count = ball_count(normal, s, search)
     for k in range(count):
         centre, radius = ball(k, count, normal, s, search)
-        height = (centre - a).dot(normal)
+        height = (centre - moved.position[surfaces.triangles[t, 0]]).dot(normal)
         if height < reach + radius and height > -depth:
-            w = closest_on_triangle(centre, a, b, c)
-            foot = w[0] * a + w[1] * b + w[2] * c
-            zeros = 0
-            for corner in ti.static(range(3)):
-                if w[corner] == 0.0:
-                    zeros += 1
+            w, foot = closest_point(centre, t, surfaces, moved.position)
+            zeros = zeros_of(w)
             inside = ti.i32(zeros == 0)
             # Both of two coplanar triangles may have the foot on their common edge, which is not a feature.
             is_on_edge = zeros == 1 and (centre - height * normal - foot).norm() < SAME_PLACE
@@ -230,8 +227,8 @@ def touch_edge(pair: ti.i32, group: ti.i32, e: ti.i32, near_count: ti.i32, limit
                             push_out(pair, group, k, closest, weights, place_there, depth, search)
                 if is_new and distance < reach and in_normal_cone(e, -out, surfaces, moved.position):
                     c = store_shape(pair, group + EDGES, e, k, x, out, distance, search)
-                    ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
-                    set_side(c, mesh_side(pair, surfaces, shapes), ends, vec3(1.0 - place, place, 0.0), x, search)
+                    weights_there = vec3(1.0 - place, place, 0.0)
+                    set_side(c, mesh_side(pair, surfaces, shapes), ends(e, surfaces), weights_there, x, search)
 
 
 @func
@@ -281,8 +278,8 @@ def store_shape(
     body = shapes.body[shapes.surface_pairs[pair, SHAPE]]
     other = surfaces.body[shapes.surface_pairs[pair, SURFACE]]
     mine = 1 - mesh_side(pair, surfaces, shapes)
-    normal = ti.select(mine == 0, out, -out)
-    c = append(group, feature, k, ti.min(body, other), ti.max(body, other), normal, distance, search)
+    bodies = ivec2(ti.min(body, other), ti.max(body, other))
+    c = append(group, feature, k, bodies, ti.select(mine == 0, out, -out), distance, search)
     set_side(c, mine, ivec3(-1), vec3(0.0), x - distance * out, search)
     return c
 
@@ -302,14 +299,10 @@ def store_face(
     """Add a contact of ball k of a shape with triangle t at `foot`; `out` is the outward direction of the surface."""
     surfaces, shapes = ti.static(search.surfaces, search.shapes)
     c = store_shape(pair, group + FACES, t, k, foot, -out, distance, search)
-    corners = ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
-    set_side(c, mesh_side(pair, surfaces, shapes), corners, weights, foot, search)
+    set_side(c, mesh_side(pair, surfaces, shapes), corners(t, surfaces), weights, foot, search)
 
 
 # Search for contacts of round shapes, in kernels that only scenes with such shapes compile and launch.
-
-# First groups, larger than all groups of `find_contacts`, whose numbers grow with the pairs of surfaces.
-ON_SURFACES, ON_PLANES, ON_SHAPES = 1 << 28, 1 << 29, 1 << 30
 
 
 @kernel
@@ -317,7 +310,7 @@ def find_on_surfaces(search: Search, depth: ti.f64):
     """Add the contacts of shapes with surfaces, see `shapes_against_surfaces`; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        shapes_against_surfaces(search, depth, ON_SURFACES)
+        shapes_against_surfaces(search, depth, SHAPES_ON_SURFACES)
 
 
 @kernel
@@ -325,7 +318,7 @@ def find_on_planes(search: Search):
     """Add the contacts of shapes with planes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        shapes_against_planes(search, ON_PLANES)
+        shapes_against_planes(search, SHAPES_ON_PLANES)
 
 
 @kernel
@@ -333,4 +326,4 @@ def find_on_shapes(search: Search):
     """Add the contacts of two shapes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        shapes_against_shapes(search, ON_SHAPES)
+        shapes_against_shapes(search, SHAPES_ON_SHAPES)

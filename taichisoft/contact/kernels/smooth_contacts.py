@@ -6,17 +6,22 @@ vertices of the other surface touch along the curved normal.
 
 from taichisoft.contact.kernels.box_trees import find_leaves, meets
 from taichisoft.contact.kernels.contacts import (
+    CURVED_ON_EDGES,
+    CURVED_ON_FACES,
+    CURVED_ON_PLANES,
     Carriers,
     PoseArrays,
     Search,
     SmoothSurfaces,
-    Surfaces,
     append,
+    corners,
+    ends,
+    ivec2,
     ivec3,
     set_side,
 )
 from taichisoft.contact.kernels.vertex_contacts import (
-    closest_on_triangle,
+    closest_point,
     face_normal,
     find_triangles,
     in_normal_cone,
@@ -82,9 +87,6 @@ def weights_of_normal(t: ti.i32, direction: vec3, search: Search):
     return total > 0.0 and weights.min() >= -ON_EDGE, weights
 
 
-# First groups of these contacts, larger than the groups of other searches.
-ON_FACES, ON_EDGES, ON_PLANES = 1 << 24, 1 << 25, 1 << 26
-
 SAME_PLACE = 1e-6  # [mm]
 OPPOSITE = 0.8  # cosine of the largest angle between flat and curved normal within a triangle
 HALVINGS = 40
@@ -111,9 +113,8 @@ def smooth_against_planes(search: Search):
                             x = curved_point(t, weights, search)
                             height = (x - planes.point[plane]).dot(up)
                             if height < reach:
-                                c = append(
-                                    ON_PLANES + plane, t, 0, surfaces.body[s], planes.body[plane], -up, height, search
-                                )
+                                bodies = ivec2(surfaces.body[s], planes.body[plane])
+                                c = append(CURVED_ON_PLANES + plane, t, 0, bodies, -up, height, search)
                                 set_side(c, 0, corners(t, surfaces), weights, x, search)
                                 set_side(c, 1, ivec3(-1), vec3(0.0), x - height * up, search)
 
@@ -181,13 +182,9 @@ def touch_face(pair: ti.i32, t: ti.i32, face: ti.i32, reach: ti.f64, depth: ti.f
     is_here, weights = weights_of_normal(t, -up, search)
     if is_here:
         x = curved_point(t, weights, search)
-        a = moved.position[surfaces.triangles[face, 0]]
-        b = moved.position[surfaces.triangles[face, 1]]
-        c = moved.position[surfaces.triangles[face, 2]]
-        height = (x - a).dot(up)
+        height = (x - moved.position[surfaces.triangles[face, 0]]).dot(up)
         if height < reach and height > -depth:
-            w = closest_on_triangle(x, a, b, c)
-            foot = w[0] * a + w[1] * b + w[2] * c
+            w, foot = closest_point(x, face, surfaces, moved.position)
             touches = ti.i32((x - height * up - foot).norm() < SAME_PLACE)
             if touches and w.min() == 0.0:
                 touches = is_local_minimum(face, w, up, surfaces, moved.position)
@@ -196,7 +193,7 @@ def touch_face(pair: ti.i32, t: ti.i32, face: ti.i32, reach: ti.f64, depth: ti.f
                 closest, _weights, _count = find_triangles(x, near_count, 0.0, depth, search)
                 touches = ti.i32(closest == face)
             if touches:
-                k = store(pair, ON_FACES, t, face, weights, x, -up, height, search)
+                k = store(pair, CURVED_ON_FACES, t, face, weights, x, -up, height, search)
                 set_side(k, other_side(pair, search), corners(face, surfaces), w, foot, search)
 
 
@@ -242,10 +239,9 @@ def touch_edge(pair: ti.i32, t: ti.i32, e: ti.i32, reach: ti.f64, search: Search
             distance = (foot - x).dot(out)
             is_near = distance < reach and distance > -reach and place > 0.0 and place < length
             if is_near and in_normal_cone(e, -out, surfaces, moved.position):
-                k = store(pair, ON_EDGES, t, e, weights, x, out, distance, search)
-                ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
-                other = other_side(pair, search)
-                set_side(k, other, ends, vec3(1.0 - place / length, place / length, 0.0), foot, search)
+                k = store(pair, CURVED_ON_EDGES, t, e, weights, x, out, distance, search)
+                weights_there = vec3(1.0 - place / length, place / length, 0.0)
+                set_side(k, other_side(pair, search), ends(e, surfaces), weights_there, foot, search)
 
 
 @func
@@ -277,12 +273,6 @@ def touch_along_normal(c: ti.i32, side: ti.i32, search: Search):
 
 
 @func
-def corners(t: ti.i32, surfaces: Surfaces) -> ivec3:
-    """The vertices of triangle t."""
-    return ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
-
-
-@func
 def other_side(pair: ti.i32, search: Search) -> ti.i32:
     """Side of the other surface in a contact: the lower body number is first."""
     surfaces, smooth = ti.static(search.surfaces, search.smooth)
@@ -304,8 +294,7 @@ def store(
     """Add a contact of curved triangle t at x, `distance` along `out` from the other surface; its index."""
     surfaces, smooth = ti.static(search.surfaces, search.smooth)
     other = other_side(pair, search)
-    body, its_body = surfaces.body[smooth.pairs[pair, 0]], surfaces.body[smooth.pairs[pair, 1]]
-    normal = ti.select(other == 1, out, -out)
-    c = append(group + pair, t, feature, ti.min(body, its_body), ti.max(body, its_body), normal, distance, search)
+    bodies = ivec2(surfaces.body[smooth.pairs[pair, 1 - other]], surfaces.body[smooth.pairs[pair, other]])
+    c = append(group + pair, t, feature, bodies, ti.select(other == 1, out, -out), distance, search)
     set_side(c, 1 - other, corners(t, surfaces), weights, x, search)
     return c

@@ -2,18 +2,29 @@
 
 A contact is a local minimum of the distance. A penetrating contact has a negative distance and keeps its normal.
 Contact normals point from the first surface of the pair to the second.
+
+A surface is close to itself everywhere, along the skin and through the thickness of every wall. The rest shape
+separates contacts from neighbours: features closer to each other at rest than a limit never touch. The limit is twice
+the depth to which penetrations are pushed out, so that a wall would have to be pressed to half of its thickness before
+its two sides counted as penetrating. Besides, a vertex touches only what its own outward normal faces.
 """
 
 import math
 
 from taichisoft.contact.kernels.box_trees import find_leaves, meets, meets_beam, squared_distance
 from taichisoft.contact.kernels.contacts import (
+    DEPTH,
+    EDGE_GROUPS,
     NEAR,
-    OWN,
+    OWN_GROUPS,
+    PLANE_GROUPS,
+    VERTEX_GROUPS,
     Contacts,
     Search,
     Surfaces,
     append,
+    corners,
+    ends,
     ivec2,
     ivec3,
     put_in_order,
@@ -31,6 +42,7 @@ from taichisoft.runtime.launch import kernel
 # by this much (sine of the angle).
 CONE_TOLERANCE = 0.1
 CONE_CHORD = 2.0 * math.sin(0.5 * math.asin(CONE_TOLERANCE))  # distance of unit vectors at this angle
+COINCIDENT = 1e-9  # [mm]
 
 
 @func
@@ -62,6 +74,48 @@ def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
         weights[2] = vc / (va + vb + vc)
         weights[0] = 1.0 - weights[1] - weights[2]
     return weights
+
+
+@func
+def closest_of_corners(p: vec3, vertices: ivec3, position: Vectors) -> vec3:
+    """Barycentric weights of the point closest to p of the triangle with these vertices."""
+    return closest_on_triangle(p, position[vertices[0]], position[vertices[1]], position[vertices[2]])
+
+
+@func
+def on_triangle(t: ti.i32, weights: vec3, surfaces: Surfaces, position: Vectors) -> vec3:
+    """Point of triangle t with barycentric `weights` [mm]."""
+    return (
+        weights[0] * position[surfaces.triangles[t, 0]]
+        + weights[1] * position[surfaces.triangles[t, 1]]
+        + weights[2] * position[surfaces.triangles[t, 2]]
+    )
+
+
+@func
+def closest_point(p: vec3, t: ti.i32, surfaces: Surfaces, position: Vectors):
+    """Barycentric weights of the point of triangle t closest to p, and the point [mm]."""
+    weights = closest_of_corners(p, corners(t, surfaces), position)
+    return weights, on_triangle(t, weights, surfaces, position)
+
+
+@func
+def is_on_open_edge(t: ti.i32, weights: vec3, surfaces: Surfaces) -> ti.i32:
+    """Whether the point of triangle t with these weights is on an edge without a second triangle."""
+    is_open = 0
+    for k in ti.static(range(3)):
+        if weights[k] == 0.0 and surfaces.edge_triangles[surfaces.triangle_edges[t, k], 1] < 0:
+            is_open = 1
+    return is_open
+
+
+@func
+def direction(away: vec3, normal: vec3) -> vec3:
+    """Unit vector along `away`, or `normal` where both points coincide."""
+    length, unit = away.norm(), normal
+    if length > COINCIDENT:
+        unit = away / length
+    return unit
 
 
 @func
@@ -188,87 +242,98 @@ def normal_cone(e: ti.i32, surfaces: Surfaces, position: Vectors):
     return axis, spread
 
 
-# Narrow phase: vertices of one surface against the triangles of another, and against planes.
+# Narrow phase: vertices of one surface against the triangles of another or of the same, and against planes.
 
-COINCIDENT = 1e-9  # [mm]
 # Both features are of one body: the one farther along this direction is the second side, so that neighbouring contacts
 # have similar normals, whichever feature is the vertex.
 ALONG = (1.0, 0.618, 0.383)
 
 
 @func
-def bodies_of_pair(pair: ti.i32, surfaces: Surfaces) -> ivec2:
-    """Numbers of the bodies of a pair of surfaces."""
-    return ivec2(surfaces.body[surfaces.pairs[pair, 0]], surfaces.body[surfaces.pairs[pair, 1]])
+def vertices_against_surface(
+    group: ti.i32, mine: ti.i32, theirs: ti.i32, side: ti.i32, reach: ti.f64, depth: ti.f64, search: Search
+) -> ti.f64:
+    """Find contacts of the vertices of a surface, which is this `side`, with the triangles of another or of itself.
 
-
-@func
-def vertices_against_triangles(search: Search, depth: ti.f64):
-    """Find contacts of the vertices of each surface of a pair with the triangles of the other surface.
-
-    A vertex outside touches at every local minimum within the reach of its bodies [mm]; a vertex inside touches at the
-    closest point only, and only down to `depth` [mm].
+    A vertex outside touches at every local minimum within `reach` [mm]; a vertex inside touches at the closest point
+    only, and only down to `depth` [mm]. Returns the largest penetration [mm].
     """
-    reaches, surfaces, trees, moved, space = ti.static(
-        search.reaches, search.surfaces, search.trees, search.moved, search.space
-    )
-    for task in range(2 * surfaces.pairs.shape[0]):
-        pair, flipped = task // 2, task % 2
-        mine, theirs = surfaces.pairs[pair, flipped], surfaces.pairs[pair, 1 - flipped]
-        reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
-        far = ti.max(reach, depth)
-        if flipped == 0:
-            space.deepest[pair] = 0.0
-        their_low, their_high = moved.lower[trees.root[theirs]] - far, moved.upper[trees.root[theirs]] + far
-        node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])
-        while node < trees.root[mine + 1]:
-            if meets(node, their_low, their_high, moved):
-                start, end = trees.vertex_start[node], trees.vertex_start[node + 1]
-                if start < end:
-                    low, high = moved.lower[node] - far, moved.upper[node] + far
-                    near_count = find_leaves(theirs, low, high, trees, moved, space.leaf)
-                    for i in range(start, ti.select(near_count > 0, end, 0)):
-                        touch(task, trees.vertex[i], near_count, reach, depth, search)
-                node += 1
-            else:
-                node = trees.escape[node]
+    surfaces, trees, moved, space = ti.static(search.surfaces, search.trees, search.moved, search.space)
+    far, deepest = ti.max(reach, depth), 0.0
+    bodies = ivec2(surfaces.body[mine], surfaces.body[theirs])
+    if side == 1:
+        bodies = ivec2(bodies[1], bodies[0])
+    their_low, their_high = moved.lower[trees.root[theirs]] - far, moved.upper[trees.root[theirs]] + far
+    node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])
+    while node < trees.root[mine + 1]:
+        if meets(node, their_low, their_high, moved):
+            start, end = trees.vertex_start[node], trees.vertex_start[node + 1]
+            if start < end:
+                low, high = moved.lower[node] - far, moved.upper[node] + far
+                near_count = find_leaves(theirs, low, high, trees, moved, space.leaf)
+                for i in range(start, ti.select(near_count > 0, end, 0)):
+                    deepest = ti.max(
+                        deepest, touch(group, trees.vertex[i], bodies, side, near_count, reach, depth, search)
+                    )
+            node += 1
+        else:
+            node = trees.escape[node]
+    return deepest
 
 
 @func
-def touch(task: ti.i32, v: ti.i32, near_count: ti.i32, reach: ti.f64, depth: ti.f64, search: Search):
-    """Store the contacts of vertex v with the triangles of the leaves nearby."""
-    surfaces, moved, space = ti.static(search.surfaces, search.moved, search.space)
-    flipped = task % 2
-    towards = 2 * flipped - 1  # the normal points from the first surface to the second
-    bodies = bodies_of_pair(task // 2, surfaces)
-    p = moved.position[v]
-    closest, weights, within_reach = find_triangles(p, near_count, reach, depth, search)
-    if closest >= 0:
-        out = outward_normal(closest, weights, surfaces, moved.position)
-        foot = on_triangle(closest, weights, surfaces, moved.position)
-        if (p - foot).dot(out) < 0.0:
-            beyond_rim = 0
-            for k in ti.static(range(3)):
-                if weights[k] == 0.0 and surfaces.edge_triangles[surfaces.triangle_edges[closest, k], 1] < 0:
-                    beyond_rim = 1
-            depth_here = (foot - p).norm()
-            if depth_here > COINCIDENT:
-                out = (foot - p) / depth_here
-            if depth_here <= depth and beyond_rim == 0:
-                space.deepest[task // 2] = ti.min(space.deepest[task // 2], -depth_here)
-                store_vertex(task, v, closest, bodies, flipped, weights, towards * out, -depth_here, search)
+def touch(
+    group: ti.i32,
+    v: ti.i32,
+    bodies: ivec2,
+    side: ti.i32,
+    near_count: ti.i32,
+    reach: ti.f64,
+    depth: ti.f64,
+    search: Search,
+) -> ti.f64:
+    """Store the contacts of vertex v with the triangles of the leaves nearby; returns its penetration [mm].
+
+    The triangle closest to a vertex shows whether it is inside another surface. On its own surface that is always a
+    neighbour: there the closest of the minima behind which it lies takes its place.
+    """
+    surfaces, moved, space, touching = ti.static(search.surfaces, search.moved, search.space, search.touching)
+    p, is_own, facing = moved.position[v], group >= OWN_GROUPS, vec3(0.0)
+    behind, weights, within_reach = find_triangles(p, near_count, reach, depth, search)
+    nearest = depth
+    if is_own:
+        behind = -1
+        facing = vertex_pseudonormal(v, surfaces, moved.position)
+    elif behind >= 0:
+        away = p - on_triangle(behind, weights, surfaces, moved.position)
+        if away.dot(outward_normal(behind, weights, surfaces, moved.position)) < 0.0:
+            within_reach = 0
+            if away.norm() > depth or is_on_open_edge(behind, weights, surfaces):
+                behind = -1
         else:
-            for k in range(within_reach):
-                t, w = space.triangle[k], space.weights[k]
-                there = on_triangle(t, w, surfaces, moved.position)
-                away = p - there
-                if is_local_minimum(t, w, away, surfaces, moved.position):
-                    facing = outward_normal(t, w, surfaces, moved.position)
-                    if away.dot(facing) >= 0.0:
-                        distance = away.norm()
-                        if distance > COINCIDENT:
-                            facing = away / distance
-                        store_vertex(task, v, t, bodies, flipped, w, towards * facing, distance, search)
+            behind = -1
+    for k in range(within_reach):
+        t, w = space.triangle[k], space.weights[k]
+        away = p - on_triangle(t, w, surfaces, moved.position)
+        distance = away.norm()
+        is_minimum = is_local_minimum(t, w, away, surfaces, moved.position)
+        if is_own and is_minimum:  # nested: after `and` Taichi would always call the function
+            _weights, rest = closest_point(touching.rest[v], t, surfaces, touching.rest)
+            is_minimum = (touching.rest[v] - rest).norm() >= touching.limits[NEAR]
+        if is_minimum:
+            out = outward_normal(t, w, surfaces, moved.position)
+            if away.dot(out) >= 0.0:
+                if not is_own or away.dot(facing) <= 0.0:
+                    store_vertex(group, v, t, bodies, side, w, direction(away, out), distance, search)
+            elif is_own and distance < nearest and out.dot(facing) < 0.0:
+                behind, weights, nearest = t, w, distance
+    slipped = 0.0
+    if behind >= 0:
+        away = on_triangle(behind, weights, surfaces, moved.position) - p
+        slipped = away.norm()
+        out = direction(away, outward_normal(behind, weights, surfaces, moved.position))
+        store_vertex(group, v, behind, bodies, side, weights, out, -slipped, search)
+    return slipped
 
 
 @func
@@ -284,9 +349,8 @@ def find_triangles(p: vec3, near_count: ti.i32, reach: ti.f64, depth: ti.f64, se
         if squared_distance(leaf, p, moved) <= ti.max(reach * reach, best):
             for i in range(trees.triangle_start[leaf], trees.triangle_start[leaf + 1]):
                 t = trees.triangle[i]
-                a = moved.position[surfaces.triangles[t, 0]]
-                b = moved.position[surfaces.triangles[t, 1]]
-                c = moved.position[surfaces.triangles[t, 2]]
+                v = corners(t, surfaces)
+                a, b, c = moved.position[v[0]], moved.position[v[1]], moved.position[v[2]]
                 w = closest_on_triangle(p, a, b, c)
                 d = (p - w[0] * a - w[1] * b - w[2] * c).norm_sqr()
                 if d < best or (d == best and t < closest):
@@ -299,16 +363,6 @@ def find_triangles(p: vec3, near_count: ti.i32, reach: ti.f64, depth: ti.f64, se
 
 
 @func
-def on_triangle(t: ti.i32, weights: vec3, surfaces: Surfaces, position: Vectors) -> vec3:
-    """Point of triangle t with barycentric `weights` [mm]."""
-    return (
-        weights[0] * position[surfaces.triangles[t, 0]]
-        + weights[1] * position[surfaces.triangles[t, 1]]
-        + weights[2] * position[surfaces.triangles[t, 2]]
-    )
-
-
-@func
 def store_vertex(
     group: ti.i32,
     v: ti.i32,
@@ -316,16 +370,18 @@ def store_vertex(
     bodies: ivec2,
     side: ti.i32,
     weights: vec3,
-    normal: vec3,
+    out: vec3,
     distance: ti.f64,
     search: Search,
 ):
-    """Add a contact of vertex v, which is the `side` of the two, with triangle t."""
+    """Add a contact of vertex v, this `side` of two surfaces, with triangle t, out of which `out` leads."""
     surfaces, position = ti.static(search.surfaces, search.moved.position)
-    c = append(group, v, t, bodies[0], bodies[1], normal, distance, search)
-    set_side(c, side, ivec3(v), vec3(1.0, 0.0, 0.0), position[v], search)
-    corners = ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
-    set_side(c, 1 - side, corners, weights, on_triangle(t, weights, surfaces, position), search)
+    mine = side
+    if group >= OWN_GROUPS:
+        mine = is_backward(-out)
+    c = append(group, v, t, bodies, (2 * mine - 1) * out, distance, search)
+    set_side(c, mine, ivec3(v), vec3(1.0, 0.0, 0.0), position[v], search)
+    set_side(c, 1 - mine, corners(t, surfaces), weights, on_triangle(t, weights, surfaces, position), search)
 
 
 @func
@@ -351,16 +407,8 @@ def vertices_against_planes(search: Search):
                         p = moved.position[v]
                         distance = (p - planes.point[plane]).dot(up)
                         if distance < reach:
-                            c = append(
-                                3 * surfaces.pairs.shape[0] + plane,
-                                v,
-                                plane,
-                                surfaces.body[s],
-                                planes.body[plane],
-                                -up,
-                                distance,
-                                search,
-                            )
+                            bodies = ivec2(surfaces.body[s], planes.body[plane])
+                            c = append(PLANE_GROUPS + plane, v, plane, bodies, -up, distance, search)
                             set_side(c, 0, ivec3(v), vec3(1.0, 0.0, 0.0), p, search)
                             set_side(c, 1, ivec3(-1), vec3(0.0), p - distance * up, search)
                     node += 1
@@ -368,7 +416,7 @@ def vertices_against_planes(search: Search):
                     node = trees.escape[node]
 
 
-# Narrow phase: edges of one surface against the edges of another.
+# Narrow phase: edges of one surface against the edges of another or of the same.
 #
 # Where two edges cross over each other, and the direction between them leaves both surfaces, the distance has a local
 # minimum. A penetrating contact has a negative distance and keeps its normal. Contact normals point from the first
@@ -376,41 +424,23 @@ def vertices_against_planes(search: Search):
 
 
 @func
-def edges_against_edges(search: Search, depth: ti.f64, extent: Scalars):
-    """Find crossing edges of two surfaces within their bodies' reach, or penetrating by up to the reach and `depth`.
-
-    They are no deeper than the thinner body: beyond it, edges only look as if they penetrated each other.
-
-    Crossed edges deeper than the deepest vertex inside are excluded. Where a block has sunk a little into the rim of a
-    table, its vertical edge and the table's edge also appear to penetrate each other, but sideways and by far more:
-    pushing them apart would be wrong.
-    """
-    reaches, surfaces, trees, moved, space = ti.static(
-        search.reaches, search.surfaces, search.trees, search.moved, search.space
-    )
-    for pair in range(surfaces.pairs.shape[0]):
-        mine, theirs = surfaces.pairs[pair, 0], surfaces.pairs[pair, 1]
-        bodies = bodies_of_pair(pair, surfaces)
-        reach = reaches[bodies[0], bodies[1]]
-        their_low, their_high = moved.lower[trees.root[theirs]] - reach, moved.upper[trees.root[theirs]] + reach
-        thinnest = ti.min(extent[bodies[0]], extent[bodies[1]])
-        least = -ti.min(ti.min(depth, reach), thinnest)
-        if space.deepest[pair] < 0.0:
-            least = ti.max(least, space.deepest[pair])
-        node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])
-        while node < trees.root[mine + 1]:
-            if meets(node, their_low, their_high, moved):
-                start, end = trees.edge_start[node], trees.edge_start[node + 1]
-                if start < end:
-                    low, high = moved.lower[node] - reach, moved.upper[node] + reach
-                    near_count = find_leaves(theirs, low, high, trees, moved, space.leaf)
-                    for i in range(start, ti.select(near_count > 0, end, 0)):
-                        e = trees.edge[i]
-                        group = 2 * surfaces.pairs.shape[0] + pair
-                        find_crossings(group, e, bodies, near_count, reach, least, search)
-                node += 1
-            else:
-                node = trees.escape[node]
+def edges_against_surface(group: ti.i32, mine: ti.i32, theirs: ti.i32, reach: ti.f64, least: ti.f64, search: Search):
+    """Find crossing edges of two surfaces, or of a surface and itself, at distances from `least` to `reach` [mm]."""
+    surfaces, trees, moved, space = ti.static(search.surfaces, search.trees, search.moved, search.space)
+    bodies = ivec2(surfaces.body[mine], surfaces.body[theirs])
+    their_low, their_high = moved.lower[trees.root[theirs]] - reach, moved.upper[trees.root[theirs]] + reach
+    node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])
+    while node < trees.root[mine + 1]:
+        if meets(node, their_low, their_high, moved):
+            start, end = trees.edge_start[node], trees.edge_start[node + 1]
+            if start < end:
+                low, high = moved.lower[node] - reach, moved.upper[node] + reach
+                near_count = find_leaves(theirs, low, high, trees, moved, space.leaf)
+                for i in range(start, ti.select(near_count > 0, end, 0)):
+                    find_crossings(group, trees.edge[i], bodies, near_count, reach, least, search)
+            node += 1
+        else:
+            node = trees.escape[node]
 
 
 @func
@@ -441,7 +471,9 @@ def find_crossings(
                 f = trees.edge[i]
                 first, last = surfaces.edges[f, 0], surfaces.edges[f, 1]
                 c, d = moved.position[first], moved.position[last]
-                is_apart = group < OWN or (f > e and start != first and start != last and end != first and end != last)
+                is_apart = group < OWN_GROUPS or (
+                    f > e and start != first and start != last and end != first and end != last
+                )
                 if is_apart and (ti.min(c, d) <= high).all() and (ti.max(c, d) >= low).all():
                     cross_over(group, e, f, bodies, reach, least, search)
 
@@ -462,12 +494,10 @@ def cross_over(group: ti.i32, e: ti.i32, f: ti.i32, bodies: ivec2, reach: ti.f64
         gap = c + q * other - a - s * along
         distance = gap.norm()
         is_apart = distance < reach
-        if is_apart and group >= OWN:  # nested: after `and` Taichi would always call the function
+        if is_apart and group >= OWN_GROUPS:  # nested: after `and` Taichi would always call the function
             is_apart = segment_distance(e, f, surfaces, touching.rest) >= touching.limits[NEAR]
         if is_apart:
-            normal = along.cross(other).normalized()
-            if distance > COINCIDENT:
-                normal = gap / distance
+            normal = direction(gap, along.cross(other).normalized())
             leaving = normal.dot(edge_pseudonormal(e, surfaces, position))
             meeting = -normal.dot(edge_pseudonormal(f, surfaces, position))
             if leaving < 0.0 and meeting < 0.0:
@@ -480,12 +510,10 @@ def cross_over(group: ti.i32, e: ti.i32, f: ti.i32, bodies: ivec2, reach: ti.f64
                 and in_normal_cone(e, normal, surfaces, position)
                 and in_normal_cone(f, -normal, surfaces, position)
             ):
-                side = ti.select(group >= OWN, is_backward(normal), 0)
-                k = append(group, e, f, bodies[0], bodies[1], (1 - 2 * side) * normal, distance, search)
-                ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
-                set_side(k, side, ends, vec3(1.0 - s, s, 0.0), a + s * along, search)
-                ends = ivec3(surfaces.edges[f, 0], surfaces.edges[f, 1], surfaces.edges[f, 1])
-                set_side(k, 1 - side, ends, vec3(1.0 - q, q, 0.0), c + q * other, search)
+                side = ti.select(group >= OWN_GROUPS, is_backward(normal), 0)
+                k = append(group, e, f, bodies, (1 - 2 * side) * normal, distance, search)
+                set_side(k, side, ends(e, surfaces), vec3(1.0 - s, s, 0.0), a + s * along, search)
+                set_side(k, 1 - side, ends(f, surfaces), vec3(1.0 - q, q, 0.0), c + q * other, search)
 
 
 @func
@@ -522,18 +550,45 @@ def segment_distance(e: ti.i32, f: ti.i32, surfaces: Surfaces, position: Vectors
 def find_contacts(search: Search, depth: ti.f64, extent: Scalars, contacts: Contacts):
     """Find all contacts closer than the `reaches` of their two bodies or penetrating by up to `depth` [mm].
 
-    Edges penetrate by no more than the smallest `extent` of both bodies [mm], shape (body_count,). If the capacity of
-    `found` does not suffice, its count exceeds the capacity, and `contacts` is not filled.
+    Edges penetrate by no more than the reach and the smallest `extent` of both bodies [mm], shape (body_count,): beyond
+    it, edges only look as if they penetrated each other. Crossed edges deeper than the deepest vertex inside are
+    excluded too. Where a block has sunk a little into the rim of a table, its vertical edge and the table's edge also
+    appear to penetrate each other, but sideways and by far more: pushing them apart would be wrong.
+
+    If the capacity of `found` does not suffice, its count exceeds the capacity, and `contacts` is not filled.
     """
-    found = ti.static(search.found)
+    reaches, surfaces, found = ti.static(search.reaches, search.surfaces, search.found)
     ti.loop_config(serialize=True)
     for _ in range(1):
         found.count[0] = 0
-        vertices_against_triangles(search, depth)
-        edges_against_edges(search, depth, extent)
+        for pair in range(surfaces.pairs.shape[0]):
+            first, second = surfaces.pairs[pair, 0], surfaces.pairs[pair, 1]
+            a, b, group = surfaces.body[first], surfaces.body[second], VERTEX_GROUPS + 2 * pair
+            reach = reaches[a, b]
+            deepest = vertices_against_surface(group, first, second, 0, reach, depth, search)
+            deepest = ti.max(deepest, vertices_against_surface(group + 1, second, first, 1, reach, depth, search))
+            most = ti.min(ti.min(depth, reach), ti.min(extent[a], extent[b]))
+            if deepest > 0.0:
+                most = ti.min(most, deepest)
+            edges_against_surface(EDGE_GROUPS + pair, first, second, reach, -most, search)
         vertices_against_planes(search)
         if found.count[0] <= found.distance.shape[0]:
             put_in_order(search, contacts)
+
+
+@kernel
+def find_self_contacts(search: Search):
+    """Add the self-contacts closer than the reach of their body [mm] to `found`.
+
+    A body with a negative entry on the diagonal of `reaches` is skipped.
+    """
+    reaches, surfaces, touching = ti.static(search.reaches, search.surfaces, search.touching)
+    ti.loop_config(serialize=True)
+    for k in range(touching.surface.shape[0]):
+        s, group, depth = touching.surface[k], OWN_GROUPS + 2 * k, touching.limits[DEPTH]
+        reach = reaches[surfaces.body[s], surfaces.body[s]]
+        deepest = vertices_against_surface(group, s, s, 0, reach, depth, search)
+        edges_against_surface(group + 1, s, s, reach, ti.select(deepest > 0.0, -deepest, -depth), search)
 
 
 @kernel
