@@ -195,15 +195,15 @@ def squared_distance(node: ti.i32, p: vec3, moved: MovedSurfaces) -> ti.f64:
 
 
 @func
-def find_leaves(surface: ti.i32, low: vec3, high: vec3, trees: Trees, moved: MovedSurfaces, found: Integers) -> ti.i32:
-    """Write the leaves of a surface that intersect the box from `low` to `high` to `found`; returns their number."""
+def find_leaves(surface: ti.i32, low: vec3, high: vec3, trees: Trees, moved: MovedSurfaces, leaves: Integers) -> ti.i32:
+    """Write the leaves of a surface that intersect the box from `low` to `high` to `leaves`; returns their number."""
     count = 0
     node = trees.root[surface]
     behind = trees.root[surface + 1]
     while node < behind:
         if meets(node, low, high, moved):
             if trees.escape[node] == node + 1:
-                found[count] = node
+                leaves[count] = node
                 count += 1
             node += 1
         else:

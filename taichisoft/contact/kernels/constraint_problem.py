@@ -14,6 +14,12 @@ from taichisoft.runtime.launch import kernel
 
 
 @func
+def entries(values: Scalars, k: ti.i32) -> vec3:
+    """Entries of contact k."""
+    return vec3(values[3 * k], values[3 * k + 1], values[3 * k + 2])
+
+
+@func
 def cone_product(a: vec3, b: vec3) -> vec3:
     """Product a o b of the cone's algebra."""
     return vec3(a.dot(b), a[0] * b[1] + b[0] * a[1], a[0] * b[2] + b[0] * a[2])

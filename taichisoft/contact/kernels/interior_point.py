@@ -26,6 +26,7 @@ from taichisoft.contact.kernels.constraint_problem import (
     cone_product,
     cone_quotient,
     copy_iterate,
+    entries,
     held_end,
     measure_velocity,
     row_count,
@@ -64,12 +65,6 @@ class InteriorPoint(NamedTuple):
     x_step: Scalars
     y_step: Scalars
     unit: Scalars
-
-
-@func
-def entries(values: Scalars, k: ti.i32) -> vec3:
-    """Entries of contact k."""
-    return vec3(values[3 * k], values[3 * k + 1], values[3 * k + 2])
 
 
 @func

@@ -16,6 +16,7 @@ from taichisoft.contact.kernels.constraint_problem import (
     Iterate,
     Problem,
     copy_iterate,
+    entries,
     measure_velocity,
     row_count,
     way_to_boundary,
@@ -57,12 +58,6 @@ class Shares(NamedTuple):
     unknown: Integers
     direction: Vectors
     aim: Scalars
-
-
-@func
-def entries(values: Scalars, c: ti.i32) -> vec3:
-    """Entries of contact c."""
-    return vec3(values[3 * c], values[3 * c + 1], values[3 * c + 2])
 
 
 @func
@@ -211,10 +206,10 @@ def choose_smallest(
             if not goes_on:
                 passes = PASSES
         measure_velocity(problem, point)
-        found, sweeps = tolerance, 0
-        while found >= tolerance and sweeps < CONFIRMING_SWEEPS:
-            found = sweep(problem, point)
+        residual, sweeps = tolerance, 0
+        while residual >= tolerance and sweeps < CONFIRMING_SWEEPS:
+            residual = sweep(problem, point)
             sweeps += 1
-        if found < tolerance:
-            figure[0] = found
+        if residual < tolerance:
+            figure[0] = residual
             copy_iterate(rows, point, current)
