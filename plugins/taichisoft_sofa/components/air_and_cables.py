@@ -11,7 +11,7 @@ from taichisoft_sofa.components.draft import DraftCable, DraftCavity
 from taichisoft_sofa.components.meshes import split_quads
 from taichisoft_sofa.components.reading import TOPOLOGIES, flag, nearest, node_of, numbers, refusal, text, topology_of
 from taichisoft_sofa.components.topologies import surface_triangles
-from taichisoft_sofa.tree.component import component, without_effect
+from taichisoft_sofa.tree.component import component, live, without_effect
 from taichisoft_sofa.tree.value_kinds import (
     ABOVE_0,
     BOOL,
@@ -99,12 +99,18 @@ def value_type(component: "Component") -> str:
     return {"0": PRESSURE, "1": VOLUME}.get(given, given)
 
 
+FORCE, DISPLACEMENT = "force", "displacement"
+
+
 def is_driven_by_force(cable: "Component") -> bool:
     """Whether a cable's value is a force, else a displacement."""
-    return text(cable, "valueType") in ("force", "1")
+    given = text(cable, "valueType")
+    if given not in (FORCE, DISPLACEMENT, "0", "1"):
+        raise refusal(cable, f"valueType '{given}'; valid: {FORCE}, {DISPLACEMENT}")
+    return given in (FORCE, "1")
 
 
-VALUE = {"value": (VECTOR, (0.0,)), "valueIndex": (INTEGER, 0, FROM_0)}
+VALUE = {"value": live(VECTOR, (0.0,)), "valueIndex": live(INTEGER, 0, FROM_0)}
 
 
 @component(
@@ -115,7 +121,7 @@ VALUE = {"value": (VECTOR, (0.0,)), "valueIndex": (INTEGER, 0, FROM_0)}
     quads=index_rows(4),
     flipNormal=BOOL,
     **dict.fromkeys(("minPressure", "maxPressure", "minVolumeGrowth", "maxVolumeGrowth"), (SCALAR, 0.0, LIMIT)),
-    **dict.fromkeys(("maxPressureVariation", "maxVolumeGrowthVariation"), (SCALAR, 0.0, LIMIT_FROM_0)),
+    **dict.fromkeys(("maxPressureVariation", "maxVolumeGrowthVariation"), live(SCALAR, 0.0, LIMIT_FROM_0)),
     **dict.fromkeys(("pressure", "initialCavityVolume", "cavityVolume", "volumeGrowth"), SCALAR),
 )
 def cavity(component: "Component", draft: "SceneDraft") -> None:
@@ -140,13 +146,13 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
 @component(
     "CableConstraint",
     **VALUE,
-    valueType=(TEXT, "displacement"),
+    valueType=(TEXT, DISPLACEMENT),
     indices=(INDICES, (0,), FROM_0),
-    pullPoint=fixed(3),
+    pullPoint=live(fixed(3)),
     hasPullPoint=(BOOL, True),
     **dict.fromkeys(("minForce", "maxForce", "maxPositiveDisp", "maxNegativeDisp"), (SCALAR, 0.0, LIMIT)),
-    maxDispVariation=(SCALAR, 0.0, LIMIT_FROM_0),
-    cableInitialLength=(SCALAR, 0.0, FROM_0),
+    maxDispVariation=live(SCALAR, 0.0, LIMIT_FROM_0),
+    cableInitialLength=live(SCALAR, 0.0, FROM_0),
     **dict.fromkeys(("cableLength", "displacement", "force"), SCALAR),
     **dict.fromkeys(("eqForce", "eqDisp"), VECTOR),
     method=(TEXT, "point"),

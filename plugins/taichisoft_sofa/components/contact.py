@@ -19,7 +19,7 @@ from taichisoft_sofa.components.reading import (
     text,
     vector,
 )
-from taichisoft_sofa.components.topologies import surface_triangles
+from taichisoft_sofa.components.topologies import collision_triangles
 from taichisoft_sofa.tree.component import component, unused, without_effect
 from taichisoft_sofa.tree.value_kinds import ABOVE_0, ANY, BOOL, FROM_0, INDICES, SCALAR, TEXT, VECTOR, fixed
 
@@ -167,13 +167,17 @@ def collision_model(component: "Component", draft: "SceneDraft") -> None:
     if body is None:
         return
     path = node_of(component).getPathName()
+    groups = frozenset(numbers(component, "group").astype(int).tolist())
     if path not in body.surfaces:
-        triangles = surface_triangles(nearest(node_of(component), TOPOLOGIES))
-        groups = frozenset(numbers(component, "group").astype(int).tolist())
+        triangles = collision_triangles(nearest(node_of(component), TOPOLOGIES))
         points = draft.points_of(component)
         draft.check_points(component, triangles, len(points))
         body.surfaces[path] = DraftSurface(component, points, triangles, groups, False)
-    body.surfaces[path].self_collision |= flag(component, "selfCollision")
+    surface = body.surfaces[path]
+    if groups != surface.groups:
+        draft.depart(f"{path}: its collision models have different groups; here its surface has all of them")
+        surface.groups |= groups
+    surface.self_collision |= flag(component, "selfCollision")
 
 
 # Collision spheres about the points of mechanical objects.

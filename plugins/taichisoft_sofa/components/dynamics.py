@@ -10,7 +10,6 @@ from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpri
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import (
     STATE,
-    computed,
     flag,
     in_node,
     inputs_of,
@@ -32,9 +31,11 @@ from taichisoft_sofa.components.states import (
     composed,
     is_rigid,
     local_position,
+    rigid_indices,
     start_position,
     start_values,
 )
+from taichisoft_sofa.components.topologies import all_cells
 from taichisoft_sofa.tree.component import Component, component, unused
 from taichisoft_sofa.tree.value_kinds import (
     ABOVE_0,
@@ -42,7 +43,6 @@ from taichisoft_sofa.tree.value_kinds import (
     BOOLS,
     FROM_0,
     INDICES,
-    INTEGER,
     LINK,
     SCALAR,
     TEXT,
@@ -70,16 +70,16 @@ def animation_loop(component: Component, draft: "SceneDraft") -> None:
     draft.free_motion = component.type_name.startswith("FreeMotion")
 
 
-INTEGRATION = {
-    "rayleighStiffness": (SCALAR, 0.0, FROM_0),
-    "rayleighMass": (SCALAR, 0.0, FROM_0),
-    "firstOrder": BOOL,
-    "trapezoidalScheme": BOOL,
-}
-
-
-@component("EulerImplicitSolver", **INTEGRATION, vdamping=unused(0.0), solveConstraint=unused(False))
-@component("StaticSolver", **INTEGRATION, newton_iterations=INTEGER)
+@component(
+    "EulerImplicitSolver",
+    rayleighStiffness=(SCALAR, 0.0, FROM_0),
+    rayleighMass=(SCALAR, 0.0, FROM_0),
+    firstOrder=BOOL,
+    trapezoidalScheme=BOOL,
+    vdamping=unused(0.0),
+    solveConstraint=unused(False),
+)
+@component("StaticSolver")
 def time_integration(component: Component, draft: "SceneDraft") -> None:
     """Translate implicit Euler with Rayleigh damping, or equilibrium, for the bodies in its node and below."""
     draft.solvers[id(node_of(component))] = component
@@ -217,6 +217,8 @@ def _inertia(values: np.ndarray) -> np.ndarray | None:
 def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     """Translate springs from points, or all of them, to rest positions or others; those of a joint hold its angle."""
     if (joint := draft.joint_of(component)) is not None:
+        if joint.springs is not None:
+            raise refusal(component, "holds angles that other springs hold already")
         joint.springs = component
         return
     body = draft.own_body_of(component)
@@ -412,11 +414,8 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
         lists = (numbers(component, *names) for names in (("stiffness",), ("damping",), ("lengths", "length")))
         each = [one if len(one) == len(first) else np.full(len(first), [*one, 0.0][0]) for one in lists]
         rows = np.column_stack([first, second, *each])
-    damped = False
-    for one, other, stiffness, damping, length in rows.tolist():
-        damped |= damping > 0.0
-        _add(component, draft, ends, (int(one), int(other)), stiffness, length)
-    _note_damping(component, draft, damped)
+    _add(component, draft, ends, rows[:, :2].astype(np.int64), rows[:, 2], rows[:, 4])
+    _note_damping(component, draft, bool((rows[:, 3] > 0.0).any()))
 
 
 @component(
@@ -425,6 +424,7 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
     object2=LINK,
     topology=LINK,
     noCompression=BOOL,
+    localRange=unused(()),
     **{f"{cells}{what}": (SCALAR, 0.0, FROM_0) for cells in CELLS for what in ("Stiffness", "Damping")},
     stiffness=(SCALAR, 0.0, FROM_0),
     damping=(SCALAR, 0.0, FROM_0),
@@ -433,19 +433,21 @@ def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
     """Translate springs along edges and across cells of a topology; their stiffness is by relative stretch."""
     ends = _ends(component)
     topology = topology_of(component)
+    if ends[0] is not ends[1]:
+        raise refusal(component, "has springs between two mechanical objects, where SOFA makes none")
     if topology is None:
         raise refusal(component, "finds no topology in its node or above")
-    done: set[tuple[int, int]] = set()
-    damped = False
+    pairs, moduli = np.zeros((0, 2), dtype=np.int64), np.zeros(0)
     for name, (kind, corners) in CELLS.items():
-        modulus = number(component, f"{name}Stiffness", "stiffness")
-        damped |= number(component, f"{name}Damping", "damping") > 0.0
-        for cell in computed(topology, kind, corners).tolist() if modulus > 0.0 else ():
-            for pair in combinations(cell, 2):
-                if (key := (min(pair), max(pair))) not in done:
-                    done.add(key)
-                    _add(component, draft, ends, key, modulus, np.nan, relative=True)
-    _note_damping(component, draft, damped)
+        if (modulus := number(component, f"{name}Stiffness", "stiffness")) > 0.0:
+            cells = all_cells(topology, kind)
+            own = np.sort(cells[:, list(combinations(range(corners), 2))].reshape(-1, 2), axis=1)
+            pairs, moduli = np.vstack([pairs, own]), np.append(moduli, np.full(len(own), modulus))
+    # As in SOFA: the first kind of cell that joins two points gives their stiffness.
+    _, first = np.unique(pairs, axis=0, return_index=True)
+    first.sort()
+    _add(component, draft, ends, pairs[first], moduli[first])
+    _note_damping(component, draft, any(number(component, f"{name}Damping", "damping") > 0.0 for name in CELLS))
 
 
 def _ends(component: "Component") -> "tuple[Component, Component]":
@@ -464,36 +466,38 @@ def _add(
     component: "Component",
     draft: "SceneDraft",
     ends: "tuple[Component, Component]",
-    points: tuple[int, int],
-    stiffness: float,
-    length: float,
-    relative: bool = False,
+    pairs: np.ndarray,
+    stiffness: np.ndarray,
+    lengths: np.ndarray | None = None,
 ) -> None:
-    """Add a spring; without a length it is at rest, and with a relative stiffness that is by relative stretch."""
-    places = []
-    for state, point in zip(ends, points, strict=True):
-        draft.check_points(component, np.array([point]), len(start_position(state)))
-        places.append(_place(state, point))
-    distance = float(np.linalg.norm(places[1] - places[0]))
-    if distance == 0.0:
-        raise refusal(component, f"joins points {points[0]} and {points[1]} at one place; a spring needs a length here")
-    if len(draft.springs) == MOST:
-        draft.refuse(component, f"makes more than {MOST} springs; elements of a mesh are the way to have so many")
-    if len(draft.springs) >= MOST or stiffness <= 0.0:
-        return
-    rest = distance if np.isnan(length) else length
-    modulus = stiffness * distance if not relative else stiffness
+    """Add springs between pairs of points; without lengths they are at rest, and their stiffness is by stretch."""
+    for state, points in zip(ends, pairs.T, strict=True):
+        draft.check_points(component, points, len(start_position(state)))
+    pairs = pairs[stiffness > 0.0]
+    lengths = None if lengths is None else lengths[stiffness > 0.0]
+    stiffness = stiffness[stiffness > 0.0]
+    if len(draft.springs) + len(pairs) > MOST:
+        raise refusal(component, f"makes more than {MOST} springs; elements of a mesh are the way to have so many")
+    places = [_places(state, points) for state, points in zip(ends, pairs.T, strict=True)]
+    distances = np.linalg.norm(places[1] - places[0], axis=1)
+    if not distances.all():
+        one, other = pairs[np.argmin(distances)]
+        raise refusal(component, f"joins points {one} and {other} at one place; a spring needs a length here")
+    moduli, pulls = (stiffness, 0.0 * distances) if lengths is None else (stiffness * distances, distances - lengths)
     pushes = not flag(component, "noCompression")
-    draft.springs.append(DraftSpring(component, ends, points, modulus, distance - rest, pushes))
+    draft.springs += [
+        DraftSpring(component, ends, (one, other), modulus, pull, pushes)
+        for (one, other), modulus, pull in zip(pairs.tolist(), moduli.tolist(), pulls.tolist(), strict=True)
+    ]
 
 
-def _place(state: "Component", point: int) -> np.ndarray:
-    """Place of a point at the start [mm], also of one that is given in the axes of a frame."""
-    mapping, local = mapping_of(state), local_position(state)[[point], :3]
+def _places(state: "Component", points: np.ndarray) -> np.ndarray:
+    """Places of points at the start [mm], also of those that are given in the axes of a frame, shape (count, 3)."""
+    mapping, local = mapping_of(state), local_position(state)[points, :3]
     if mapping is not None and canonical(mapping.type_name) == "RigidMapping":
-        local = composed(FramePoses(start_values).of(inputs_of(mapping)[0])[:1], local)
-    found: np.ndarray = local[0]
-    return found
+        frames = FramePoses(start_values).of(inputs_of(mapping)[0])
+        return composed(frames[rigid_indices(mapping, len(start_position(state)))[points]], local)
+    return local
 
 
 def _note_damping(component: "Component", draft: "SceneDraft", damped: bool) -> None:

@@ -177,12 +177,12 @@ def _given_points(engine: "Component") -> np.ndarray:
 
 def engine_cells(engine: "Component", kind: str) -> np.ndarray:
     """The cells among which an engine selects: its own data, or the cells of the topology in its node."""
-    if is_given(engine, kind):
-        return numbers(engine, kind).reshape(-1, CORNERS[kind]).astype(np.int64)
-    topology = in_node(node_of(engine), TOPOLOGIES)
-    if topology is None:
-        return np.zeros((0, CORNERS[kind]), dtype=np.int64)
-    return computed(topology, kind, CORNERS[kind])
+    own = is_given(engine, kind)
+    cells = computed(engine if own else in_node(node_of(engine), TOPOLOGIES), kind, CORNERS[kind])
+    count = len(_given_points(engine)) if cells.size else 0
+    if cells.size and not 0 <= cells.min() <= cells.max() < count:
+        raise refusal(engine, f"{kind} has {cells.max()}; there are {count} points, counted from 0")
+    return cells
 
 
 def point_indices(engine: "Component") -> np.ndarray:

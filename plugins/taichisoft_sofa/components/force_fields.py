@@ -22,7 +22,7 @@ from taichisoft_sofa.components.reading import (
     topology_of,
 )
 from taichisoft_sofa.components.topologies import divided, hexahedra_of, stiffness_factors
-from taichisoft_sofa.tree.component import Component, component, unused
+from taichisoft_sofa.tree.component import Component, component, live, unused
 from taichisoft_sofa.tree.value_kinds import BOOL, FROM_0, LINK, RATIO, TEXT, VECTOR
 
 if TYPE_CHECKING:
@@ -177,19 +177,20 @@ ELASTICITY = {
     "updateStiffness": BOOL,
     "topology": LINK,
 }
+CHANGING = ELASTICITY | {"youngModulus": live(VECTOR, (5000.0,), FROM_0), "updateStiffness": live(BOOL)}
 RAYLEIGH = {"rayleighStiffness": unused(0.0), "isCompliance": unused(False)}
 
 
 @component(
     "TetrahedronFEMForceField",
-    **ELASTICITY,
+    **CHANGING,
     **RAYLEIGH,
     localStiffnessFactor=unused(()),
     plasticMaxThreshold=unused(0.0),
     plasticYieldThreshold=unused(0.0001),
     plasticCreep=unused(0.9),
 )
-@component("FastTetrahedralCorotationalForceField", "TetrahedralCorotationalFEMForceField", **ELASTICITY, **RAYLEIGH)
+@component("FastTetrahedralCorotationalForceField", "TetrahedralCorotationalFEMForceField", **CHANGING, **RAYLEIGH)
 def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the tetrahedra of the nearest topology."""
     body = draft.own_body_of(component)

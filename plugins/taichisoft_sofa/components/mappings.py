@@ -45,7 +45,7 @@ def _derivatives(state: "Component") -> ValueKind:
 @component(
     STATE,
     position=derived(_coordinates, state_position),
-    rest_position=derived(_coordinates, rest_position),
+    rest_position=Declared(_coordinates, live=True, compute=rest_position),
     velocity=_derivatives,
     force=_derivatives,
     externalForce=Declared(_derivatives, unused=True),

@@ -94,6 +94,42 @@ def surface_triangles(topology: "Component | None") -> np.ndarray:
     return np.vstack([computed(topology, "triangles", 3), split_quads(computed(topology, "quads", 4))])
 
 
+EDGES_OF = {
+    "tetrahedra": [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]],
+    "hexahedra": [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]],
+    "triangles": [[0, 1], [1, 2], [2, 0]],
+    "quads": [[0, 1], [1, 2], [2, 3], [3, 0]],
+}
+FACES_OF = {
+    "triangles": ("tetrahedra", [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]),
+    "quads": ("hexahedra", [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
+}
+
+
+def all_cells(topology: "Component", kind: str) -> np.ndarray:
+    """Cells of a topology; where it has no edges or faces of its own, those of its larger cells, as in SOFA."""
+    own = computed(topology, kind, CORNERS[kind])
+    if len(own) or canonical(topology.type_name) not in DERIVING:
+        return own
+    if kind in FACES_OF:
+        larger, faces = FACES_OF[kind]
+        return computed(topology, larger, CORNERS[larger])[:, faces].reshape(-1, CORNERS[kind])
+    if kind == "edges":
+        sides = [computed(topology, cells, CORNERS[cells])[:, ends].reshape(-1, 2) for cells, ends in EDGES_OF.items()]
+        volume = sides[:2] if len(sides[0]) or len(sides[1]) else sides[2:]
+        return np.vstack(volume)
+    return own
+
+
+def collision_triangles(topology: "Component | None") -> np.ndarray:
+    """Triangles of a surface that collides; of a mesh of larger cells alone those of its skin, shape (count, 3)."""
+    own = surface_triangles(topology)
+    if len(own) or topology is None or canonical(topology.type_name) not in DERIVING:
+        return own
+    hexahedra, tetrahedra = computed(topology, "hexahedra", 8), computed(topology, "tetrahedra", 4)
+    return np.vstack([boundary_triangles(tetrahedra), split_quads(boundary_quads(hexahedra))])
+
+
 @component(
     "MeshTopology",
     "TetrahedronSetTopologyContainer",
@@ -167,6 +203,8 @@ def accept_topological_mapping(component: "Component", draft: "SceneDraft") -> N
 # Regular grids.
 
 GRID = "RegularGridTopology"
+DERIVING = {"MeshTopology", GRID, "SparseGridTopology"}
+"""Topologies that make edges and faces of their larger cells."""
 MOST_POINTS = 1_000_000
 """Largest number of points of a grid."""
 
@@ -188,8 +226,8 @@ def grid_position(grid: "Component") -> np.ndarray:
     """Points of a grid [mm], shape (count, 3), x fastest: `min` to `max`, or cells of `cellWidth`, and `p0`."""
     size = grid_size(grid)
     low, high = (
-        vector(grid, end, default=[number(grid, f"{axis}{end}") for axis in "xyz"])
-        for end, value in (("min", 0.0), ("max", 1.0))
+        vector(grid, end) if is_given(grid, end) else np.array([number(grid, f"{axis}{end}") for axis in "xyz"])
+        for end in ("min", "max")
     )
     width = number(grid, "cellWidth")
     if width > 0.0:
@@ -329,6 +367,9 @@ def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if (count < 2).any() or np.prod(count.astype(float)) > MOST_POINTS:
         raise refusal(grid, f"n = {count.tolist()}: 2 points or more along each axis, {MOST_POINTS} at most")
     cell = (high - low) / (count - 1)
+    area = trimesh.Trimesh(points, triangles, process=False).area
+    if (high <= low).any() or area > MOST_POINTS * cell.min() ** 2:
+        raise refusal(grid, f"min {low.tolist()}, max {high.tolist()}, n {count.tolist()}: no cells, or too small ones")
     samples, _ = trimesh.remesh.subdivide_to_size(points, triangles, PITCH * cell.min(), max_iter=30)
     touched = np.zeros(count - 1, dtype=bool)
     place = np.floor((samples - low) / cell).astype(int)

@@ -13,7 +13,7 @@ from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force
 from taichisoft_sofa.components.draft import DraftMaterial
 from taichisoft_sofa.components.force_fields import young_modulus
 from taichisoft_sofa.components.known_components import is_without_effect
-from taichisoft_sofa.components.reading import STATE, described, flag, is_given, mapping_of, number, numbers, refusal
+from taichisoft_sofa.components.reading import STATE, described, flag, is_given, mapping_of, number, refusal
 from taichisoft_sofa.components.states import FramePoses, base_frames, bases_of, is_rigid, start_values, width_of
 from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation
@@ -26,9 +26,6 @@ from taichisoft_sofa.tree.value_kinds import numbers as parse_numbers
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
-
-SPRING = 100.0
-"""SOFA's default stiffness of rest shape springs, here of angles [mN mm]."""
 
 
 class JointMotion:
@@ -59,40 +56,18 @@ class JointMotion:
         solver = self._joint.solver
         if solver is None:
             return
-        stiffness, rest = self._stiffness(), self._rest()
+        stiffness, rest = self._joint.stiffness(), self._joint.rest()
         mass = self._joint.mass
         stretched = rest - self.angle
         if flag(solver, "firstOrder"):
             self.velocity = stiffness * stretched / (mass + time_step * stiffness)
         else:
-            lag = time_step + number(solver, "rayleighStiffness")
-            drag = mass * number(solver, "rayleighMass")
+            lag = time_step + number(solver, "rayleighStiffness", default=0.0)
+            drag = mass * number(solver, "rayleighMass", default=0.0)
             force = stiffness * (stretched - lag * self.velocity) - drag * self.velocity
             inertia = mass + time_step * drag + time_step * lag * stiffness
             self.velocity = self.velocity + time_step * force / inertia
         self.angle = self.angle + time_step * self.velocity
-
-    def _stiffness(self) -> np.ndarray:
-        springs = self._joint.springs
-        given = numbers(springs, "stiffness", default=[SPRING])
-        points = numbers(springs, "points", "indices").astype(np.int64)
-        chosen = points if len(points) else np.arange(len(self.angle))
-        stiffness = np.zeros(len(self.angle))
-        if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(self.angle)):
-            raise refusal(springs, f"names an angle outside 0..{len(self.angle) - 1}")
-        stiffness[chosen] = given if len(given) == len(chosen) else given[0]
-        if (stiffness <= 0.0).any():
-            raise refusal(springs, "stiffness = 0: an angle that nothing holds is not known here")
-        return stiffness
-
-    def _rest(self) -> np.ndarray:
-        data = self._joint.state.findData("rest_position")
-        # Not the computed value, which does not follow a link to a data that the scene changes.
-        rest = start_values(self._joint.state) if data is None or not data.is_set() else data.given()
-        if np.size(rest) != len(self.angle):
-            where = f"{described(self._joint.state)}: rest_position"
-            raise SceneError(f"{where} has {np.size(rest)} angles; {len(self.angle)} are needed")
-        return np.ravel(rest)
 
 
 class DrivenFrames:
@@ -226,6 +201,9 @@ class PartStiffness:
 def _present_stiffness(field: DraftMaterial) -> DraftMaterial:
     """A force field with its present moduli; the same object if unchanged."""
     component = field.component
+    declared = component.declared_data("youngModulus")
+    if declared is None or not declared.live:
+        return field
     if not component.reinit_requested and not flag(component, "updateStiffness"):
         return field
     component.reinit_requested = False
@@ -233,14 +211,6 @@ def _present_stiffness(field: DraftMaterial) -> DraftMaterial:
     return field if np.array_equal(young, field.young_modulus) else replace(field, young_modulus=young)
 
 
-USED = {
-    "SurfacePressureConstraint": {"value", "valueIndex", "maxPressureVariation", "maxVolumeGrowthVariation"},
-    "CableConstraint": {"value", "valueIndex", "pullPoint", "maxDispVariation"},
-    "MechanicalObject": {"rest_position"},
-    "TetrahedronFEMForceField": {"youngModulus", "updateStiffness"},
-    "Node": {"gravity"},
-}
-"""Data whose changes have an effect, by type of component; for nodes, data of the root."""
 STEERING = {"position", "rest_position", "stiffness"}
 """Data of joints, of their springs and of frames that the scene moves, whose changes have an effect."""
 SILENT = {"name", "listening", "printLog", "bbox", "animate"}
@@ -374,10 +344,12 @@ class SceneWrites:
                 yield f"{line}, which has no effect in a run"
 
     def _unused_writes(self, owner: TreeObject) -> Iterator[str]:
-        of_type = USED.get(canonical(owner.type_name), set()) | (STEERING if id(owner) in self._steering else set())
-        used = set() if isinstance(owner, Node) and owner is not self._tree.root else of_type
+        steering = STEERING if id(owner) in self._steering else set()
+        acts = not isinstance(owner, Node) or owner is self._tree.root
         for data in owner.data_by_name.values():
-            known = data.name in used | SILENT or data.is_own() or id(data) in self._reported
+            declared = owner.declared_data(data.name)
+            known = data.name in steering | SILENT or data.is_own() or id(data) in self._reported
+            known |= acts and declared is not None and declared.live
             if not known and data.revision > self._revisions.get(id(data), 0):
                 self._reported.add(id(data))
                 where = f"{owner.described()} ({data.place})"

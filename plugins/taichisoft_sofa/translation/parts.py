@@ -13,7 +13,8 @@ import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
 from taichisoft_sofa.components.contact import distances_of, friction_of, response_of
 from taichisoft_sofa.components.draft import SceneDraft
-from taichisoft_sofa.components.reading import node_of, upwards
+from taichisoft_sofa.components.dynamics import SPRING
+from taichisoft_sofa.components.reading import node_of, numbers, refusal, upwards
 from taichisoft_sofa.components.states import FramePoses, start_values
 
 if TYPE_CHECKING:
@@ -148,6 +149,30 @@ class Joint:
     springs: "Component"
     mass: float
     solver: "Component | None"
+
+    def stiffness(self) -> np.ndarray:
+        """Present stiffness of the springs of each angle [mN mm], shape (count,)."""
+        count = len(start_values(self.state))
+        given = numbers(self.springs, "stiffness")
+        given = given if len(given) else np.array([SPRING])
+        points = numbers(self.springs, "points", "indices").astype(np.int64)
+        chosen = points if len(points) else np.arange(count)
+        stiffness = np.zeros(count)
+        if len(chosen) and (chosen.min() < 0 or chosen.max() >= count):
+            raise refusal(self.springs, f"names an angle outside 0..{count - 1}")
+        stiffness[chosen] = given if len(given) == len(chosen) else given[0]
+        if (stiffness <= 0.0).any():
+            raise refusal(self.springs, "stiffness = 0: an angle that nothing holds is not known here")
+        return stiffness
+
+    def rest(self) -> np.ndarray:
+        """Present angles at rest [rad], shape (count,)."""
+        data, start = self.state.findData("rest_position"), start_values(self.state).ravel()
+        # Not the computed value, which does not follow a link to a data that the scene changes.
+        rest = start if data is None or not data.is_set() else np.ravel(data.given())
+        if len(rest) != len(start):
+            raise refusal(self.state, f"rest_position has {len(rest)} angles; {len(start)} are needed")
+        return rest
 
 
 NOTHING = "holds nothing that moves, touches or can be seen: there is nothing to run"

@@ -235,7 +235,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
         draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA assumes 1 mm^2 per mass")
     _note_lost_weight(body, float(mass), draft)
     solver = draft.above(body.node, draft.solvers)
-    if solver is not None and number(solver, "rayleighMass") > 0.0:
+    if solver is not None and number(solver, "rayleighMass", default=0.0) > 0.0:
         draft.depart(f"{body.node.getPathName()}: rayleighMass does not slow a rigid body down here; in SOFA it does")
     _add_springs(name, body, table, draft, translation)
     for push in body.forces:
@@ -260,7 +260,7 @@ def _add_springs(
         table["springs"] = {
             "stiffness": anchor.stiffness,
             "angular_stiffness": number(anchor.component, "angularStiffness", default=SPRING),
-            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness"),
+            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness", default=0.0),
             "follows": name,
         }
         if isinstance(anchor.target, PointsTarget):

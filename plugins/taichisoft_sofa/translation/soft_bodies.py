@@ -102,8 +102,8 @@ def add_soft_body(
     if solver is not None:
         if (velocity := start_velocity(body.state)).any() and not translation.is_static:
             table["velocity"] = velocity.tolist()
-        table["rayleigh_mass"] = number(solver, "rayleighMass")
-        table["rayleigh_stiffness"] = number(solver, "rayleighStiffness")
+        table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
+        table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
         # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
         prescribed = (DrivenFrameTarget, MotionTarget)
         table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)

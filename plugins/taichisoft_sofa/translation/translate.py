@@ -39,7 +39,7 @@ from taichisoft_sofa.translation.rigid_bodies import (
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
 from taichisoft_sofa.tree.component import misspelt, names_of
 from taichisoft_sofa.tree.scene_controller import OwnComponent
-from taichisoft_sofa.tree.value_kinds import Declared, canonical
+from taichisoft_sofa.tree.value_kinds import LINK, Declared, canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.loading import SceneTree
@@ -266,13 +266,15 @@ def _joined(shapes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np
 
 LONGEST = 60
 """Largest number of characters of a value in a line."""
+UNREAD = {"name", "template", "tags", "printLog", "listening", "componentState", "bbox"}
+"""Data that move nothing in SOFA either."""
 
 
 def _note_data(component: "Component", draft: SceneDraft, translation: Translation) -> None:
     """List the data of the scene that nothing reads; misspelt ones, and those with an effect in SOFA, one by one."""
     names = names_of(component.type_name)
     for name, data in component.data_by_name.items():
-        if not data.is_set() or data.is_own():
+        if not data.is_set() or data.is_own() or name in UNREAD:
             continue
         known = component.declared_data(name)
         line = f"{described(component)}: {name} = {_shown(data.written_text())}"
@@ -281,6 +283,11 @@ def _note_data(component: "Component", draft: SceneDraft, translation: Translati
                 draft.depart(f"{line} is not read here; did you mean '{meant}'?")
             else:
                 translation.not_read.setdefault(component.type_name, {})[name] = None
+        elif not (known.unused or data.was_read or known.live):
+            translation.not_read.setdefault(component.type_name, {})[name] = None
+        elif known.kind is LINK:
+            broken = [path for path, target in component.linked_all(name) if path.startswith("@") and target is None]
+            draft.refused += [f"{described(component)}: {name} = '{path}' leads to nothing" for path in broken]
         elif known.unused and not _is_default(data.given(), known):
             draft.depart(f"{line} has no effect here")
 
@@ -374,11 +381,9 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     root = tree.root
     root._exact, root._find_file = exact, tree.find_file
     draft, translation = SceneDraft(exact=exact), Translation()
-    for node in root.walk():
-        if not _is_active(node):
-            continue
-        for component in node.objects:
-            _gather(component, draft, translation)
+    active = [component for node in root.walk() if _is_active(node) for component in node.objects]
+    for component in active:
+        _gather(component, draft, translation)
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
@@ -413,6 +418,11 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         for joint in draft.joints.values()
         if joint.springs is not None
     ]
+    for joint in translation.joints:
+        try:
+            joint.stiffness(), joint.rest()
+        except SceneError as error:
+            draft.refused.append(str(error))
     _add_bodies(bodies, frames, draft, translation)
     add_springs(draft, translation)
     add_planes(draft, translation)
@@ -420,6 +430,12 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     translation.sprung = draft.sprung
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
+    for component in active:
+        if canonical(component.type_name) in known_types():
+            try:
+                _note_data(component, draft, translation)
+            except SceneError as error:
+                draft.refused.append(str(error))
     translation.departures += draft.departures
     translation.refused += dict.fromkeys(draft.refused)  # several components may refuse the same value
     return translation
@@ -440,10 +456,6 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
         try:
             known.translate(component, draft)
-        except SceneError as error:
-            draft.refused.append(str(error))
-        try:
-            _note_data(component, draft, translation)
         except SceneError as error:
             draft.refused.append(str(error))
     elif is_without_effect(kind):

@@ -18,11 +18,14 @@ from taichisoft_sofa.tree.place import Place, here
 from taichisoft_sofa.tree.value_kinds import (
     ANY,
     BOOL,
+    FINITE,
     INTEGER,
+    LINK,
     SCALAR,
     TEXT,
     TEXTS,
     VECTOR,
+    Bounds,
     Declared,
     KindOf,
     ValueKind,
@@ -334,7 +337,7 @@ class ComponentType:
 
 Translate = TypeVar("Translate", bound=Callable[[Any, Any], None])
 MARK = "component_types"
-OF_COMPONENTS = {**COMMON, "template": Declared(TEXT), "src": Declared(TEXT)}
+OF_COMPONENTS = {**COMMON, "template": Declared(TEXT), "src": Declared(LINK)}
 
 
 def component(*type_names: str, **data: Any) -> Callable[[Translate], Translate]:
@@ -361,6 +364,11 @@ def _declaration(given: Any) -> Declared:
 def derived(kind: KindOf, compute: Callable[[Any], Any]) -> Declared:
     """A data that is computed from others by a function of the component, which reads values by `Data.given`."""
     return Declared(kind, compute=compute)
+
+
+def live(kind: KindOf, default: Any = None, bounds: Bounds | None = FINITE) -> Declared:
+    """A data of this kind, default and bounds that a run reads in every step."""
+    return Declared(kind, default, bounds, live=True)
 
 
 def unused(default: Any) -> Declared:

@@ -104,6 +104,7 @@ class Declared:
         default: value without a written one; None: the kind's.
         bounds: range of valid numbers; unlimited for data added by a scene.
         unused: whether the data affects the motion of bodies in SOFA, but not here.
+        live: whether a run reads it in every step, so that a scene's controllers may change it.
         compute: makes the value of other data of the component, unless a controller writes it.
     """
 
@@ -111,6 +112,7 @@ class Declared:
     default: Any = None
     bounds: Bounds | None = FINITE
     unused: bool = False
+    live: bool = False
     compute: Callable[[Any], Any] | None = None
 
 
