@@ -122,7 +122,9 @@ CONTAINERS = {
     )
 }
 COLLIDING = Case(
-    'collisions(root)\ninner = surface(body(root), "block.stl")\ninner.addObject({put})',
+    'collisions(root)\ninner = surface(body(root), "block.stl")\n'
+    'for cell in ("Triangle", "Line", "Point"):\n    inner.removeObject(inner.getObject(cell + "CollisionModel"))\n'
+    "inner.addObject({put})",
     values={"listRadius": [1.5] * 12, "group": [3]},
 )
 SOFTENING = """

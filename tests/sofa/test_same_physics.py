@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blocks import make_block
-from scenes_of_sofa import BODY, loaded
+from scenes_of_sofa import BODY, Run, loaded
 
 from taichisoft import Control, Simulation, make_model, write_volume_mesh
 from taichisoft.mesh import boundary_triangles, write_stl
@@ -129,6 +129,52 @@ def test_penalty_contacts_touch_without_free_motion(folder: Path) -> None:
         translation = translated(folder, contact.format(response))
         assert not translation.refused
         assert translation.tables["soft_bodies"]["body"].get("collides", True) is touches
+
+
+def test_force_below_a_mapped_node_acts_on_its_points(folder: Path) -> None:
+    """A node without points of its own acts on those of the nearest node above, which follow the body."""
+    push = '.addObject("ConstantForceField", indices=[1], totalForce=[0, 0, 7])\n'
+    create = "body(root)\n" + CHILD.format(body='root.getChild("body")')
+    tables = [
+        translated(folder, create + where + push).tables["soft_bodies"]["body"]["forces"]
+        for where in ("child", 'child.addChild("below")')
+    ]
+    assert tables[0] == tables[1]
+
+
+@pytest.mark.parametrize(
+    ("create", "line"),
+    [
+        ('body(root).addObject("UniformMass", name="more")', "is a second mass of its body, beside UniformMass"),
+        ("body(root).dofs.restScale = 0.5", "position differs from rest_position"),
+        ('body(root).addObject("RestShapeSpringsForceField", external_rest_shape="@/gone")', "leads to no Mechanical"),
+        ('surface(body(root), "block.stl").BarycentricMapping.input = "@/gone"', "input = '@/gone' leads to nothing"),
+    ],
+)
+def test_values_without_a_meaning_here_are_refused(folder: Path, create: str, line: str) -> None:
+    assert line in refused(folder, create)
+
+
+PUSHED = """
+def createScene(root):
+    root.gravity = [0, 0, {gravity}]
+    node = body(root)
+    node.EulerImplicitSolver.rayleighMass = 0.0
+    node.addObject("FixedProjectiveConstraint", indices=[0, 1, 2, 3])
+    node.addObject("ConstantForceField", indices=[11], force=[0, 90, 0])
+    {mass}
+"""
+
+
+def test_body_without_mass_moves_by_its_stiffness(folder: Path) -> None:
+    """SOFA's system has no mass then: a steady force leads to the same place as with one, and weight is nothing."""
+    ends = []
+    without, light = 'node.removeObject(node.getObject("UniformMass"))', "node.UniformMass.totalMass = 1e-4"
+    for gravity, mass in ((-9810, without), (0, light)):
+        run = Run(folder, PUSHED.format(gravity=gravity, mass=mass))
+        ends.append(run.steps(150) - run.start)
+    assert np.abs(ends[1]).max() > 0.1
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-4 * np.abs(ends[1]).max())
 
 
 def test_rest_position_beside_another_position_is_refused(folder: Path) -> None:

@@ -486,7 +486,6 @@ def test_walls_that_face_inward_turn_a_pressure_round(folder: Path, settings: st
             "MooneyRivlinForceField '/body/rubber' .*scene.py, line .*is not known here; it would be needed for forces "
             "on the bodies$",
         ),
-        ('body(root).removeObject("UniformMass")', "has no mass"),
         ('body(root).removeObject("TetrahedronFEMForceField")', "no force field gives"),
         ("body(root).TetrahedronFEMForceField.youngModulus = 0", "youngModulus = 0 leaves its tetrahedra without"),
         (

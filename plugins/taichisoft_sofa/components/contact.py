@@ -133,6 +133,7 @@ def distances_of(distance: "Component") -> tuple[float, float]:
     d=SCALAR,
     planeD=SCALAR,
     bilateral=BOOL,
+    maxForce=unused(0.0),
     stiffness=(SCALAR, 500.0, FROM_0),
     indices=unused(()),
     localRange=unused(()),
@@ -152,7 +153,7 @@ def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
 MODEL = {
     "group": INDICES,
     "selfCollision": BOOL,
-    "active": unused(True),
+    "active": (BOOL, True),
     "contactResponse": unused(""),
     "contactStiffness": unused(10.0),
     **{name: unused(0.0) for name in ("proximity", "contactDistance", "contactFriction", "contactRestitution")},
@@ -164,7 +165,7 @@ MODEL = {
 def collision_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate a collision model; all models of a node are one surface."""
     body = draft.carrier_of(component)
-    if body is None:
+    if body is None or not flag(component, "active"):
         return
     path = node_of(component).getPathName()
     groups = frozenset(numbers(component, "group").astype(int).tolist())
@@ -191,7 +192,7 @@ FEW = 20
 def sphere_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate spheres about points: a single one of a rigid body or point stays round, others become polyhedra."""
     body = draft.carrier_of(component)
-    if body is None:
+    if body is None or not flag(component, "active"):
         return
     centres = draft.points_of(component)
     each = numbers(component, "listRadius")

@@ -321,8 +321,7 @@ class SceneDraft:
 
     def own_body_of(self, component: "Component") -> DraftBody:
         """As `body_of`, of a component that acts on points by their numbers: on points that follow it is refused."""
-        state = in_node(node_of(component), {STATE})
-        mapping = None if state is None or is_assembled(state) else mapping_of(state)
+        mapping = self.mapping_above(component)
         if mapping is not None and canonical(mapping.type_name) != "IdentityMapping":
             raise refusal(
                 component,
@@ -330,6 +329,17 @@ class SceneDraft:
                 "BarycentricMapping, constant forces do so here",
             )
         return self.body_of(component)
+
+    def mapping_above(self, component: "Component") -> "Component | None":
+        """The mapping that moves the points on which a component acts by their numbers, or None."""
+        state = nearest(node_of(component), {STATE})
+        return None if state is None or is_assembled(state) else mapping_of(state)
+
+    def weigh(self, body: DraftBody, mass: Mass) -> None:
+        """Give a body its mass; a second one is refused."""
+        if body.mass is not None:
+            raise refusal(mass.component, f"is a second mass of its body, beside {described(body.mass.component)}")
+        body.mass = mass
 
     def carrier_of(self, component: "Component") -> DraftBody | DraftFrame | None:
         """The body, or the frame that follows others, on which a surface or visual model is; None on other points."""
@@ -348,9 +358,7 @@ class SceneDraft:
 
     def points_of(self, component: "Component") -> np.ndarray:
         """Points of the mechanical object in a component's node, mapped or independent [mm], shape (count, 3)."""
-        state = in_node(node_of(component), {STATE})
-        if state is None:
-            state = independent_state(node_of(component))
+        state = nearest(node_of(component), {STATE})
         return np.zeros((0, 3)) if state is None else local_position(state)[:, :3]
 
     def check_points(self, component: "Component", named: np.ndarray, count: int) -> None:

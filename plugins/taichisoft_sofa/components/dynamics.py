@@ -11,7 +11,6 @@ from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import (
     STATE,
     flag,
-    in_node,
     inputs_of,
     is_given,
     linked_state,
@@ -134,7 +133,8 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     body = draft.own_body_of(component)
     if text(component, "filename"):
         raise refusal(component, f"filename '{text(component, 'filename')}' is not read; give vertexMass")
-    chosen = np.unique(numbers(component, "indices"))
+    chosen = np.unique(numbers(component, "indices")).astype(np.int64)
+    draft.check_points(component, chosen, len(body.position))
     if (len(chosen) and len(chosen) < len(body.position)) or (numbers(component, "localRange") >= 0).any():
         raise refusal(component, "gives some of the points a mass; all points of a body have the same here")
     total = number(component, "totalMass")
@@ -150,39 +150,39 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
             draft.refuse(
                 component, f"vertexMass has {len(each)} numbers; mass, volume and nine of the inertia are known"
             )
-        body.mass = Mass(component, each=float(each[0]), inertia=inertia)
+        draft.weigh(body, Mass(component, each=float(each[0]), inertia=inertia))
     else:
-        body.mass = Mass(component, total=total)
+        draft.weigh(body, Mass(component, total=total))
 
 
 BY_VOLUME = {
     "totalMass": (SCALAR, 1.0, ABOVE_0),
-    "vertexMass": (VECTOR, (), ABOVE_0),
+    **dict.fromkeys(("vertexMass", "mass"), (VECTOR, (), ABOVE_0)),
     "filename": TEXT,
     "massDensity": (VECTOR, (1.0,), ABOVE_0),
     "rayleighMass": unused(0.0),
 }
 
 
-@component("MeshMatrixMass", **BY_VOLUME, lumping=BOOL)
+@component("MeshMatrixMass", **BY_VOLUME, lumping=BOOL, edgeMass=unused(()))
 @component("DiagonalMass", **BY_VOLUME)
 def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
     """Translate a mass by volume, which each element distributes to its corners, or one mass for all points."""
     body = draft.own_body_of(component)
-    each = numbers(component, "vertexMass")
+    each = numbers(component, "vertexMass", "mass")
     if text(component, "filename"):
         raise refusal(component, f"filename '{text(component, 'filename')}' is not read; give totalMass or massDensity")
     if len(each) and (len(each) != len(body.position) or (each != each[0]).any()):
         raise refusal(component, f"vertexMass has {len(each)} numbers, not one for all of {len(body.position)} points")
     if len(each):
-        body.mass = Mass(component, each=float(each[0]))
+        draft.weigh(body, Mass(component, each=float(each[0])))
     elif is_given(component, "totalMass"):
-        body.mass = Mass(component, total=number(component, "totalMass"), density=0.0)
+        draft.weigh(body, Mass(component, total=number(component, "totalMass"), density=0.0))
     else:
         density = numbers(component, "massDensity")
         if not len(density) or (density != density[0]).any():
             raise refusal(component, f"massDensity has {len(density)} numbers; a body has one density here")
-        body.mass = Mass(component, density=float(density[0]))
+        draft.weigh(body, Mass(component, density=float(density[0])))
     if component.type_name == "MeshMatrixMass" and not flag(component, "lumping"):
         draft.depart(
             f"{node_of(component).getPathName()}: MeshMatrixMass couples neighbours; here each point has its share"
@@ -208,7 +208,8 @@ def _inertia(values: np.ndarray) -> np.ndarray | None:
     stiffness=(VECTOR, (), FROM_0),
     angularStiffness=(VECTOR, (), FROM_0),
     external_rest_shape=LINK,
-    external_points=(INDICES, (), FROM_0),
+    **dict.fromkeys(("external_points", "external_indices"), (INDICES, (), FROM_0)),
+    pivotPoints=unused(()),
     rayleighStiffness=unused(0.0),
     isCompliance=unused(False),
     activeDirections=unused(()),
@@ -246,7 +247,7 @@ def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget |
     ((path, target), *_) = component.linked_all("external_rest_shape") or [("", None)]
     state = linked_state(component, path, target)
     count = len(start_position(state))
-    indices = numbers(component, "external_points").astype(np.int64)
+    indices = numbers(component, "external_points", "external_indices").astype(np.int64)
     if not len(indices):
         indices = chosen if count > int(chosen.max(initial=-1)) and count != len(chosen) else np.arange(len(chosen))
     if len(indices) != len(chosen) or (len(indices) and indices.max() >= count):
@@ -269,7 +270,9 @@ def _force(component: Component) -> ValueKind:
 
 def _width(component: Component) -> int:
     state = nearest(node_of(component), {STATE}) if component.getContext() is not None else None
-    rigid = text(component, "template").startswith("Rigid") or (state is not None and is_rigid(state))
+    rigid = text(component, "template").removeprefix("Cuda").startswith("Rigid") or (
+        state is not None and is_rigid(state)
+    )
     return 6 if rigid else 3
 
 
@@ -284,8 +287,7 @@ def _width(component: Component) -> int:
 )
 def constant_forces(component: Component, draft: "SceneDraft") -> None:
     """Translate constant forces on points: one for each, the same for all, or shares of `totalForce`."""
-    state = in_node(node_of(component), {STATE})
-    mapping = None if state is None or is_rigid(state) else mapping_of(state)
+    mapping = draft.mapping_above(component)
     follows = mapping is not None and canonical(mapping.type_name) == "BarycentricMapping"
     body = draft.body_of(component) if follows else draft.own_body_of(component)
     width = 6 if body.rigid else 3
@@ -376,6 +378,7 @@ def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> N
 
 STIFFNESS, DAMPING = 100.0, 5.0
 """SOFA's defaults of springs that are given one by one [mN/mm] and [mN s/mm]."""
+EACH_PUSHES = np.zeros(0, dtype=bool)
 MOST = 500
 """Largest number of springs of a scene: each is a row of the constraint solver."""
 CELLS = {"lines": ("edges", 2), "triangles": ("triangles", 3), "quads": ("quads", 4)}
@@ -397,6 +400,7 @@ CELLS |= {"tetrahedra": ("tetrahedra", 4), "tetras": ("tetrahedra", 4), "cubes":
     stiffness=(VECTOR, (STIFFNESS,), FROM_0),
     damping=(VECTOR, (DAMPING,), FROM_0),
     noCompression=BOOL,
+    elongationOnly=BOOLS,
 )
 def single_springs(component: "Component", draft: "SceneDraft") -> None:
     """Translate springs that are listed: by `spring`, rows of two indices, stiffness, damping and length at rest, or by
@@ -414,7 +418,10 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
         lists = (numbers(component, *names) for names in (("stiffness",), ("damping",), ("lengths", "length")))
         each = [one if len(one) == len(first) else np.full(len(first), [*one, 0.0][0]) for one in lists]
         rows = np.column_stack([first, second, *each])
-    _add(component, draft, ends, rows[:, :2].astype(np.int64), rows[:, 2], rows[:, 4])
+    pulls_alone = numbers(component, "elongationOnly").astype(bool)
+    if len(pulls_alone) not in (0, 1, len(rows)):
+        raise refusal(component, f"elongationOnly has {len(pulls_alone)} values for {len(rows)} springs")
+    _add(component, draft, ends, rows[:, :2].astype(np.int64), rows[:, 2], rows[:, 4], pulls_alone)
     _note_damping(component, draft, bool((rows[:, 3] > 0.0).any()))
 
 
@@ -469,13 +476,15 @@ def _add(
     pairs: np.ndarray,
     stiffness: np.ndarray,
     lengths: np.ndarray | None = None,
+    pulls_alone: np.ndarray = EACH_PUSHES,
 ) -> None:
     """Add springs between pairs of points; without lengths they are at rest, and their stiffness is by stretch."""
     for state, points in zip(ends, pairs.T, strict=True):
         draft.check_points(component, points, len(start_position(state)))
-    pairs = pairs[stiffness > 0.0]
-    lengths = None if lengths is None else lengths[stiffness > 0.0]
-    stiffness = stiffness[stiffness > 0.0]
+    there = stiffness > 0.0
+    pushes = np.broadcast_to(~pulls_alone if len(pulls_alone) else True, len(pairs))[there]
+    pairs, lengths = pairs[there], None if lengths is None else lengths[there]
+    stiffness = stiffness[there]
     if len(draft.springs) + len(pairs) > MOST:
         raise refusal(component, f"makes more than {MOST} springs; elements of a mesh are the way to have so many")
     places = [_places(state, points) for state, points in zip(ends, pairs.T, strict=True)]
@@ -484,10 +493,10 @@ def _add(
         one, other = pairs[np.argmin(distances)]
         raise refusal(component, f"joins points {one} and {other} at one place; a spring needs a length here")
     moduli, pulls = (stiffness, 0.0 * distances) if lengths is None else (stiffness * distances, distances - lengths)
-    pushes = not flag(component, "noCompression")
+    pushes = pushes & (not flag(component, "noCompression"))
     draft.springs += [
-        DraftSpring(component, ends, (one, other), modulus, pull, pushes)
-        for (one, other), modulus, pull in zip(pairs.tolist(), moduli.tolist(), pulls.tolist(), strict=True)
+        DraftSpring(component, ends, (one, other), *values)
+        for (one, other), *values in zip(pairs.tolist(), moduli.tolist(), pulls.tolist(), pushes.tolist(), strict=True)
     ]
 
 

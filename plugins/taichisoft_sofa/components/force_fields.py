@@ -186,6 +186,7 @@ RAYLEIGH = {"rayleighStiffness": unused(0.0), "isCompliance": unused(False)}
     **CHANGING,
     **RAYLEIGH,
     localStiffnessFactor=unused(()),
+    initialPoints=unused(()),
     plasticMaxThreshold=unused(0.0),
     plasticYieldThreshold=unused(0.0001),
     plasticCreep=unused(0.9),

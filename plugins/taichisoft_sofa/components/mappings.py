@@ -59,6 +59,7 @@ def _derivatives(state: "Component") -> ValueKind:
     showObject=BOOL,
     topology=LINK,
     filename=TEXT,
+    restScale=(SCALAR, 1.0),
     **without_effect("freePosition restPosition reset_velocity"),
 )
 def mechanical_object(component: "Component", draft: "SceneDraft") -> None:

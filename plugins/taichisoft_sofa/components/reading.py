@@ -10,11 +10,11 @@ from taichisoft_sofa.tree.value_kinds import FALSE, TRUE, WrongValue, canonical
 from taichisoft_sofa.tree.value_kinds import numbers as parse_numbers
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.tree.component import Component
+    from taichisoft_sofa.tree.component import Component, TreeObject
     from taichisoft_sofa.tree.node import Node
 
 
-def is_given(component: "Component", name: str) -> bool:
+def is_given(component: "TreeObject", name: str) -> bool:
     """Whether the scene wrote to a data."""
     data = component.findData(name)
     return data is not None and data.is_set()

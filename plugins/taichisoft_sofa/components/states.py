@@ -50,7 +50,7 @@ def is_rigid(state: "Component") -> bool:
 
 def width_of(state: "Component") -> int:
     """Numbers per point or frame of a mechanical object; 0 for an unknown template."""
-    template = text(state, "template").partition(",")[0]
+    template = text(state, "template").partition(",")[0].removeprefix("Cuda")
     if template.startswith("Rigid"):
         return 3 if template.startswith("Rigid2") else 7
     found = re.fullmatch(r"(?:Ext)?Vec(\d+)[dfiu]?", template)
@@ -102,7 +102,7 @@ def _source(state: "Component", width: int) -> np.ndarray:
             found = numbers(state, name)
             if found.size % width:
                 raise refusal(state, f"{name} has {found.size} numbers; they are not rows of {width}")
-            if found.size > 3 or width == 7 or in_node(node_of(state), TOPOLOGIES) is None:
+            if width == 7 or (found.size > 3 and name == "position") or in_node(node_of(state), TOPOLOGIES) is None:
                 return found.reshape(-1, width)  # a single point gives way to a topology, as in SOFA
     if width == 7:
         return np.zeros((0, 7))
@@ -147,7 +147,7 @@ def rest_position(state: "Component") -> np.ndarray:
     given = state.findData("rest_position")
     if given is not None and given.is_set():
         return np.reshape(given.given(), (-1, max(width_of(state), 1)))
-    return state_position(state)
+    return number(state, "restScale") * state_position(state)
 
 
 def _given(state: "Component", name: str) -> Any:

@@ -273,7 +273,12 @@ def _add_springs(
 def add_obstacle(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add an obstacle to a translation; without surfaces or collisions it is omitted."""
     points, triangles = joined_surfaces(body)
-    if not len(triangles) or not collides(draft):
+    if not collides(draft):
+        return
+    for surface in body.surfaces.values():
+        if not len(surface.triangles):
+            draft.refuse(surface.component, NO_TRIANGLES)
+    if not len(triangles):
         return
     ball = only_sphere(body)
     if body.rigid:

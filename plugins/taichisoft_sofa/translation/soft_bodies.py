@@ -36,6 +36,8 @@ PULL_LIMITS = {"lowest_pull": ("maxNegativeDisp", -1.0), "highest_pull": ("maxPo
 """Limits of actuators: data and sign of each."""
 SAME = 1e-9
 """Difference of a rest position that is round-off, over the size of a body [-]."""
+MASSLESS = 1e-12
+"""Mass of a body to which its scene gives none, so that stiffness alone moves it [kg]."""
 LARGEST = 1e30
 """Beyond any tension [mN] and pull [mm]: scenes use the largest number as no limit."""
 
@@ -65,11 +67,10 @@ def add_soft_body(
         draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
         return
     if moves and body.mass is None:
-        draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
-        return
+        draft.depart(f"{body.node.getPathName()}: has no mass; here it has {MASSLESS:g} kg, with the same motion")
     rest = rest_position(body.state).reshape(-1, 3)
     moved = np.abs(rest - body.position).max(initial=0.0) if rest.shape == body.position.shape else 0.0
-    if is_given(body.state, "rest_position") and moved > SAME * np.ptp(body.position, axis=0).max():
+    if moved > SAME * np.ptp(body.position, axis=0).max():
         draft.refuse(body.state, "position differs from rest_position; a body begins at rest here")
         return
     if moves and (young <= 0.0).all():
@@ -197,7 +198,7 @@ def merged_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def _mass(mass: Mass | None, kept: int, all_points: int, nodes: np.ndarray, elements: np.ndarray) -> dict[str, float]:
     """Mass or density, without the share of omitted points."""
     if mass is None:
-        return {"mass": 1.0}
+        return {"mass": MASSLESS}
     if mass.density:
         return {"density": mass.density}
     if mass.density == 0.0 and mass.total is not None:

@@ -12,7 +12,7 @@ from taichisoft.mesh import boundary_triangles
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
 from taichisoft_sofa.components.mappings import check_joints
-from taichisoft_sofa.components.reading import described, flag, independent_state, node_of
+from taichisoft_sofa.components.reading import described, flag, independent_state, is_given, node_of
 from taichisoft_sofa.components.states import (
     FramePoses,
     PointsTarget,
@@ -151,6 +151,10 @@ def _is_mere_points(body: DraftBody) -> bool:
 def moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
     """The solver that moves a body; None if it stands still."""
     solver = draft.above(body.node, draft.solvers)
+    if solver is not None and draft.above(body.node, draft.linear_solvers) is None:
+        draft.depart(
+            f"{body.node.getPathName()}: moves, though it has no linear solver, without which SOFA moves nothing"
+        )
     if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:
         return solver
     path = body.node.getPathName()
@@ -381,6 +385,10 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     root = tree.root
     root._exact, root._find_file = exact, tree.find_file
     draft, translation = SceneDraft(exact=exact), Translation()
+    for node in root.walk():
+        for name in ("gravity", "dt"):
+            if node is not root and is_given(node, name):
+                translation.not_read.setdefault("Node", {})[name] = None
     active = [component for node in root.walk() if _is_active(node) for component in node.objects]
     for component in active:
         _gather(component, draft, translation)
