@@ -82,7 +82,8 @@ def arm(root, of, **data):
 """
 )
 SHOWN = 'root.addChild("shown").addObject({put})'
-CORNERS = np.array(make_block((1, 1, 1), (20.0, 10.0, 10.0)).nodes).tolist()
+BLOCK = make_block((1, 1, 1), (20.0, 10.0, 10.0))
+CORNERS, SKIN = BLOCK.nodes.tolist(), boundary_triangles(BLOCK.elements).tolist()
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,9 @@ CASES: dict[str, Case] = {
         )
     },
     **CONTAINERS,
-    "Tetra2TriangleTopologicalMapping": Case(),
+    "ComplementaryROI": Case(usual={"position": CORNERS, "nbSet": 1, "setIndices1": [0], "setIndices2": [3]}),
+    "GenerateRigidMass": Case(usual={"position": CORNERS, "triangles": SKIN}, values={"quads": [[0, 1, 3, 2]]}),
+    "SphereLoader": Case(usual={"filename": "block.sph"}, values={"filename": "other.sph"}),
     "RegularGridTopology": Case("grid(root, {put})"),
     "SparseGridTopology": Case("grid(root, {put})", {"n": [3, 3, 3], "fileTopology": "block.stl"}, {"cellWidth": 4.0}),
     "MechanicalObject": Case('put(body(root), "dofs", {put})', values={"position": (1.1 * np.array(CORNERS)).tolist()}),
@@ -313,6 +316,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rows = ["{} {} {} {}".format(i + 1, *node) for i, node in enumerate(block.nodes)]
         cells = ["{} {} {} {} {}".format(i + 1, *row) for i, row in enumerate(block.elements + 1)]
         text = ["MESH dimension 3 ElemType Tetrahedra Nnode 4", "Coordinates", *rows, "End Coordinates", "Elements"]
+        (folder / f"{name}.sph").write_text(f"Xsp 4.0\nsphe 0 1 2 3 {size[2]}\nsphe 1 4 5 6 2.5\n")
         (folder / f"{name}.gid").write_text("\n".join([*text, *cells, "End Elements"]))
     return folder
 

@@ -831,7 +831,10 @@ def test_a_scene_in_xml_is_read(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("<Node><A></Node>", "line 1: no scene in XML: mismatched tag"),
-        ("<Node>\n<include href='a.xml'/></Node>", "line 2: includes 'a.xml'; write its nodes into this file instead"),
+        (
+            "<Node>\n<include href='a.xml'/></Node>",
+            "line 2: includes 'a.xml': no such file",
+        ),
         ("<A/>", "line 1: begins with <A>"),
         ("<Node><A><B/></A></Node>", "<B> is inside a component"),
         ("<Node>\n<Wrong/></Node>", "line 2.: is not known here"),

@@ -117,7 +117,8 @@ class Declared:
 
 
 ALIASES = {
-    "EulerImplicit": "EulerImplicitSolver",
+    **dict.fromkeys(("EulerImplicit", "EulerImplicitIntegrationScheme"), "EulerImplicitSolver"),
+    "StaticIntegrationScheme": "StaticSolver",
     "CollisionResponse": "RuleBasedContactManager",
     "DefaultContactManager": "RuleBasedContactManager",
     "DefaultPipeline": "CollisionPipeline",
@@ -126,24 +127,17 @@ ALIASES = {
     "GenericConstraintSolver": "BlockGaussSeidelConstraintSolver",
     "FreeMotionMasterSolver": "FreeMotionAnimationLoop",
     "LinearMovementConstraint": "LinearMovementProjectiveConstraint",
-    "Sphere": "SphereCollisionModel",
-    "SphereModel": "SphereCollisionModel",
-    "SphereSet": "SphereCollisionModel",
     "RegularGrid": "RegularGridTopology",
     "SparseGrid": "SparseGridTopology",
     "HexahedralFEMForceField": "HexahedronFEMForceField",
     "RigidRigidMapping": "RigidMapping",
     "Mesh": "MeshTopology",
     "MeshObjLoader": "MeshOBJLoader",
-    "Triangle": "TriangleCollisionModel",
-    "TriangleModel": "TriangleCollisionModel",
-    "TriangleSet": "TriangleCollisionModel",
-    "Line": "LineCollisionModel",
-    "LineModel": "LineCollisionModel",
-    "LineSet": "LineCollisionModel",
-    "Point": "PointCollisionModel",
-    "PointModel": "PointCollisionModel",
-    "PointSet": "PointCollisionModel",
+    **{
+        f"{shape}{ending}": f"{shape}CollisionModel"
+        for shape in ("Sphere", "Triangle", "Line", "Point")
+        for ending in ("", "Model", "Set")
+    },
 }
 """Present names of types of components, by those of older versions of SOFA."""
 
