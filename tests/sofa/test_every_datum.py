@@ -199,7 +199,7 @@ CASES: dict[str, Case] = {
         )
     },
     **CONTAINERS,
-    "ComplementaryROI": Case(usual={"position": CORNERS, "nbSet": 1, "setIndices1": [0], "setIndices2": [3]}),
+    "ComplementaryROI": Case(usual={"position": CORNERS, "nbSet": 1, "setIndices1": [0]}, values={"nbSet": 25}),
     "GenerateRigidMass": Case(usual={"position": CORNERS, "triangles": SKIN}, values={"quads": [[0, 1, 3, 2]]}),
     "SphereLoader": Case(usual={"filename": "block.sph"}, values={"filename": "other.sph"}),
     "RegularGridTopology": Case("grid(root, {put})"),
