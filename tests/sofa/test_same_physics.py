@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from blocks import make_block
 from scenes_of_sofa import BODY, Run, loaded
 
@@ -221,6 +222,15 @@ def test_mass_of_what_a_surface_encloses(folder: Path) -> None:
     assert [mass, volume] == pytest.approx([3e-6 * a * b * c, a * b * c])
     squares = np.array([b * b + c * c, a * a + c * c, a * a + b * b]) / 12.0
     np.testing.assert_allclose(np.reshape(inertia, (3, 3)), np.diag(squares), atol=1e-9)
+
+
+def test_triangle_models_of_a_mesh_of_cells_are_its_skin(folder: Path) -> None:
+    translation = translated(folder, 'collisions(root)\nbody(root).addObject("TriangleCollisionModel")')
+    (surface,) = translation.tables["soft_bodies"]["body"]["collision_surface"]
+    translation.files.write(folder)
+    skin = trimesh.load_mesh(folder / surface["file"])
+    assert skin.is_watertight
+    assert skin.volume == pytest.approx(np.prod(SIZE))
 
 
 def test_friction_is_that_of_the_lcp_solver(folder: Path) -> None:
