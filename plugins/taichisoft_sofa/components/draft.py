@@ -35,7 +35,7 @@ class DraftMaterial:
         tetrahedra: point indices, shape (count, 4).
         young_modulus: Young's moduli [kPa], shape (count,).
         poisson_ratio: Poisson's ratios [-], shape (count,).
-        corotation: "edges" or "polar".
+        corotation: the native key.
         law: the native law of elasticity.
         coefficients: of a law that takes more than Young's modulus.
         element: the native kind of element.
@@ -152,8 +152,29 @@ class DraftCable:
 
 
 @dataclass(frozen=True)
+class DraftSprings:
+    """Springs between points of a body.
+
+    Attributes:
+        component: the force field.
+        pairs: indices of the points, shape (count, 2).
+        stiffness: [mN/mm], shape (count,).
+        damping: [mN s/mm], shape (count,).
+        lengths: at rest [mm], shape (count,).
+        pushes: whether each resists compression, too, shape (count,).
+    """
+
+    component: "Component"
+    pairs: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    lengths: np.ndarray
+    pushes: np.ndarray
+
+
+@dataclass(frozen=True)
 class DraftSpring:
-    """A spring between two points.
+    """A spring between points of two bodies, or of one and a place.
 
     Attributes:
         component: the force field.
@@ -226,6 +247,7 @@ class DraftBody:
     materials: list[DraftMaterial] = field(default_factory=list)
     anchors: list[DraftAnchor] = field(default_factory=list)
     forces: list[DraftForces] = field(default_factory=list)
+    springs: list[DraftSprings] = field(default_factory=list)
     surfaces: dict[str, DraftSurface] = field(default_factory=dict)
     cavities: list[DraftCavity] = field(default_factory=list)
     cables: list[DraftCable] = field(default_factory=list)
@@ -264,7 +286,7 @@ class SceneDraft:
         bodies: one body per independent mechanical object, by the identity of the component.
         frames: frames that follow others, by the identity of their mechanical object and their index.
         joints: angles by the identity of their mechanical object.
-        springs: springs between points.
+        springs: springs between bodies.
         planes: planes that push bodies.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.

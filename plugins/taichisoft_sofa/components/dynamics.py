@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, Mass, SceneDraft
+from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, DraftSprings, Mass, SceneDraft
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import STATE, inputs_of, linked_state, mapping_of, nearest, node_of, topology_of
 from taichisoft_sofa.components.states import (
@@ -355,7 +355,7 @@ STIFFNESS, DAMPING = 100.0, 5.0
 """SOFA's defaults of springs that are given one by one [mN/mm] and [mN s/mm]."""
 EACH_PUSHES = np.zeros(0, dtype=bool)
 MOST = 500
-"""Largest number of springs of a scene: each is a row of the constraint solver."""
+"""Largest number of springs between bodies: each is a row of the constraint solver."""
 CELLS = {"lines": ("edges", 2), "triangles": ("triangles", 3), "quads": ("quads", 4)}
 CELLS |= {"tetrahedra": ("tetrahedra", 4), "tetras": ("tetrahedra", 4), "cubes": ("hexahedra", 8)}
 """Kinds of cells whose corners springs of a mesh join, with their number of corners."""
@@ -396,8 +396,8 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
     pulls_alone = component.read_numbers("elongationOnly").astype(bool)
     if len(pulls_alone) not in (0, 1, len(rows)):
         raise component.refused(f"elongationOnly has {len(pulls_alone)} values for {len(rows)} springs")
-    _add(component, draft, ends, rows[:, :2].astype(np.int64), rows[:, 2], rows[:, 4], pulls_alone)
-    _note_damping(component, draft, bool((rows[:, 3] > 0.0).any()))
+    pairs, (stiffness, damping, lengths) = rows[:, :2].astype(np.int64), rows[:, 2:].T
+    _add(component, draft, ends, pairs, stiffness, damping, lengths, pulls_alone)
 
 
 @component(
@@ -419,17 +419,17 @@ def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
         raise component.refused("has springs between two mechanical objects, where SOFA makes none")
     if topology is None:
         raise component.refused("finds no topology in its node or above")
-    pairs, moduli = np.zeros((0, 2), dtype=np.int64), np.zeros(0)
+    pairs, moduli = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2))
     for name, (kind, corners) in CELLS.items():
-        if (modulus := component.read_number(f"{name}Stiffness", "stiffness")) > 0.0:
+        given = [component.read_number(f"{name}{what}", what.lower()) for what in ("Stiffness", "Damping")]
+        if given[0] > 0.0:
             cells = all_cells(topology, kind)
             own = np.sort(cells[:, list(combinations(range(corners), 2))].reshape(-1, 2), axis=1)
-            pairs, moduli = np.vstack([pairs, own]), np.append(moduli, np.full(len(own), modulus))
+            pairs, moduli = np.vstack([pairs, own]), np.vstack([moduli, np.tile(given, (len(own), 1))])
     # As in SOFA: the first kind of cell that joins two points gives their stiffness.
     _, first = np.unique(pairs, axis=0, return_index=True)
     first.sort()
-    _add(component, draft, ends, pairs[first], moduli[first])
-    _note_damping(component, draft, any(component.read_number(f"{name}Damping", "damping") > 0.0 for name in CELLS))
+    _add(component, draft, ends, pairs[first], *moduli[first].T)
 
 
 def _ends(component: "Component") -> "tuple[Component, Component]":
@@ -450,29 +450,47 @@ def _add(
     ends: "tuple[Component, Component]",
     pairs: np.ndarray,
     stiffness: np.ndarray,
+    damping: np.ndarray,
     lengths: np.ndarray | None = None,
     pulls_alone: np.ndarray = EACH_PUSHES,
 ) -> None:
-    """Add springs between pairs of points; without lengths they are at rest, and their stiffness is by stretch."""
+    """Add springs between pairs of points; without lengths they are at rest, with stiffness and damping by stretch."""
     for state, points in zip(ends, pairs.T, strict=True):
         draft.check_points(component, points, len(start_position(state)))
     there = stiffness > 0.0
     pushes = np.broadcast_to(~pulls_alone if len(pulls_alone) else True, len(pairs))[there]
-    pairs, lengths = pairs[there], None if lengths is None else lengths[there]
-    stiffness = stiffness[there]
-    if len(draft.springs) + len(pairs) > MOST:
-        raise component.refused(f"makes more than {MOST} springs; elements of a mesh are the way to have so many")
+    pushes = pushes & (not component.read_flag("noCompression"))
+    pairs, stiffness, damping = pairs[there], stiffness[there], damping[there]
     places = [_places(state, points) for state, points in zip(ends, pairs.T, strict=True)]
     distances = np.linalg.norm(places[1] - places[0], axis=1)
-    if not distances.all():
+    is_inside = ends[0] is ends[1] and mapping_of(ends[0]) is None and not is_rigid(ends[0])
+    if not distances.all() and (lengths is None or not is_inside):
         one, other = pairs[np.argmin(distances)]
         raise component.refused(f"joins points {one} and {other} at one place; a spring needs a length here")
-    moduli, pulls = (stiffness, 0.0 * distances) if lengths is None else (stiffness * distances, distances - lengths)
-    pushes = pushes & (not component.read_flag("noCompression"))
+    if lengths is None:
+        lengths, stiffness, damping = distances, stiffness / distances, damping / distances
+    else:
+        lengths = lengths[there]
+    path = component.getPathName()
+    if is_inside:
+        draft.body_of(ends[0]).springs.append(DraftSprings(component, pairs, stiffness, damping, lengths, pushes))
+        if damping.any():
+            draft.depart(f"{path}: its damping takes the velocities at the end of a step; in SOFA those at its start")
+        return
+    if len(draft.springs) + len(pairs) > MOST:
+        raise component.refused(f"makes more than {MOST} springs between bodies; within one any number is possible")
     draft.springs += [
         DraftSpring(component, ends, (one, other), *values)
-        for (one, other), *values in zip(pairs.tolist(), moduli.tolist(), pulls.tolist(), pushes.tolist(), strict=True)
+        for (one, other), *values in zip(
+            pairs.tolist(),
+            (stiffness * distances).tolist(),
+            (distances - lengths).tolist(),
+            pushes.tolist(),
+            strict=True,
+        )
     ]
+    if damping.any():
+        draft.depart(f"{path}: its springs have no damping of their own here")
 
 
 def _places(state: "Component", points: np.ndarray) -> np.ndarray:
@@ -482,8 +500,3 @@ def _places(state: "Component", points: np.ndarray) -> np.ndarray:
         frames = FramePoses(start_values).of(inputs_of(mapping)[0])
         return composed(frames[rigid_indices(mapping, len(start_position(state)))[points]], local)
     return local
-
-
-def _note_damping(component: "Component", draft: "SceneDraft", damped: bool) -> None:
-    if damped:
-        draft.depart(f"{component.getPathName()}: its springs have no damping of their own here")

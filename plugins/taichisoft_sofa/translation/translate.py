@@ -10,6 +10,7 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
+from taichisoft_sofa.components.force_fields import add_weak_elements
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
 from taichisoft_sofa.components.mappings import check_joints
 from taichisoft_sofa.components.reading import described, independent_state, node_of
@@ -386,6 +387,11 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     active = [component for node in root.walk() if _is_active(node) for component in node.objects]
     for component in active:
         _gather(component, draft, translation)
+    for body in draft.bodies.values():
+        try:
+            add_weak_elements(body, draft)
+        except SceneError as error:
+            draft.refused.append(str(error))
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
