@@ -151,7 +151,7 @@ class SpringSettings(Table):
 
     nodes: Annotated[list[tuple[NodeNumber, NodeNumber]], Field(min_length=1)]
     """Numbers of the two nodes of each spring, from 0 in the order of the mesh."""
-    stiffness: Positive | list[Positive]
+    stiffness: NotNegative | list[NotNegative]
     """Stiffness of all springs, or of each [mN/mm]."""
     length: NotNegative | list[NotNegative] | None = None
     """Length at rest of all springs, or of each [mm]; the distance of their nodes in the mesh when it is not given."""
@@ -385,9 +385,7 @@ class SoftBodySettings(ActuatorTables):
             'corotation == "polar" or element == "linear"',
             'corotation = "{corotation}" is for element = "linear", not "{element}"',
         ),
-        Rule(
-            'corotation != "none" or law == "hooke"', 'corotation = "none" is for law = "hooke", not "{law}"'
-        ),
+        Rule('corotation != "none" or law == "hooke"', 'corotation = "none" is for law = "hooke", not "{law}"'),
     )
 
     @model_validator(mode="after")

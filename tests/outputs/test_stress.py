@@ -62,7 +62,7 @@ def test_uniaxial_stretch_is_youngs_modulus_times_strain(corotation: str) -> Non
     np.testing.assert_allclose(turned, TURN @ stress @ TURN.T, atol=1e-10 * YOUNG.max())
 
 
-@pytest.mark.parametrize("corotation", ["edges", "polar"])
+@pytest.mark.parametrize("corotation", ["edges", "polar", "none"])
 def test_sums_to_the_nodal_forces_of_the_engine(corotation: str) -> None:
     """f_a = -sum over elements of w s R g_a, to round-off: large and uneven deformation, with a rotation."""
     random = np.random.default_rng(7)

@@ -164,7 +164,7 @@ CASES: dict[str, Case] = {
     ),
     "MeshSpringForceField": of_springs(),
     **dict.fromkeys(
-        (f"MeshSpringForceField.{name}" for name in ("quadsStiffness", "cubesStiffness")),
+        (f"MeshSpringForceField.{cells}{of}" for cells in ("quads", "cubes") for of in ("Stiffness", "Damping")),
         Case("grid(root).addObject({put})"),
     ),
     **dict.fromkeys(

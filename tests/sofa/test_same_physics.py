@@ -105,15 +105,34 @@ def test_mass_of_a_body(folder: Path, mass: str, expected: float | str) -> None:
     assert model.soft_bodies[0].node_mass.sum() == pytest.approx(expected, rel=1e-12)
 
 
-def test_springs_without_lengths_pull_together_and_have_a_stiffness_each(folder: Path) -> None:
+def test_springs_without_lengths_have_length_zero(folder: Path) -> None:
     create = "node = body(root)\n"
     create += 'node.addObject("StiffSpringForceField", indices1=[0, 1], indices2=[2, 3], stiffness=[10, 20])\n'
-    translation = translated(folder, create)
-    cables = translation.tables["soft_bodies"]["body"]["cables"]
-    lengths = [float(np.linalg.norm(np.subtract(*cable["points"]))) for cable in cables.values()]
-    stiffness = [cable["axial_stiffness"] / length for cable, length in zip(cables.values(), lengths, strict=True)]
-    assert stiffness == pytest.approx([10.0, 20.0])
-    assert list(translation.springs.values()) == pytest.approx(lengths)
+    (springs,) = translated(folder, create).tables["soft_bodies"]["body"]["springs"].values()
+    assert springs["nodes"] == [[0, 2], [1, 3]]
+    assert springs["stiffness"] == [10.0, 20.0]
+    assert springs["length"] == [0.0, 0.0]
+
+
+SMALL = """
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    node = body(root)
+    node.getObject("TetrahedronFEMForceField").method = "METHOD"
+    node.addObject("FixedProjectiveConstraint", indices=[0, 3, 6])
+    node.addObject("ConstantForceField", indices=[11], force=[0, 0, FORCE])
+"""
+
+
+@pytest.mark.parametrize(("method", "is_linear"), [("small", True), ("large", False)])
+def test_method_small_is_linear(folder: Path, method: str, is_linear: bool) -> None:
+    """Ten times the force moves every node ten times as far, however far the body turns."""
+    moved = []
+    for force in (2000, 20000):
+        run = Run(folder, SMALL.replace("METHOD", method).replace("FORCE", str(force)))
+        moved.append(run.steps(5) - run.start)
+    assert np.abs(moved[1]).max() > 5.0
+    assert np.allclose(moved[1], 10.0 * moved[0], atol=1e-9, rtol=0.0) is is_linear
 
 
 def test_second_rotation_turns_what_the_first_translation_moved(folder: Path) -> None:

@@ -153,11 +153,14 @@ class DraftCable:
 
 @dataclass(frozen=True)
 class DraftSprings:
-    """Springs between points of a body.
+    """Springs of one force field.
 
     Attributes:
         component: the force field.
+        ends: mechanical objects of the first and the second points.
+        is_inside: whether all join points of one soft body.
         pairs: indices of the points, shape (count, 2).
+        distances: between the points at the start [mm], shape (count,).
         stiffness: [mN/mm], shape (count,).
         damping: [mN s/mm], shape (count,).
         lengths: at rest [mm], shape (count,).
@@ -165,32 +168,14 @@ class DraftSprings:
     """
 
     component: "Component"
+    ends: "tuple[Component, Component]"
+    is_inside: bool
     pairs: np.ndarray
+    distances: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
     lengths: np.ndarray
     pushes: np.ndarray
-
-
-@dataclass(frozen=True)
-class DraftSpring:
-    """A spring between points of two bodies, or of one and a place.
-
-    Attributes:
-        component: the force field.
-        ends: mechanical objects of the two points.
-        points: indices of the points in them.
-        modulus: force by relative stretch [mN], over the distance at the start.
-        pull: by how much the spring at rest is shorter than the distance at the start [mm].
-        pushes: whether it resists compression, too.
-    """
-
-    component: "Component"
-    ends: "tuple[Component, Component]"
-    points: tuple[int, int]
-    modulus: float
-    pull: float
-    pushes: bool
 
 
 @dataclass
@@ -247,7 +232,6 @@ class DraftBody:
     materials: list[DraftMaterial] = field(default_factory=list)
     anchors: list[DraftAnchor] = field(default_factory=list)
     forces: list[DraftForces] = field(default_factory=list)
-    springs: list[DraftSprings] = field(default_factory=list)
     surfaces: dict[str, DraftSurface] = field(default_factory=dict)
     cavities: list[DraftCavity] = field(default_factory=list)
     cables: list[DraftCable] = field(default_factory=list)
@@ -286,7 +270,7 @@ class SceneDraft:
         bodies: one body per independent mechanical object, by the identity of the component.
         frames: frames that follow others, by the identity of their mechanical object and their index.
         joints: angles by the identity of their mechanical object.
-        springs: springs between bodies.
+        springs: springs between points.
         planes: planes that push bodies.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.
@@ -308,7 +292,7 @@ class SceneDraft:
     frames: dict[tuple[int, int], DraftFrame] = field(default_factory=dict)
     joints: dict[int, DraftJoint] = field(default_factory=dict)
     planes: list[DraftPlane] = field(default_factory=list)
-    springs: list[DraftSpring] = field(default_factory=list)
+    springs: list[DraftSprings] = field(default_factory=list)
     solvers: dict[int, "Component"] = field(default_factory=dict)
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)

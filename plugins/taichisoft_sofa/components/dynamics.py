@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, DraftSprings, Mass, SceneDraft
+from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSprings, Mass, SceneDraft
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import STATE, inputs_of, linked_state, mapping_of, nearest, node_of, topology_of
 from taichisoft_sofa.components.states import (
@@ -422,7 +422,7 @@ def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
     pairs, moduli = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2))
     for name, (kind, corners) in CELLS.items():
         given = [component.read_number(f"{name}{what}", what.lower()) for what in ("Stiffness", "Damping")]
-        if given[0] > 0.0:
+        if any(given):
             cells = all_cells(topology, kind)
             own = np.sort(cells[:, list(combinations(range(corners), 2))].reshape(-1, 2), axis=1)
             pairs, moduli = np.vstack([pairs, own]), np.vstack([moduli, np.tile(given, (len(own), 1))])
@@ -457,46 +457,35 @@ def _add(
     """Add springs between pairs of points; without lengths they are at rest, with stiffness and damping by stretch."""
     for state, points in zip(ends, pairs.T, strict=True):
         draft.check_points(component, points, len(start_position(state)))
-    there = stiffness > 0.0
-    pushes = np.broadcast_to(~pulls_alone if len(pulls_alone) else True, len(pairs))[there]
-    pushes = pushes & (not component.read_flag("noCompression"))
-    pairs, stiffness, damping = pairs[there], stiffness[there], damping[there]
     places = [_places(state, points) for state, points in zip(ends, pairs.T, strict=True)]
     distances = np.linalg.norm(places[1] - places[0], axis=1)
     is_inside = ends[0] is ends[1] and mapping_of(ends[0]) is None and not is_rigid(ends[0])
-    if not distances.all() and (lengths is None or not is_inside):
-        one, other = pairs[np.argmin(distances)]
+    needs_length = (
+        (pairs[:, 0] == pairs[:, 1]) if is_inside and lengths is not None else np.ones(len(pairs), dtype=bool)
+    )
+    there = (stiffness > 0.0) | (is_inside & (damping > 0.0))
+    if len(at_one_place := np.flatnonzero(there & needs_length & (distances == 0.0))):
+        one, other = pairs[at_one_place[0]]
         raise component.refused(f"joins points {one} and {other} at one place; a spring needs a length here")
     if lengths is None:
         lengths, stiffness, damping = distances, stiffness / distances, damping / distances
-    else:
-        lengths = lengths[there]
-    path = component.getPathName()
-    if is_inside:
-        draft.body_of(ends[0]).springs.append(DraftSprings(component, pairs, stiffness, damping, lengths, pushes))
-        if damping.any():
-            draft.depart(f"{path}: its damping takes the velocities at the end of a step; in SOFA those at its start")
-        return
-    if len(draft.springs) + len(pairs) > MOST:
+    pushes = np.broadcast_to(~pulls_alone if len(pulls_alone) else True, len(pairs))
+    pushes = pushes & (not component.read_flag("noCompression"))
+    columns = (one[there] for one in (pairs, distances, stiffness, damping, lengths, pushes))
+    draft.springs.append(DraftSprings(component, ends, is_inside, *columns))
+    if not is_inside and sum(len(one.pairs) for one in draft.springs if not one.is_inside) > MOST:
         raise component.refused(f"makes more than {MOST} springs between bodies; within one any number is possible")
-    draft.springs += [
-        DraftSpring(component, ends, (one, other), *values)
-        for (one, other), *values in zip(
-            pairs.tolist(),
-            (stiffness * distances).tolist(),
-            (distances - lengths).tolist(),
-            pushes.tolist(),
-            strict=True,
+    if damping[there].any():
+        inside = "its damping takes the velocities at the end of a step; in SOFA those at its start"
+        draft.depart(
+            f"{component.getPathName()}: {inside if is_inside else 'its springs have no damping of their own here'}"
         )
-    ]
-    if damping.any():
-        draft.depart(f"{path}: its springs have no damping of their own here")
 
 
 def _places(state: "Component", points: np.ndarray) -> np.ndarray:
-    """Places of points at the start [mm], also of those that are given in the axes of a frame, shape (count, 3)."""
+    """Where points of a mechanical object are at the start [mm]."""
     mapping, local = mapping_of(state), local_position(state)[points, :3]
-    if mapping is not None and canonical(mapping.type_name) == "RigidMapping":
+    if mapping is not None and canonical(mapping.type_name) == "RigidMapping" and inputs_of(mapping):
         frames = FramePoses(start_values).of(inputs_of(mapping)[0])
         return composed(frames[rigid_indices(mapping, len(start_position(state)))[points]], local)
     return local

@@ -134,8 +134,6 @@ def add_soft_body(
     table["anchors"] = _anchors(anchors, node_of_point)
     if moves and (forces := _forces(body, node_of_point, node_position, elements, table.get("embedding"), draft)):
         table["forces"] = forces
-    if moves and (springs := _springs(body, node_of_point, draft)):
-        table["springs"] = springs
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, draft, translation)
     _add_cables(name, body, table, draft, translation)
@@ -277,22 +275,6 @@ def _forces(
     kinds, kind_of = np.unique(each, axis=0, return_inverse=True)
     groups = [(force, np.flatnonzero(kind_of.reshape(-1) == kind)) for kind, force in enumerate(kinds) if force.any()]
     return [{"nodes": nodes.tolist(), "force": (force * len(nodes)).tolist()} for force, nodes in groups]
-
-
-def _springs(body: DraftBody, node_of_point: np.ndarray, draft: SceneDraft) -> dict[str, Any]:
-    """Springs between nodes, those of a force field together that push, and those that only pull."""
-    tables: dict[str, Any] = {}
-    for one in body.springs:
-        nodes = node_of_point[one.pairs]
-        if (nodes < 0).any():
-            draft.depart(f"{one.component.getPathName()}: springs at points that are left out have no effect")
-        for pushes in (True, False):
-            kept = (nodes >= 0).all(axis=1) & (one.pushes == pushes)
-            if kept.any():
-                columns = {"stiffness": one.stiffness, "length": one.lengths, "damping": one.damping}
-                values = {key: column[kept].tolist() for key, column in columns.items()}
-                tables[f"springs{len(tables)}"] = {"nodes": nodes[kept].tolist(), "tension_only": not pushes, **values}
-    return tables
 
 
 def _add_surfaces(

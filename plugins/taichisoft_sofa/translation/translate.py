@@ -9,7 +9,7 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles
-from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
+from taichisoft_sofa.components.draft import DraftBody, DraftFrame, DraftSprings, SceneDraft
 from taichisoft_sofa.components.force_fields import add_weak_elements
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
 from taichisoft_sofa.components.mappings import check_joints
@@ -26,7 +26,7 @@ from taichisoft_sofa.components.states import (
 )
 from taichisoft_sofa.components.visuals import visible_shapes
 from taichisoft_sofa.loading import SceneTree
-from taichisoft_sofa.translation.parts import Joint, Translation, body_names, clean, collides, contact_table
+from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation, body_names, clean, collides, contact_table
 from taichisoft_sofa.translation.rigid_bodies import (
     add_obstacle,
     add_rigid_body,
@@ -47,27 +47,56 @@ from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.scene_controller import OwnComponent
 from taichisoft_sofa.tree.value_kinds import LINK, Declared, canonical
 
-# Springs between points as native cables that stretch, push as well as pull, and are held at their rest length.
+# Springs: within a soft body between its nodes, else as cables that stretch, push as well as pull, and are held.
 
 
 def add_springs(draft: "SceneDraft", translation: "Translation") -> None:
     """Add all springs of a scene to its soft bodies; a spring needs a soft body at one end at least."""
-    for number, spring in enumerate(draft.springs):
-        ends = [_end(state, point, translation) for state, point in zip(spring.ends, spring.points, strict=True)]
+    soft = translation.tables.get("soft_bodies", {})
+    for number, springs in enumerate(draft.springs):
+        name = translation.names.get(springs.ends[0], "")
+        if springs.is_inside and name in soft:
+            _add_inside(f"springs{number}", springs, translation.soft[name], soft[name], draft)
+        elif not springs.is_inside:
+            _add_between(f"spring{number}", springs, draft, translation)
+
+
+def _add_inside(name: str, springs: DraftSprings, part: SoftPart, table: dict[str, Any], draft: "SceneDraft") -> None:
+    """Add springs between nodes of a body: those that push, and those that only pull."""
+    node_of_point = np.full(len(part.body.position), -1)
+    node_of_point[part.points] = np.arange(len(part.points))
+    nodes = node_of_point[springs.pairs]
+    if (nodes < 0).any():
+        draft.depart(f"{springs.component.getPathName()}: springs at points that are left out have no effect")
+    for suffix, chosen in (("", springs.pushes), ("cords", ~springs.pushes)):
+        kept = chosen & (nodes >= 0).all(axis=1)
+        if kept.any():
+            columns = {"stiffness": springs.stiffness, "length": springs.lengths, "damping": springs.damping}
+            table.setdefault("springs", {})[name + suffix] = {
+                "nodes": nodes[kept].tolist(),
+                "tension_only": bool(suffix),
+                **{key: column[kept].tolist() for key, column in columns.items()},
+            }
+
+
+def _add_between(name: str, springs: DraftSprings, draft: "SceneDraft", translation: "Translation") -> None:
+    for number, points in enumerate(springs.pairs.tolist()):
+        ends = [_end(state, point, translation) for state, point in zip(springs.ends, points, strict=True)]
         if ends[0][0] not in translation.soft:
             ends.reverse()
         (owner, first), (other, second) = ends
         if owner not in translation.soft:
-            draft.refuse(spring.component, "joins no soft body; springs between rigid bodies are not there")
-            continue
-        cable: dict[str, Any] = {"axial_stiffness": spring.modulus, "rod": spring.pushes}
+            draft.refuse(springs.component, "joins no soft body; springs between rigid bodies are not there")
+            return
+        distance = float(springs.distances[number])
+        stiff = {"axial_stiffness": float(springs.stiffness[number]) * distance, "rod": bool(springs.pushes[number])}
         if other is None:  # a place that nothing moves
-            cable |= {"points": [first], "pull_point": second, "pull_point_moves": False}
+            ends_of_cable = {"points": [first], "pull_point": second, "pull_point_moves": False}
         else:
-            cable["points"] = [first, second if other == owner else {"body": other, "point": second}]
-        name = f"spring{number}"
-        translation.tables["soft_bodies"][owner].setdefault("cables", {})[name] = cable
-        translation.springs[f"{owner}.{name}"] = spring.pull
+            ends_of_cable = {"points": [first, second if other == owner else {"body": other, "point": second}]}
+        own = f"{name}_{number}"
+        translation.tables["soft_bodies"][owner].setdefault("cables", {})[own] = stiff | ends_of_cable
+        translation.springs[f"{owner}.{own}"] = distance - float(springs.lengths[number])
 
 
 def _end(state: "Component", point: int, translation: "Translation") -> "tuple[str | None, list[float]]":
@@ -387,16 +416,12 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     active = [component for node in root.walk() if _is_active(node) for component in node.objects]
     for component in active:
         _gather(component, draft, translation)
-    for body in draft.bodies.values():
-        try:
-            add_weak_elements(body, draft)
-        except SceneError as error:
-            draft.refused.append(str(error))
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
     frames: list[DraftFrame] = []
     try:
+        add_weak_elements(draft)
         bodies = own_bodies(draft)
         frames = driven_frames(draft)
     except SceneError as error:
