@@ -337,3 +337,65 @@ def test_pressures_below_a_vacuum_act(folder: Path) -> None:
     simulation = Simulation(scene_from_dict(tables, "a test"))
     name = simulation.model.cavities.names[0]
     assert simulation.step(Control(pressure={name: -500.0})).observation.pressures[name] == -500.0
+
+
+MOVED = """
+import Sofa
+
+class Raise(Sofa.Core.Controller):
+    def onAnimateBeginEvent(self, event):
+        self.constraint.value = [0.0, self.constraint.value[1] + 0.5]
+
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    node = body(root)
+    node.addObject("FixedProjectiveConstraint", indices=[0, 3, 6, 9])
+    node.addObject("PositionConstraint", name="push", indices=[2, 5], useDirections=[0, 1, 0],
+                   value=[0, 0], valueIndex=1)
+    node.addObject("PartialFixedProjectiveConstraint", indices=[2], fixedDirections=[1, 0, 0])
+    root.addObject(Raise()).constraint = node.push
+"""
+
+
+def test_position_constraint_moves_points_along_its_axes(folder: Path) -> None:
+    """By its present value, exactly, whatever else holds the other axes of the same points."""
+    run = Run(folder, MOVED)
+    for value in (0.5, 1.0, 1.5):
+        moved = run.steps(1) - run.start
+        np.testing.assert_allclose(moved[[2, 5], 1], value, atol=1e-6)
+    assert moved[2, 0] == pytest.approx(0.0, abs=1e-6)
+    assert abs(moved[5, 0]) > 1e-3
+
+
+PARTLY = """
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    root.dt = 0.01
+    node = body(root)
+    node.addObject("FixedProjectiveConstraint", indices=[0, 3, 6, 9])
+    node.addObject("PartialLinearMovementConstraint", indices=[2, 5], keyTimes=[0, 0.02],
+                   movements=[[0, 0, 0], [9, 9, 1]], movedDirections=[0, 0, 1])
+"""
+
+
+def test_partial_movement_leaves_other_axes_free(folder: Path) -> None:
+    run = Run(folder, PARTLY)
+    np.testing.assert_allclose((run.steps(1) - run.start)[[2, 5], 2], 0.5, atol=1e-6)
+    moved = (run.steps(3) - run.start)[[2, 5]]
+    np.testing.assert_allclose(moved[:, 2], 1.0, atol=1e-6)
+    assert (np.abs(moved[:, :2]) < 3.0).all()
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        ('body(root).addObject("PositionConstraint", valueType="force")', "only a displacement is imposed here"),
+        ('body(root).addObject("PositionConstraint", indices=[99])', "names point 99; its points are 0 to 11"),
+        ('body(root).addObject("PositionConstraint", useDirections=[1, 0])', "useDirections has 2 numbers; three"),
+        ('body(root).addObject("PositionConstraint", directions=[[0, 1, 0]] * 3)', "not rigid bodies or along other"),
+        ('body(root).addObject("PositionConstraint", value=[1], valueIndex=1)', "value has 1 numbers; number 1"),
+        ('body(root).addObject("JointConstraint", value=1)', "acts on no angle; its node must have"),
+    ],
+)
+def test_constraints_that_cannot_be_are_refused(folder: Path, scene: str, message: str) -> None:
+    assert message in refused(folder, scene)

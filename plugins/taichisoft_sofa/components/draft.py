@@ -92,6 +92,11 @@ class DraftAnchor:
     target: "AnchorTarget | FrameMotion | None" = None
     angular: float | None = None
 
+    @property
+    def axes(self) -> np.ndarray:
+        """Numbers of the axes along which they are held, shape (axis_count,)."""
+        return np.flatnonzero([axis in self.directions for axis in "xyz"])
+
 
 @dataclass(frozen=True)
 class DraftForces:
@@ -186,12 +191,14 @@ class DraftJoint:
         state: the mechanical object.
         springs: the springs that hold the angles to `rest_position`.
         mass: inertia of each angle [kg mm^2].
+        moved: constraints that move angles, by the index of these.
         is_used: whether a mapping turns frames by the angles.
     """
 
     state: "Component"
     springs: "Component | None" = None
     mass: float = 0.0
+    moved: dict[int, "Component"] = field(default_factory=dict)
     is_used: bool = False
 
 

@@ -277,15 +277,13 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     body.forces.append(DraftForces(component, points, forces[:, :3], places[points] if follows else None))
 
 
-@component(
-    "LinearMovementProjectiveConstraint",
-    indices=(INDICES, (0,), FROM_0),
-    keyTimes=(),
-    movements=_forces,
-    relativeMovements=True,
-)
+MOVEMENT = {"indices": (INDICES, (0,), FROM_0), "keyTimes": (), "movements": _forces}
+
+
+@component("LinearMovementProjectiveConstraint", **MOVEMENT, relativeMovements=True)
+@component("PartialLinearMovementProjectiveConstraint", **MOVEMENT, movedDirections=(BOOLS, (True, True, True)))
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
-    """Translate points and frames that are moved in time from key to key, linearly."""
+    """Translate points that are moved along all or some axes, and frames, in time from key to key, linearly."""
     body = draft.own_body_of(component, same="")
     points = component.read_numbers("indices").astype(np.int64)
     times, shifts = (
@@ -298,12 +296,16 @@ def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
             f"keyTimes has {len(times)} times, movements {len(shifts)}; there must be one for each, rising"
         )
     start = body.position[points]
-    if component.read_flag("relativeMovements") is False:
+    axes = component.read_numbers("movedDirections", default=(True, True, True))
+    if body.rigid and not axes.all():
+        raise component.refused("moves a rigid body along some axes; all are moved here")
+    if component.is_given("relativeMovements") and not component.read_flag("relativeMovements"):
         if body.rigid:
             raise component.refused("relativeMovements = false of a rigid body; give movements from its start")
         shifts = shifts - start[:1]
     target = FrameMotion(start, times, shifts) if body.rigid else MotionTarget(start, times, shifts)
-    body.anchors.append(DraftAnchor(component, points, HELD, follows_rest=False, target=target))
+    directions = "xyz" if body.rigid else axes_of(component, "movedDirections", axes)
+    body.anchors.append(DraftAnchor(component, points, HELD, False, directions, target))
 
 
 FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": False, "fixedDirections": (BOOLS, (True, True, True))}
@@ -326,15 +328,20 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
             body.anchors.append(own)
             return
         held = held[:3]
-    if len(held) != 3:
-        raise component.refused(f"fixedDirections has {len(held)} numbers; three are needed, for x, y and z")
-    directions = "".join(np.array(["x", "y", "z"])[held])
+    directions = axes_of(component, "fixedDirections", held)
     all_points = component.read_flag("fixAll")
     points = component.read_numbers("indices").astype(np.int64)
     chosen = np.arange(len(body.position)) if all_points else points
     draft.check_points(component, chosen, len(body.position))
     if directions:
         body.anchors.append(DraftAnchor(component, chosen, HELD, follows_rest=False, directions=directions))
+
+
+def axes_of(component: "Component", name: str, held: np.ndarray) -> str:
+    """The axes along which a component with these three flags acts on points."""
+    if len(held) != 3:
+        raise component.refused(f"{name} has {len(held)} numbers; three are needed, for x, y and z")
+    return "".join(np.array(["x", "y", "z"])[held.astype(bool)])
 
 
 def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> None:

@@ -127,9 +127,7 @@ def check_joints(draft: "SceneDraft") -> None:
     for joint in draft.joints.values():
         if not joint.is_used:
             draft.refuse(joint.state, "template 'Vec1'; known are Vec3 and Rigid3, and Vec1 for the angles of joints")
-        elif joint.springs is None:
-            draft.refuse(
-                joint.state, "turns freely; only angles that a RestShapeSpringsForceField holds are known here"
-            )
+        elif joint.springs is None and not joint.moved:
+            draft.refuse(joint.state, "turns freely; only angles that springs or a JointConstraint hold are known here")
         else:
             draft.depart("joints: bodies do not turn them; in SOFA their springs give way by torque over stiffness")

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
+from taichisoft_sofa.components.air_and_cables import present_value
 from taichisoft_sofa.components.contact import friction_of, response_of
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
 from taichisoft_sofa.components.dynamics import SPRING
@@ -118,7 +119,7 @@ class SoftPart:
         material: number of each element's native material: 0 for the body's own, from 1 for regions, (element_count,).
         anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
         anchored_follows: whether each anchored node follows `rest_position`, else a frame or nothing, (anchor_count,).
-        targets: what anchored nodes follow: the target, numbers of the nodes in `anchored`, numbers of points of it.
+        targets: what anchored nodes follow: the target, numbers of the nodes in `anchored`, of its points, of the axes.
     """
 
     body: "DraftBody"
@@ -127,7 +128,7 @@ class SoftPart:
     material: np.ndarray
     anchored: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     anchored_follows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray], ...]" = ()
+    targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray, np.ndarray], ...]" = ()
 
 
 @dataclass(frozen=True)
@@ -136,29 +137,32 @@ class Joint:
 
     Attributes:
         state: mechanical object of the angles.
-        springs: the springs.
+        springs: the springs, or None.
+        moved: constraints that impose angles, by the index of these.
         mass: inertia of each angle [kg mm^2].
         solver: time integration; None if the angles stand still.
     """
 
     state: "Component"
-    springs: "Component"
+    springs: "Component | None"
+    moved: "Mapping[int, Component]"
     mass: float
     solver: "Component | None"
 
     def stiffness(self) -> np.ndarray:
-        """Present stiffness of the springs of each angle [mN mm], shape (count,)."""
-        count = len(start_values(self.state))
-        given = self.springs.read_numbers("stiffness")
-        given = given if len(given) else np.array([SPRING])
-        points = self.springs.read_numbers("points", "indices").astype(np.int64)
-        chosen = points if len(points) else np.arange(count)
-        stiffness = np.zeros(count)
-        if len(chosen) and (chosen.min() < 0 or chosen.max() >= count):
-            raise self.springs.refused(f"names an angle outside 0..{count - 1}")
-        stiffness[chosen] = given if len(given) == len(chosen) else given[0]
+        """Present stiffness of the springs of each angle [mN mm], infinite of imposed ones, shape (count,)."""
+        stiffness = np.zeros(len(start_values(self.state)))
+        if self.springs is not None:
+            given = self.springs.read_numbers("stiffness")
+            given = given if len(given) else np.array([SPRING])
+            points = self.springs.read_numbers("points", "indices").astype(np.int64)
+            chosen = points if len(points) else np.arange(len(stiffness))
+            if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(stiffness)):
+                raise self.springs.refused(f"names an angle outside 0..{len(stiffness) - 1}")
+            stiffness[chosen] = given if len(given) == len(chosen) else given[0]
+        stiffness[list(self.moved)] = np.inf
         if (stiffness <= 0.0).any():
-            raise self.springs.refused("stiffness = 0: an angle that nothing holds is not known here")
+            raise (self.springs or self.state).refused("stiffness = 0: an angle that nothing holds is not known here")
         return stiffness
 
     def rest(self) -> np.ndarray:
@@ -168,7 +172,8 @@ class Joint:
         rest = start if data is None or not data.is_set() else np.ravel(data.given())
         if len(rest) != len(start):
             raise self.state.refused(f"rest_position has {len(rest)} angles; {len(start)} are needed")
-        return rest
+        imposed = {index: start[index] + present_value(component) for index, component in self.moved.items()}
+        return np.array([imposed.get(index, angle) for index, angle in enumerate(rest)])
 
 
 NOTHING = "holds nothing that moves, touches or can be seen: there is nothing to run"

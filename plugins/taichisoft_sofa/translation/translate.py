@@ -447,9 +447,9 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         draft.refused.append(str(error))
     check_joints(draft)
     translation.joints = [
-        Joint(joint.state, joint.springs, joint.mass, draft.above(node_of(joint.state), draft.solvers))
+        Joint(joint.state, joint.springs, joint.moved, joint.mass, draft.above(node_of(joint.state), draft.solvers))
         for joint in draft.joints.values()
-        if joint.springs is not None
+        if joint.springs is not None or joint.moved
     ]
     for joint in translation.joints:
         try:
