@@ -1,6 +1,5 @@
 """Actuators of SoftRobots: air chambers, cables, and points and joints that are moved."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 from taichisoft_sofa.components.draft import DraftAnchor, DraftCable, DraftCavity, SceneDraft
 from taichisoft_sofa.components.dynamics import HELD, axes_of
 from taichisoft_sofa.components.meshes import split_quads
-from taichisoft_sofa.components.reading import TOPOLOGIES, nearest, node_of, topology_of
-from taichisoft_sofa.components.states import FramePoses, start_values
+from taichisoft_sofa.components.reading import TOPOLOGIES, nearest, node_of, present_value, topology_of
+from taichisoft_sofa.components.states import AnchorTarget, FramePoses, start_values
 from taichisoft_sofa.components.topologies import surface_triangles
 from taichisoft_sofa.tree.component import Component, component, live, unused, without_effect
 from taichisoft_sofa.tree.value_kinds import (
@@ -106,14 +105,6 @@ def is_driven_by_force(actuator: "Component") -> bool:
     return given in (FORCE, "1")
 
 
-def present_value(actuator: Component) -> float:
-    """The present value of an actuator."""
-    values, index = actuator.read_numbers("value"), int(actuator.read_number("valueIndex"))
-    if index >= len(values):
-        raise actuator.refused(f"value has {len(values)} numbers; number {index} is needed")
-    return float(values[index])
-
-
 VALUE = {"value": live((0.0,)), "valueIndex": live(0, FROM_0)}
 
 
@@ -197,7 +188,7 @@ def _check_moved(component: "Component") -> None:
 
 
 @dataclass(frozen=True)
-class ShiftedTarget:
+class ShiftedTarget(AnchorTarget):
     """Points that a PositionConstraint shifts: itself, and where they are at the start [mm], shape (count, 3)."""
 
     constraint: "Component"
@@ -205,9 +196,6 @@ class ShiftedTarget:
 
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
         return self.start[rows] + present_value(self.constraint)
-
-    def sources(self) -> "Sequence[Component]":
-        return []
 
 
 @component(
@@ -222,8 +210,7 @@ def moved_points(component: "Component", draft: "SceneDraft") -> None:
     """Translate points that are shifted by a value along axes."""
     body = draft.own_body_of(component)
     _check_moved(component)
-    points, directions = component.read_numbers("indices").astype(np.int64), component.read_numbers("directions")
-    draft.check_points(component, points, len(body.position))
+    points, directions = draft.points_in(component, body, "indices"), component.read_numbers("directions")
     if body.rigid or (len(directions) and not np.array_equal(directions, np.eye(3).ravel())):
         raise component.refused(
             "moves points of soft bodies along x, y and z, not rigid bodies or along other directions"

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSprings, Mass, SceneDraft
+from taichisoft_sofa.components.draft import SPRING, DraftAnchor, DraftForces, DraftSprings, Mass, SceneDraft
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import STATE, inputs_of, linked_state, mapping_of, nearest, node_of, topology_of
 from taichisoft_sofa.components.states import (
@@ -26,8 +26,6 @@ from taichisoft_sofa.tree.value_kinds import ABOVE_0, BOOLS, FROM_0, INDICES, LI
 
 HELD = 1e12
 """Stiffness for points fixed by a constraint [mN/mm]."""
-SPRING = 100.0
-"""SOFA's default stiffness of rest shape springs [mN/mm]."""
 ENGINES = {"BoxROI", "SphereROI"}
 
 
@@ -102,8 +100,7 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     body = draft.own_body_of(component)
     if component.read_text("filename"):
         raise component.refused(f"filename '{component.read_text('filename')}' is not read; give vertexMass")
-    chosen = np.unique(component.read_numbers("indices")).astype(np.int64)
-    draft.check_points(component, chosen, len(body.position))
+    chosen = np.unique(draft.points_in(component, body, "indices"))
     if (len(chosen) and len(chosen) < len(body.position)) or (component.read_numbers("localRange") >= 0).any():
         raise component.refused("gives some of the points a mass; all points of a body have the same here")
     total = component.read_number("totalMass")
@@ -189,8 +186,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
         joint.springs = component
         return
     body = draft.own_body_of(component)
-    points = component.read_numbers("points", "indices").astype(np.int64)
-    draft.check_points(component, points, len(body.position))
+    points = draft.points_in(component, body, "points", "indices")
     stiffness = component.read_numbers("stiffness", default=[SPRING])
     every = np.arange(len(body.position))
     chosen = points if len(points) else every
@@ -285,12 +281,11 @@ MOVEMENT = {"indices": (INDICES, (0,), FROM_0), "keyTimes": (), "movements": _fo
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     """Translate points that are moved along all or some axes, and frames, in time from key to key, linearly."""
     body = draft.own_body_of(component, same="")
-    points = component.read_numbers("indices").astype(np.int64)
+    points = draft.points_in(component, body, "indices")
     times, shifts = (
         component.read_numbers("keyTimes"),
         component.read_numbers("movements").reshape(-1, _width(component)),
     )
-    draft.check_points(component, points, len(body.position))
     if not len(times) or len(times) != len(shifts) or (np.diff(times) <= 0.0).any():
         raise component.refused(
             f"keyTimes has {len(times)} times, movements {len(shifts)}; there must be one for each, rising"
@@ -316,23 +311,19 @@ FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": False, "fixedDirections":
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
     """Translate points fixed along all or some axes."""
     body = draft.own_body_of(component, same="")
-    held = component.read_numbers("fixedDirections").astype(bool)
+    held, points = component.read_numbers("fixedDirections").astype(bool), draft.points_in(component, body, "indices")
     if body.rigid and len(held) == 6:
         place, axes = set(held[:3].tolist()), set(held[3:].tolist())
         if len(place) > 1 or len(axes) > 1:
             raise component.refused("holds a rigid body along some axes; its place, its axes or both are held here")
         if place != axes:
-            draft.check_points(component, component.read_numbers("indices").astype(np.int64), len(body.position))
             stiffness = HELD * held[[0, 3]]
             own = DraftAnchor(component, np.zeros(1, dtype=np.int64), stiffness[0], True, angular=float(stiffness[1]))
             body.anchors.append(own)
             return
         held = held[:3]
     directions = axes_of(component, "fixedDirections", held)
-    all_points = component.read_flag("fixAll")
-    points = component.read_numbers("indices").astype(np.int64)
-    chosen = np.arange(len(body.position)) if all_points else points
-    draft.check_points(component, chosen, len(body.position))
+    chosen = np.arange(len(body.position)) if component.read_flag("fixAll") else points
     if directions:
         body.anchors.append(DraftAnchor(component, chosen, HELD, follows_rest=False, directions=directions))
 

@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force, present_value, value_type
-from taichisoft_sofa.components.draft import DraftMaterial
+from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force, value_type
+from taichisoft_sofa.components.draft import DraftJoint, DraftMaterial
 from taichisoft_sofa.components.force_fields import of_cells
 from taichisoft_sofa.components.known_components import is_without_effect
-from taichisoft_sofa.components.reading import STATE, described, mapping_of
+from taichisoft_sofa.components.reading import STATE, described, mapping_of, present_value
 from taichisoft_sofa.components.states import FramePoses, base_frames, bases_of, is_rigid, start_values, width_of
 from taichisoft_sofa.loading import SceneTree
-from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation
+from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.translation.soft_bodies import add_moduli
 from taichisoft_sofa.tree.component import Component, TreeObject
 from taichisoft_sofa.tree.data import Data
@@ -37,7 +37,7 @@ class JointMotion:
         velocity: angular velocities [rad/s], shape (count,).
     """
 
-    def __init__(self, joint: Joint) -> None:
+    def __init__(self, joint: DraftJoint) -> None:
         self.state = joint.state
         self._joint = joint
         self.angle = start_values(joint.state).ravel().copy()

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,8 @@ import numpy as np
 
 import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
-from taichisoft_sofa.components.air_and_cables import present_value
 from taichisoft_sofa.components.contact import friction_of, response_of
-from taichisoft_sofa.components.draft import DraftBody, SceneDraft
-from taichisoft_sofa.components.dynamics import SPRING
+from taichisoft_sofa.components.draft import DraftBody, DraftJoint, SceneDraft
 from taichisoft_sofa.components.reading import node_of, upwards
 from taichisoft_sofa.components.states import AnchorTarget, FrameMotion, FramePoses, start_values
 from taichisoft_sofa.tree.component import Component
@@ -131,51 +129,6 @@ class SoftPart:
     targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray, np.ndarray], ...]" = ()
 
 
-@dataclass(frozen=True)
-class Joint:
-    """Angles that springs hold, and that turn frames.
-
-    Attributes:
-        state: mechanical object of the angles.
-        springs: the springs, or None.
-        moved: constraints that impose angles, by the index of these.
-        mass: inertia of each angle [kg mm^2].
-        solver: time integration; None if the angles stand still.
-    """
-
-    state: "Component"
-    springs: "Component | None"
-    moved: "Mapping[int, Component]"
-    mass: float
-    solver: "Component | None"
-
-    def stiffness(self) -> np.ndarray:
-        """Present stiffness of the springs of each angle [mN mm], infinite of imposed ones, shape (count,)."""
-        stiffness = np.zeros(len(start_values(self.state)))
-        if self.springs is not None:
-            given = self.springs.read_numbers("stiffness")
-            given = given if len(given) else np.array([SPRING])
-            points = self.springs.read_numbers("points", "indices").astype(np.int64)
-            chosen = points if len(points) else np.arange(len(stiffness))
-            if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(stiffness)):
-                raise self.springs.refused(f"names an angle outside 0..{len(stiffness) - 1}")
-            stiffness[chosen] = given if len(given) == len(chosen) else given[0]
-        stiffness[list(self.moved)] = np.inf
-        if (stiffness <= 0.0).any():
-            raise (self.springs or self.state).refused("stiffness = 0: an angle that nothing holds is not known here")
-        return stiffness
-
-    def rest(self) -> np.ndarray:
-        """Present angles at rest [rad], shape (count,)."""
-        data, start = self.state.findData("rest_position"), start_values(self.state).ravel()
-        # Not the computed value, which does not follow a link to a data that the scene changes.
-        rest = start if data is None or not data.is_set() else np.ravel(data.given())
-        if len(rest) != len(start):
-            raise self.state.refused(f"rest_position has {len(rest)} angles; {len(start)} are needed")
-        imposed = {index: start[index] + present_value(component) for index, component in self.moved.items()}
-        return np.array([imposed.get(index, angle) for index, angle in enumerate(rest)])
-
-
 NOTHING = "holds nothing that moves, touches or can be seen: there is nothing to run"
 """Why a scene is refused that SOFA opens, and where nothing happens."""
 
@@ -212,7 +165,7 @@ class Translation:
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, DraftBody]" = field(default_factory=dict)
     driven: "dict[str, tuple[Component, int]]" = field(default_factory=dict)
-    joints: list[Joint] = field(default_factory=list)
+    joints: list[DraftJoint] = field(default_factory=list)
     sprung: "dict[Component, None]" = field(default_factory=dict)
     motions: "dict[Component, FrameMotion]" = field(default_factory=dict)
     springs: dict[str, float] = field(default_factory=dict)

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, DraftSprings, SceneDraft
 from taichisoft_sofa.components.force_fields import add_weak_elements
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
-from taichisoft_sofa.components.mappings import check_joints
+from taichisoft_sofa.components.mappings import held_joints
 from taichisoft_sofa.components.reading import described, independent_state, node_of
 from taichisoft_sofa.components.states import (
     FrameMotion,
@@ -26,7 +25,7 @@ from taichisoft_sofa.components.states import (
 )
 from taichisoft_sofa.components.visuals import visible_shapes
 from taichisoft_sofa.loading import SceneTree
-from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation, body_names, clean, collides, contact_table
+from taichisoft_sofa.translation.parts import SoftPart, Translation, body_names, clean, collides, contact_table
 from taichisoft_sofa.translation.rigid_bodies import (
     add_obstacle,
     add_rigid_body,
@@ -419,14 +418,11 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
+    bodies: list[DraftBody] = []
     frames: list[DraftFrame] = []
-    try:
+    with draft.refusing():
         add_weak_elements(draft)
-        bodies = own_bodies(draft)
-        frames = driven_frames(draft)
-    except SceneError as error:
-        draft.refused.append(str(error))
-        bodies = []
+        bodies, frames = own_bodies(draft), driven_frames(draft)
     dynamics = _dynamics(bodies, draft)
     draft.effort_of_value = translation.effort_of_value = 1.0 if dynamics == "overdamped" else 1.0 / time_step
     translation.tables = {
@@ -440,22 +436,10 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         )
     if any(body.cavities for body in draft.bodies.values()):
         translation.tables["atmosphere"] = NO_VACUUM
-    try:
+    with draft.refusing():
         if contact := contact_table(draft):
             translation.tables["contact"] = contact
-    except SceneError as error:
-        draft.refused.append(str(error))
-    check_joints(draft)
-    translation.joints = [
-        Joint(joint.state, joint.springs, joint.moved, joint.mass, draft.above(node_of(joint.state), draft.solvers))
-        for joint in draft.joints.values()
-        if joint.springs is not None or joint.moved
-    ]
-    for joint in translation.joints:
-        try:
-            joint.stiffness(), joint.rest()
-        except SceneError as error:
-            draft.refused.append(str(error))
+    translation.joints = held_joints(draft)
     _add_bodies(bodies, frames, draft, translation)
     add_springs(draft, translation)
     add_planes(draft, translation)
@@ -466,10 +450,8 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         translation.tables["appearance"] = draft.appearance
     for component in active:
         if canonical(component.type_name) in known_types():
-            try:
+            with draft.refusing():
                 _note_data(component, draft, translation)
-            except SceneError as error:
-                draft.refused.append(str(error))
     translation.departures += draft.departures
     translation.refused += dict.fromkeys(draft.refused)  # several components may refuse the same value
     return translation
@@ -488,10 +470,8 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
     known = known_types().get(canonical(kind))
     if known is not None:
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
-        try:
+        with draft.refusing():
             known.translate(component, draft)
-        except SceneError as error:
-            draft.refused.append(str(error))
     elif is_without_effect(kind):
         translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
         if missed := instead_of(kind):
@@ -525,11 +505,9 @@ def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneD
     for name, frame in zip(names[len(bodies) :], frames, strict=True):
         add_driven_body(name, frame, draft, translation)
     for name, body in zip(names[: len(bodies)], bodies, strict=True):
-        try:
+        with draft.refusing():
             add_rigid_parts(body, draft)
             _add_body(name, body, draft, translation)
-        except SceneError as error:
-            draft.refused.append(str(error))
         for kind in BODIES:
             if body.colours and name in translation.tables.get(kind, {}):
                 translation.tables[kind][name]["colour"] = body.colours[0]
