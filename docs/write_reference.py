@@ -131,6 +131,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[soft_bodies.NAME.membranes.NAME]": soft_body.MembraneSettings,
     "[soft_bodies.NAME.fibres.NAME]": soft_body.FibreSettings,
     "helix = { ... } of fibres": soft_body.Helix,
+    "[soft_bodies.NAME.springs.NAME]": soft_body.SpringSettings,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
     "[frames.NAME]": rigid_body.FrameSettings,

@@ -162,20 +162,20 @@ class StressLaw:
         rest_position: np.ndarray,
         elements: np.ndarray,
         poisson_ratio: np.ndarray,
-        polar: bool = False,
+        corotation: str = "edges",
         laws: Sequence[DomainLaw] = (),
     ):
         """Compute what does not change with positions and stiffness.
 
         Args:
-            polar: whether rotations come from the polar decomposition (`corotation = "polar"` in a scene) and not from
-                the first two edges.
+            corotation: what rotates the elements, as in a scene.
             laws: laws of elements; Hooke's law for all others.
         """
         self._elements = elements
         self._gradients = linear_tetrahedra(rest_position, elements)[0][:, 0]
         self._poisson_ratio = poisson_ratio
-        self._from_rest_frame = None if polar else np.swapaxes(_frames(rest_position, elements), 1, 2)
+        self._corotation = corotation
+        self._from_rest_frame = np.swapaxes(_frames(rest_position, elements), 1, 2)
         self._rubbers = [one for one in laws if one.law != "hooke"]
 
     def stress(self, position: np.ndarray, young_modulus: np.ndarray) -> np.ndarray:
@@ -185,10 +185,12 @@ class StressLaw:
             Stress [kPa], positive in tension, shape (element_count, 3, 3).
         """
         deformation = np.swapaxes(position[self._elements], 1, 2) @ self._gradients
-        if self._from_rest_frame is None:
+        if self._corotation == "polar":
             rotation = polar_rotations(deformation)
-        else:
+        elif self._corotation == "edges":
             rotation = _frames(position, self._elements) @ self._from_rest_frame
+        else:
+            rotation = np.broadcast_to(np.eye(3), deformation.shape)
         stress = add_pressure(*hooke_stress_parts(deformation, rotation, young_modulus, self._poisson_ratio))
         for some, law, coefficients in self._rubbers:
             parts = deformation[some], law, coefficients, young_modulus[some], self._poisson_ratio[some]
@@ -219,7 +221,7 @@ def _body_stress(recording: "Recording", body: "RecordedSoftBody") -> StressLaw 
         return DomainStress(
             settings.element, body.rest_position, body.elements, body.material, body.poisson_ratio, laws
         )
-    return StressLaw(body.rest_position, body.elements, body.poisson_ratio, settings.corotation == "polar", laws)
+    return StressLaw(body.rest_position, body.elements, body.poisson_ratio, settings.corotation, laws)
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:

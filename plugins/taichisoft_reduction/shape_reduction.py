@@ -290,10 +290,13 @@ def _shapes(scene: Scene) -> list[BodyShape]:
         )
     for shape in shapes:
         settings = scene.soft_bodies[shape.name]
-        if settings.corotation == "edges":
-            raise ReductionError(f'soft_bodies.{shape.name}.corotation = "edges": must be "polar" to be reduced')
-        if settings.membranes or settings.fibres:
-            raise ReductionError(f"soft_bodies.{shape.name}: a body with membranes or fibres cannot be reduced")
+        if settings.corotation != "polar":
+            key = f'soft_bodies.{shape.name}.corotation = "{settings.corotation}"'
+            raise ReductionError(f'{key}: must be "polar" to be reduced')
+        if settings.membranes or settings.fibres or settings.springs:
+            raise ReductionError(
+                f"soft_bodies.{shape.name}: a body with membranes, fibres or springs cannot be reduced"
+            )
         if getattr(settings, "reduced", None):
             raise ReductionError(f"soft_bodies.{shape.name}.reduced: the scene is reduced already; remove the key")
     return shapes

@@ -20,30 +20,35 @@ from taichisoft.runtime.arithmetic import COUNTERS
 from taichisoft.runtime.language import THREADS
 from taichisoft.scene.scene import Time
 
-# The membranes and fibres of all soft bodies together, and what they add to the system of a step.
+# The membranes, fibres and springs of all soft bodies together, and what they add to the system of a step.
 
 
 class ReinforcementElasticity:
-    """All membranes and fibres of a model.
+    """All membranes, fibres and springs of a model.
 
     Attributes:
         parts: what the kernels read.
         undamped_parts: the same without damping.
+        is_damped: whether springs have a drag.
         blocks: set by `find_blocks`.
     """
 
     blocks: reinforcement_forces.ReinforcedBlocks
 
-    def __init__(self, bodies: Sequence[SoftBody], lag: np.ndarray, factor: np.ndarray, step: float):
-        """Lay out the arrays; lag s + b [s] and factor of the stiffness in A of each body, and s [s] of the step."""
+    def __init__(self, bodies: Sequence[SoftBody], lag: np.ndarray, factor: np.ndarray, step: float, dragging: float):
+        """Lay out the arrays; lag s + b [s] and factor of the stiffness in A of each body, s [s] of the step, and the
+        factor of drags in A [s]."""
         own = [body.reinforcements for body in bodies]
         counts = [0 if one is None else len(one.measure) for one in own]
         found = [one.moved(body.nodes.start) for one, body in zip(own, bodies, strict=True) if one is not None]
         joined = Reinforcements.joined(found)
         lag, factor = np.repeat(lag, counts), np.repeat(factor, counts)
         rates = {"lag": lag, "factor": factor, "undamped": step / np.maximum(lag, step)}
-        self.parts = reinforcement_forces.ReinforcementParts(**vars(joined), **rates)
-        self.undamped_parts = undamped_data(self.parts)
+        rates |= {"drag": joined.drag * (lag > 0.0), "dragged": dragging * joined.drag}
+        self.parts = reinforcement_forces.ReinforcementParts(**{**vars(joined), **rates})
+        without = np.zeros_like(joined.drag)
+        self.undamped_parts = undamped_data(self.parts)._replace(drag=without, dragged=without)
+        self.is_damped = bool(rates["dragged"].any())
 
     def _pairs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Part, and entries of every ordered pair of its nodes."""
@@ -76,7 +81,7 @@ class ReinforcementElasticity:
 
 
 class ReinforcementSystem:
-    """The membranes and fibres at present positions."""
+    """The membranes, fibres and springs at present positions."""
 
     def __init__(self, elasticity: ReinforcementElasticity, movement: Movement, force: np.ndarray, blocks: np.ndarray):
         """Allocate the work space; `add` adds to force [mN], shape (node_count, 3), and to the blocks of A."""
@@ -132,7 +137,7 @@ class Elasticity:
         element_data, block_parts: the arrays that the kernels read of the linear elements.
         domains: integration domains of all others; None without any.
         reduced: bodies that move by modes, whose elements are in none of the above; None without any.
-        reinforcements: membranes and fibres; None without any.
+        reinforcements: membranes, fibres and springs; None without any.
     """
 
     def __init__(self, bodies: Sequence[SoftBody], time: Time):
@@ -156,9 +161,9 @@ class Elasticity:
         is_damped = np.array([body.settings.damped_anchors for body in bodies])
         anchor_lag = np.where(is_damped, lag, stage)
         mass_factor, stiffness_factor = 1.0 + stage * rayleigh_mass, stage * lag
-        anchor_factor = stage * anchor_lag
+        anchor_factor, dragging = stage * anchor_lag, stage
         if time.dynamics != "inertial":
-            drag = time.step if time.dynamics == "overdamped" else 0.0
+            drag = dragging = time.step if time.dynamics == "overdamped" else 0.0
             rayleigh_mass, lag, anchor_lag = (np.zeros(len(bodies)) for _ in range(3))
             mass_factor, stiffness_factor = np.full(len(bodies), drag), np.full(len(bodies), time.step**2)
             anchor_factor = stiffness_factor
@@ -168,14 +173,15 @@ class Elasticity:
         self.rigidity = stiffness / (self.node_mass[:, None] + stiffness)
         beyond = (time.step - stage) * self.rigidity.max(axis=1)
         self.anchor_lag = np.repeat(anchor_lag, node_counts) + beyond
-        polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
+        kinds = {"edges": hooke_domains.EDGES, "polar": hooke_domains.POLAR, "none": hooke_domains.NONE}
+        corotation = np.repeat([kinds[body.settings.corotation] for body in bodies], counts).astype(np.int32)
         element_lag, element_factor = np.repeat(lag, counts), np.repeat(stiffness_factor, counts)
         some = self.linear
         self.undamped = stage / np.maximum(element_lag[some], stage)
         turns_ahead = np.array([body.domains is not None and (body.laws.kind != HOOKE).any() for body in bodies])
         self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), stage, 0.0), node_counts)
         self.turns_ahead = bool(self.node_lead.any())
-        self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
+        self.element_data = self._element_data(corotation[some], element_lag[some], element_factor[some])
         held = (np.repeat(anchor_factor, node_counts) + stage * beyond)[:, None] * self.anchor_stiffness
         self.inertia = np.repeat(mass_factor, node_counts) * self.node_mass
         self.diagonal = self.inertia[:, None] + held
@@ -192,7 +198,7 @@ class Elasticity:
             self.diagonal[is_reduced] = 0.0  # they have theirs
         self.reinforcements: ReinforcementElasticity | None = None
         if any(body.reinforcements is not None for body in bodies):
-            self.reinforcements = ReinforcementElasticity(bodies, lag, stiffness_factor, stage)
+            self.reinforcements = ReinforcementElasticity(bodies, lag, stiffness_factor, stage, dragging)
         self.symbolic = SymbolicFactor(self._pattern())
         self.block_parts = self._block_parts()
         if self.domains is not None:
@@ -216,12 +222,14 @@ class Elasticity:
                 row, column = np.concatenate([row, pairs[0]]), np.concatenate([column, pairs[1]])
         return sparse.csr_matrix((np.ones(row.size), (row, column)), (node_count, node_count))
 
-    def _element_data(self, polar: np.ndarray, lag: np.ndarray, stiffness_factor: np.ndarray) -> hooke_domains.Elements:
+    def _element_data(
+        self, corotation: np.ndarray, lag: np.ndarray, stiffness_factor: np.ndarray
+    ) -> hooke_domains.Elements:
         corners = self.rest_position[self.linear_elements[:, :3]]
         force_modulus = self.volume * self.lame
         return hooke_domains.Elements(
             nodes=self.linear_elements,
-            polar=polar,
+            corotation=corotation,
             rest_frame=edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
             gradient=np.ascontiguousarray(self.gradient[:, 0, 1:]),
             force_modulus=force_modulus,

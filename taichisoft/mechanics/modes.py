@@ -162,5 +162,5 @@ def check_modes(modes: Modes, path: str, key: str, body: Any, domain_count: int)
         raise SceneError(f"{where}: has no integration domains; {REMEDY}")
     if not body.anchored.any():
         raise SceneError(f"{key}: the body has no anchors; only a body that its anchors hold can move by modes")
-    if body.settings.corotation == "edges":
-        raise SceneError(f'{key}: needs corotation = "polar", not "edges"')
+    if body.settings.corotation != "polar":
+        raise SceneError(f'{key}: needs corotation = "polar", not "{body.settings.corotation}"')

@@ -1,4 +1,4 @@
-"""Membranes and fibres of soft bodies at rest: the triangles and pieces that they consist of."""
+"""Membranes, fibres and springs of soft bodies at rest: the triangles and pieces that they consist of."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,11 +8,11 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.elastic_laws import joined_arrays
-from taichisoft.mechanics.kernels.reinforcement_forces import SHEET, STIFF, THREAD
+from taichisoft.mechanics.kernels.reinforcement_forces import CORD, SHEET, SPRING, STIFF, THREAD
 from taichisoft.mechanics.selection import SMALLEST_WEIGHT, embed, surface_group
 from taichisoft.mesh.surface import MappedSurface
 from taichisoft.mesh.volume_mesh import VolumeMesh
-from taichisoft.scene.soft_body import FibreSettings, MembraneSettings, SoftBodySettings
+from taichisoft.scene.soft_body import FibreSettings, MembraneSettings, SoftBodySettings, SpringSettings
 
 # Membranes and fibres as pictures show them: thin slabs and tubes, which move with the elements that they are in.
 
@@ -99,7 +99,7 @@ ACROSS = 1e-6
 
 @dataclass(frozen=True)
 class Reinforcements:
-    """Triangles of membranes and pieces of fibres of a body, or of several; `ReinforcementParts` says more.
+    """Triangles of membranes, pieces of fibres and springs of a body, or of several; `ReinforcementParts` says more.
 
     Attributes:
         start: the first entry of each part, shape (part_count + 1,).
@@ -107,7 +107,8 @@ class Reinforcements:
         gradient: [1/mm], shape (entry_count, 3).
         measure: area [mm^2] or length [mm], shape (part_count,).
         stiffness: [mN/mm] or [mN], shape (part_count, 6).
-        slackening: STIFF, THREAD or SHEET, shape (part_count,).
+        slackening: STIFF, THREAD, SHEET, SPRING or CORD, shape (part_count,).
+        drag: [mN s/mm], shape (part_count,).
     """
 
     start: np.ndarray
@@ -116,6 +117,7 @@ class Reinforcements:
     measure: np.ndarray
     stiffness: np.ndarray
     slackening: np.ndarray
+    drag: np.ndarray
 
     @classmethod
     def joined(cls, parts: "Sequence[Reinforcements]") -> "Reinforcements":
@@ -128,12 +130,13 @@ class Reinforcements:
 
 
 def make_reinforcements(mesh: VolumeMesh, body: SoftBodySettings, key: str) -> Reinforcements | None:
-    """The membranes and fibres of a body; None without any. `key` begins errors."""
-    if not body.membranes and not body.fibres:
+    """The membranes, fibres and springs of a body; None without any. `key` begins errors."""
+    if not (body.membranes or body.fibres or body.springs):
         return None
     if body.element == "quadratic" or body.reduced is not None:
         other = 'element = "quadratic"' if body.element == "quadratic" else "reduced"
-        raise SceneError(f"{key}: membranes and fibres are for linear, smoothed and hexahedral elements, not {other}")
+        kinds = "membranes, fibres and springs"
+        raise SceneError(f"{key}: {kinds} are for linear, smoothed and hexahedral elements, not {other}")
     membranes = [
         _membrane(mesh, sheet, f"{key}.membranes.{name}")
         for name, one in body.membranes.items()
@@ -142,7 +145,8 @@ def make_reinforcements(mesh: VolumeMesh, body: SoftBodySettings, key: str) -> R
     fibres = [
         _fibre(mesh, one, line, f"{key}.fibres.{name}") for name, one in body.fibres.items() for line in one.lines()
     ]
-    return Reinforcements.joined([*membranes, *fibres])
+    springs = [_springs(mesh, one, f"{key}.springs.{name}") for name, one in body.springs.items()]
+    return Reinforcements.joined([*membranes, *fibres, *springs])
 
 
 def _independent_parts(membrane: MembraneSettings) -> list[MembraneSettings]:
@@ -174,6 +178,7 @@ def _membrane(mesh: VolumeMesh, membrane: MembraneSettings, key: str) -> Reinfor
         measure=area,
         stiffness=_sheet_stiffness(membrane, axes, key),
         slackening=np.full(len(triangles), slackening, dtype=np.int32),
+        drag=np.zeros(len(triangles)),
     )
 
 
@@ -223,4 +228,24 @@ def _fibre(mesh: VolumeMesh, fibre: FibreSettings, line: np.ndarray, key: str) -
         measure=lengths,
         stiffness=stiffness,
         slackening=np.full(len(found), STIFF, dtype=np.int32),
+        drag=np.zeros(len(found)),
+    )
+
+
+def _springs(mesh: VolumeMesh, springs: SpringSettings, key: str) -> Reinforcements:
+    nodes, count = np.array(springs.nodes), len(springs.nodes)
+    if (highest := nodes.max()) >= len(mesh.nodes):
+        raise SceneError(f"{key}.nodes names node {highest}; {mesh.source} has nodes 0 to {len(mesh.nodes) - 1}")
+    between = np.diff(mesh.nodes[nodes], axis=1)
+    stiffness = np.zeros((count, 6))
+    stiffness[:, 0] = springs.stiffness
+    stiffness[:, 1] = np.linalg.norm(between, axis=2).ravel() if springs.length is None else springs.length
+    return Reinforcements(
+        start=2 * np.arange(count + 1, dtype=np.int32),
+        node=nodes.ravel().astype(np.int32),
+        gradient=np.outer(np.tile([-1.0, 1.0], count), [1.0, 0.0, 0.0]),
+        measure=np.ones(count),
+        stiffness=stiffness,
+        slackening=np.full(count, CORD if springs.tension_only else SPRING, dtype=np.int32),
+        drag=np.broadcast_to(springs.damping, count).astype(np.float64),
     )

@@ -105,7 +105,7 @@ class SoftBody:
         collision_surfaces: what touches other bodies, and each other where they have no group in common.
         cavities: the air chambers.
         modes: by whose amplitudes a reduced body moves, else None.
-        reinforcements: its membranes and fibres; None without any.
+        reinforcements: its membranes, fibres and springs; None without any.
     """
 
     name: str

@@ -47,6 +47,8 @@ MOST_THIN = 0.05
 """Share of a cavity's area with a wall of one element, up to which no warning is given [-]."""
 MOST_WITHOUT_INSIDE = 0.75
 """The same of the volume of a body in elements without a node inside it."""
+NEGLIGIBLE = 1e-9
+"""Young's modulus up to which elements only carry a body's springs [kPa]."""
 LOCKING_RATIO = 0.4
 """Poisson's ratio above which smoothed elements are warned of on any mesh, since walls of one element lock."""
 
@@ -88,7 +90,8 @@ def _quantities(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> Iterator[tupl
     for name in ("highest_pressure", "lowest_pressure"):
         yield f"limits.{name}", abs(getattr(scene.limits, name) or 0.0), PRESSURE
     for material, modulus in scene.young_moduli.items():
-        yield f"soft_bodies.{material}.young_modulus", modulus, MODULUS
+        if modulus > NEGLIGIBLE:
+            yield f"soft_bodies.{material}.young_modulus", modulus, MODULUS
     for name, body in scene.soft_bodies.items():
         key = f"soft_bodies.{name}"
         for cavity, cavity_table in body.cavities.items():

@@ -306,8 +306,10 @@ class Scene(Table):
         ),
         Rule("time.theta == 1", IMPLICIT, "soft_bodies.*.reduced"),
         Rule("time.theta == 1 or value == 0", IMPLICIT, "soft_bodies.*.cables.*.friction"),
-        Rule(f"time.theta >= {LEAST_THETA_OF_THREADS} or not value", DAMPED, "soft_bodies.*.membranes"),
-        Rule(f"time.theta >= {LEAST_THETA_OF_THREADS} or not value", DAMPED, "soft_bodies.*.fibres"),
+        *(
+            Rule(f"time.theta >= {LEAST_THETA_OF_THREADS} or not value", DAMPED, f"soft_bodies.*.{thin}")
+            for thin in ("membranes", "fibres", "springs")
+        ),
         Rule(
             f"time.most_linearisations >= {LEAST_NEWTON_OF_WRINKLES} or not value",
             f"time.newton = {{time.newton}} must be at least {LEAST_NEWTON_OF_WRINKLES} with {{path}}, better 10",

@@ -33,7 +33,7 @@ from taichisoft.scene.table import (
     Vector,
 )
 
-# Membranes and fibres of a soft body as a user describes them: thin things that resist stretch, but not bending.
+# Membranes, fibres and springs of a soft body as a user describes them: things that resist stretch, but not bending.
 
 MOST_PIECES = 100_000
 """Straight pieces of a helix's fibres in all: far more than windings have, and some seconds to lay out."""
@@ -144,6 +144,30 @@ class FibreSettings(Table):
     def lines(self) -> list[np.ndarray]:
         """The points of each line in the mesh's own coordinates [mm], each of shape (point_count, 3)."""
         return [np.array(self.points)] if self.helix is None else self.helix.lines()
+
+
+class SpringSettings(Table):
+    """Straight springs between nodes of a soft body: the tension is stiffness times stretch, however far they turn."""
+
+    nodes: Annotated[list[tuple[NodeNumber, NodeNumber]], Field(min_length=1)]
+    """Numbers of the two nodes of each spring, from 0 in the order of the mesh."""
+    stiffness: NotNegative | list[NotNegative]
+    """Stiffness of all springs, or of each [mN/mm]."""
+    length: NotNegative | list[NotNegative] | None = None
+    """Length at rest of all springs, or of each [mm]; the distance of their nodes in the mesh when it is not given."""
+    damping: NotNegative | list[NotNegative] = 0.0
+    """Resistance to the speed of stretch of all springs, or of each [mN s/mm]."""
+    tension_only: Annotated[bool, Field(strict=True)] = False
+    """Whether they hang loose where they are shorter than at rest."""
+
+    @model_validator(mode="after")
+    def _check_counts(self) -> Self:
+        for name in ("stiffness", "length", "damping"):
+            if isinstance(values := getattr(self, name), list) and len(values) != len(self.nodes):
+                raise ValueError(f"{name} has {len(values)} numbers for {len(self.nodes)} springs")
+        if same := [first for first, second in self.nodes if first == second]:
+            raise ValueError(f"nodes joins node {same[0]} to itself")
+        return self
 
 
 class Selection(Table):
@@ -313,9 +337,10 @@ class SoftBodySettings(ActuatorTables):
     damped_anchors: bool = False
     """Whether rayleigh_stiffness damps the springs of the anchors too, as in SOFA: a base that moves at a velocity v
     then drags the anchored nodes rayleigh_stiffness times v behind it. Otherwise they are where the base is."""
-    corotation: Literal["polar", "edges"] = "polar"
-    """Rotation of an element: the one nearest to its deformation, or that of its first two edges, as SOFA's method
-    "large" has it; the latter, for linear elements alone, depends on the order in which the mesh lists their nodes."""
+    corotation: Literal["polar", "edges", "none"] = "polar"
+    """Rotation of an element: the one nearest to its deformation; or, for linear elements alone, that of its first two
+    edges, as SOFA's method "large" has it, which depends on the order in which the mesh lists their nodes; or none, the
+    linear theory of small strains and small turns, as SOFA's method "small"."""
     embedding: Literal["deepest", "grid"] = "deepest"
     """Which element carries a point of a surface file that lies outside the mesh: the one with the nearest centroid of
     all, as SOFA's MeshTopology, or of some near it on a grid, as its TetrahedronSetTopologyContainer."""
@@ -345,6 +370,7 @@ class SoftBodySettings(ActuatorTables):
     tactile: dict[Name, TactileArray] = {}
     membranes: dict[Name, MembraneSettings] = {}
     fibres: dict[Name, FibreSettings] = {}
+    springs: dict[Name, SpringSettings] = {}
     regions: list[Region] = []
     anchors: list[Anchor] = []
     forces: list[NodalForce] = []
@@ -356,9 +382,10 @@ class SoftBodySettings(ActuatorTables):
             '"quadratic" take any',
         ),
         Rule(
-            'corotation != "edges" or element == "linear"',
-            'corotation = "edges" is for element = "linear", not "{element}"',
+            'corotation == "polar" or element == "linear"',
+            'corotation = "{corotation}" is for element = "linear", not "{element}"',
         ),
+        Rule('corotation != "none" or law == "hooke"', 'corotation = "none" is for law = "hooke", not "{law}"'),
     )
 
     @model_validator(mode="after")

@@ -47,7 +47,9 @@ class EndOfStep:
         self._has_inertia = model.scene.time.dynamics == "inertial"
         self._has_drag = model.scene.time.dynamics == "overdamped"
         # The lag is s + b in inertial dynamics, and 0 in overdamped ones, where nothing is damped.
-        self._is_damped = bool((elasticity.node_lag > self._stage).any())
+        springs = elasticity.reinforcements
+        has_drag = springs is not None and springs.is_damped
+        self._is_damped = has_drag or bool((elasticity.node_lag > self._stage).any())
         self._anchors = soft.anchors._replace(lag=np.maximum(elasticity.anchor_lag - self._stage, 0.0))
         no_nodes = {name: getattr(soft.anchors, name)[:0].copy() for name in ("node", "frame")}
         self._no_anchors = self._anchors._replace(**no_nodes)

@@ -78,7 +78,7 @@ def test_cells_have_stress_material_body_and_groups(exported: Path, recording: R
     np.testing.assert_array_equal(soft.point_data["body"], [0] * len(left.mesh_nodes) + [1] * len(right.mesh_nodes))
     for body, cells in ((left, slice(0, count)), (right, slice(count, None))):
         position = recording.row("position", FRAME)[body.nodes]
-        law = StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar=True)
+        law = StressLaw(body.rest_position, body.elements, body.poisson_ratio, corotation="polar")
         stress = law.stress(position, np.full(len(body.elements), 100.0))
         close(soft.cell_data["von_mises [kPa]"][cells], von_mises(stress))
         stretches = Stretches(body.rest_position, body.elements)
@@ -101,11 +101,11 @@ def test_rotations_are_those_of_the_scene(tmp_path: Path) -> None:
         found = grid(tmp_path, "soft_bodies", FRAME).cell_data["von_mises [kPa]"]
         expected = [
             von_mises(
-                StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar).stress(
+                StressLaw(body.rest_position, body.elements, body.poisson_ratio, corotation).stress(
                     recording.row("position", FRAME)[body.nodes], np.full(len(body.elements), 100.0)
                 )
             )
-            for body, polar in zip(recording.soft_bodies, (True, False), strict=True)
+            for body, corotation in zip(recording.soft_bodies, ("polar", "edges"), strict=True)
         ]
     close(found, np.concatenate(expected))
 

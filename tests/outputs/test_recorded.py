@@ -194,7 +194,8 @@ def element_stress(recording: Recording, frame: int) -> list[np.ndarray]:
     """Von Mises stress of each element of each body [kPa]."""
     position = recording.row("position", frame)
     laws = [
-        StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar=True) for body in recording.soft_bodies
+        StressLaw(body.rest_position, body.elements, body.poisson_ratio, corotation="polar")
+        for body in recording.soft_bodies
     ]
     return [
         von_mises(law.stress(position[body.nodes], moduli))

@@ -114,6 +114,9 @@ def of_arm() -> Case:
     return Case("arm(root, {put})", values={"indexInput2": 0, "articulationIndex": 1, "rotationAxis": [1, 0, 0]})
 
 
+IMPOSED = {"index": 1, "value": [0.2, 0.5], "valueType": "force", "valueIndex": 1}
+
+
 LOADED = 'node = root.addChild("node")\nnode.addObject({put})\nnode.addObject("OglModel", src="@[-1]")'
 CONTAINERS = {
     name: Case(LOADED, {"position": CORNERS})
@@ -154,6 +157,15 @@ CASES: dict[str, Case] = {
     "LinearMovementProjectiveConstraint": Case(
         usual={"indices": [1], "keyTimes": [0, 1], "movements": [[0, 0, 0], [1, 0, 0]]}, values={"indices": [3]}
     ),
+    "PartialLinearMovementProjectiveConstraint": Case(
+        usual={"indices": [1], "keyTimes": [0, 1], "movements": [[0, 0, 0], [1, 1, 1]]},
+        values={"indices": [3], "movedDirections": [1, 0, 1]},
+    ),
+    "PositionConstraint": Case(
+        usual={"value": [1.0, 3.0]},
+        values=IMPOSED | {"useDirections": [0, 1, 0], "directions": [[1, 0, 0], [0, 0, 1], [0, 1, 0]]},
+    ),
+    "JointConstraint": Case('arm(root, "")\nroot.getChild("angles").addObject({put})', {"value": [0.1, 0.3]}, IMPOSED),
     **dict.fromkeys(
         ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"),
         Case(values={"fixedDirections": [1, 0, 1], "indices": [3]}),
@@ -164,7 +176,7 @@ CASES: dict[str, Case] = {
     ),
     "MeshSpringForceField": of_springs(),
     **dict.fromkeys(
-        (f"MeshSpringForceField.{name}" for name in ("quadsStiffness", "cubesStiffness")),
+        (f"MeshSpringForceField.{cells}{of}" for cells in ("quads", "cubes") for of in ("Stiffness", "Damping")),
         Case("grid(root).addObject({put})"),
     ),
     **dict.fromkeys(
@@ -286,7 +298,8 @@ def outcome(folder: Path, case: Case, kind: str, data: Mapping[str, Any]) -> tup
         ]
     except SceneError as error:
         return str(error), None
-    listed = (made.refused, made.departures, made.not_read, made.springs, made.signs.values(), made.joints and tree)
+    joints = [(joint.mass, joint.stiffness().tolist(), joint.rest().tolist()) for joint in made.joints]
+    listed = (made.refused, made.departures, made.not_read, made.springs, made.signs.values(), joints)
     return (made.tables, made.files.fingerprint(), own, *map(str, listed)), subject
 
 

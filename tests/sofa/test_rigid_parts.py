@@ -121,6 +121,17 @@ def test_a_joint_follows_its_rest_angle_as_implicit_euler_does(folder: Path) -> 
     assert angles == [TURN] * 5
 
 
+def test_joint_constraint_imposes_its_angle(folder: Path) -> None:
+    """At the end of every step, whatever the springs of the angle are, or without any."""
+    for lines in ("", "    root.servo.joint.removeObject('RestShapeSpringsForceField')\n"):
+        lines += "    root.servo.joint.addObject('JointConstraint', name='motor', value=0.3)\n"
+        run = started(folder, DRIVEN + lines)
+        for angle in (0.3, 0.7):
+            run.root.servo.joint.motor.value = angle
+            run.steps(2)
+            assert run.root.servo.joint.dofs.position.value[0][0] == pytest.approx(angle, abs=1e-12)
+
+
 def test_a_body_on_a_wheel_turns_with_it(folder: Path) -> None:
     """Without weight the block at rest is the block at the start, turned about the wheel's axis through its centre.
 

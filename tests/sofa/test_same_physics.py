@@ -105,15 +105,34 @@ def test_mass_of_a_body(folder: Path, mass: str, expected: float | str) -> None:
     assert model.soft_bodies[0].node_mass.sum() == pytest.approx(expected, rel=1e-12)
 
 
-def test_springs_without_lengths_pull_together_and_have_a_stiffness_each(folder: Path) -> None:
+def test_springs_without_lengths_have_length_zero(folder: Path) -> None:
     create = "node = body(root)\n"
     create += 'node.addObject("StiffSpringForceField", indices1=[0, 1], indices2=[2, 3], stiffness=[10, 20])\n'
-    translation = translated(folder, create)
-    cables = translation.tables["soft_bodies"]["body"]["cables"]
-    lengths = [float(np.linalg.norm(np.subtract(*cable["points"]))) for cable in cables.values()]
-    stiffness = [cable["axial_stiffness"] / length for cable, length in zip(cables.values(), lengths, strict=True)]
-    assert stiffness == pytest.approx([10.0, 20.0])
-    assert list(translation.springs.values()) == pytest.approx(lengths)
+    (springs,) = translated(folder, create).tables["soft_bodies"]["body"]["springs"].values()
+    assert springs["nodes"] == [[0, 2], [1, 3]]
+    assert springs["stiffness"] == [10.0, 20.0]
+    assert springs["length"] == [0.0, 0.0]
+
+
+SMALL = """
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    node = body(root)
+    node.getObject("TetrahedronFEMForceField").method = "METHOD"
+    node.addObject("FixedProjectiveConstraint", indices=[0, 3, 6])
+    node.addObject("ConstantForceField", indices=[11], force=[0, 0, FORCE])
+"""
+
+
+@pytest.mark.parametrize(("method", "is_linear"), [("small", True), ("large", False)])
+def test_method_small_is_linear(folder: Path, method: str, is_linear: bool) -> None:
+    """Ten times the force moves every node ten times as far, however far the body turns."""
+    moved = []
+    for force in (2000, 20000):
+        run = Run(folder, SMALL.replace("METHOD", method).replace("FORCE", str(force)))
+        moved.append(run.steps(5) - run.start)
+    assert np.abs(moved[1]).max() > 5.0
+    assert np.allclose(moved[1], 10.0 * moved[0], atol=1e-9, rtol=0.0) is is_linear
 
 
 def test_second_rotation_turns_what_the_first_translation_moved(folder: Path) -> None:
@@ -318,3 +337,65 @@ def test_pressures_below_a_vacuum_act(folder: Path) -> None:
     simulation = Simulation(scene_from_dict(tables, "a test"))
     name = simulation.model.cavities.names[0]
     assert simulation.step(Control(pressure={name: -500.0})).observation.pressures[name] == -500.0
+
+
+MOVED = """
+import Sofa
+
+class Raise(Sofa.Core.Controller):
+    def onAnimateBeginEvent(self, event):
+        self.constraint.value = [0.0, self.constraint.value[1] + 0.5]
+
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    node = body(root)
+    node.addObject("FixedProjectiveConstraint", indices=[0, 3, 6, 9])
+    node.addObject("PositionConstraint", name="push", indices=[2, 5], useDirections=[0, 1, 0],
+                   value=[0, 0], valueIndex=1)
+    node.addObject("PartialFixedProjectiveConstraint", indices=[2], fixedDirections=[1, 0, 0])
+    root.addObject(Raise()).constraint = node.push
+"""
+
+
+def test_position_constraint_moves_points_along_its_axes(folder: Path) -> None:
+    """By its present value, exactly, whatever else holds the other axes of the same points."""
+    run = Run(folder, MOVED)
+    for value in (0.5, 1.0, 1.5):
+        moved = run.steps(1) - run.start
+        np.testing.assert_allclose(moved[[2, 5], 1], value, atol=1e-6)
+    assert moved[2, 0] == pytest.approx(0.0, abs=1e-6)
+    assert abs(moved[5, 0]) > 1e-3
+
+
+PARTLY = """
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    root.dt = 0.01
+    node = body(root)
+    node.addObject("FixedProjectiveConstraint", indices=[0, 3, 6, 9])
+    node.addObject("PartialLinearMovementConstraint", indices=[2, 5], keyTimes=[0, 0.02],
+                   movements=[[0, 0, 0], [9, 9, 1]], movedDirections=[0, 0, 1])
+"""
+
+
+def test_partial_movement_leaves_other_axes_free(folder: Path) -> None:
+    run = Run(folder, PARTLY)
+    np.testing.assert_allclose((run.steps(1) - run.start)[[2, 5], 2], 0.5, atol=1e-6)
+    moved = (run.steps(3) - run.start)[[2, 5]]
+    np.testing.assert_allclose(moved[:, 2], 1.0, atol=1e-6)
+    assert (np.abs(moved[:, :2]) < 3.0).all()
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        ('body(root).addObject("PositionConstraint", valueType="force")', "only a displacement is imposed here"),
+        ('body(root).addObject("PositionConstraint", indices=[99])', "names point 99; its points are 0 to 11"),
+        ('body(root).addObject("PositionConstraint", useDirections=[1, 0])', "useDirections has 2 numbers; three"),
+        ('body(root).addObject("PositionConstraint", directions=[[0, 1, 0]] * 3)', "not rigid bodies or along other"),
+        ('body(root).addObject("PositionConstraint", value=[1], valueIndex=1)', "value has 1 numbers; number 1"),
+        ('body(root).addObject("JointConstraint", value=1)', "acts on no angle; its node must have"),
+    ],
+)
+def test_constraints_that_cannot_be_are_refused(folder: Path, scene: str, message: str) -> None:
+    assert message in refused(folder, scene)

@@ -48,17 +48,45 @@ def test_a_block_and_what_hangs_on_it_hang_by_their_weights(folder: Path) -> Non
     assert tensions == pytest.approx([0.06 * 9810, 0.01 * 9810], rel=1e-2)
 
 
-def test_springs_of_a_mesh_join_the_corners_of_its_cells(tmp_path: Path) -> None:
-    """Six tetrahedra of a box have 19 edges; the stiffness is by relative stretch, so that it is the cable's own."""
+def test_mesh_springs_join_corners_of_cells(tmp_path: Path) -> None:
+    """Six tetrahedra of a box have 19 edges; stiffness and damping are by relative stretch."""
     write_volume_mesh(make_block((1, 1, 1), (20.0, 10.0, 10.0)), tmp_path / "block.vtk")
     field = 'body(root).addObject("MeshSpringForceField", tetrahedraStiffness=30, tetrahedraDamping=1, {})'
     translation = translate(loaded(tmp_path, field.format("noCompression=True"), BODY))
     assert not translation.refused
-    cables = translation.tables["soft_bodies"]["body"]["cables"]
-    assert len(cables) == 19
-    assert {(one["axial_stiffness"], one["rod"]) for one in cables.values()} == {(30.0, False)}
-    assert set(translation.springs.values()) == {0.0}
-    assert any("no damping" in line for line in translation.departures)
+    (springs,) = translation.tables["soft_bodies"]["body"]["springs"].values()
+    assert len(springs["nodes"]) == 19
+    assert springs["tension_only"]
+    assert np.multiply(springs["stiffness"], springs["length"]) == pytest.approx(np.full(19, 30.0))
+    assert np.multiply(springs["damping"], springs["length"]) == pytest.approx(np.ones(19))
+    assert any("its damping takes the velocities at the end" in line for line in translation.departures)
+
+
+ALONE = """
+def createScene(root):
+    root.dt = 0.01
+    root.gravity = [0, 0, -9810]
+    free_motion(root)
+    node = body(root)
+    node.removeObject(node.getObject("TetrahedronFEMForceField"))
+    points = np.array(node.loader.position.value)
+    top, low = ([i for i, point in enumerate(points) if point[2] == end] for end in (15, -15))
+    node.addObject("FixedProjectiveConstraint", indices=[i for i, point in enumerate(points) if point[2] > -15])
+    above = [min(top, key=lambda i: np.linalg.norm(points[i] - points[j])) for j in low]
+    node.addObject("SpringForceField", indices1=low, indices2=above, stiffness=50, damping=0.5,
+                   lengths=[LENGTH] * len(low))
+"""
+
+
+@pytest.mark.parametrize("length", [25.0, 35.0])
+def test_springs_alone_hold_a_body(folder: Path, length: float) -> None:
+    """Each stretches to length + m g / k at rest, where it is longer than at the start or shorter."""
+    hung = started(folder, ALONE.replace("LENGTH", str(length)), SERVO)
+    hung.steps(300)
+    position, rest = hung.simulation.state.position, hung.simulation.model.rest_position
+    low, top = rest[:, 2] == rest[:, 2].min(), rest[:, 2] == rest[:, 2].max()
+    each = 0.05 / len(rest) * 9810 / 50
+    assert position[top, 2].mean() - position[low, 2] == pytest.approx(np.full(low.sum(), length + each), rel=1e-3)
 
 
 @pytest.mark.parametrize(

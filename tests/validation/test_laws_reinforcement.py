@@ -1,4 +1,4 @@
-"""Membranes and fibres: forces by virtual work, a strip in tension, and McKibben's angle of a wound cylinder."""
+"""Membranes, fibres, springs: forces by virtual work, a strip in tension, McKibben's angle of a wound cylinder."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from taichisoft import Control, Simulation, VolumeMesh, write_volume_mesh
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.mechanics import ElasticSystem
 from taichisoft.mechanics.elasticity import internal_force
+from taichisoft.mechanics.kernels.reinforcement_forces import CORD, SPRING
 from taichisoft.mesh import boundary_triangles
 from taichisoft.scene import scene_from_dict
 from taichisoft.scene.scene import LEAST_NEWTON_OF_WRINKLES
@@ -63,13 +64,19 @@ def relaxed(strain: np.ndarray, stiffness: np.ndarray) -> float:
 
 
 def energy(simulation: Simulation, position: np.ndarray) -> float:
-    """The sum of A E:C:E / 2 over membranes and L EA E^2 / 2 over fibres [uJ], from positions alone.
+    """The sum of A E:C:E / 2 over membranes, L EA E^2 / 2 over fibres, k (l - L)^2 / 2 over springs [uJ], from
+    positions alone.
 
     That of a part that slackens is the least with any shortening W >= 0 of its fibres added to E, found by search.
     """
     assert simulation.model.elasticity is not None and simulation.model.elasticity.reinforcements is not None
     parts, total = simulation.model.elasticity.reinforcements.parts, 0.0
     for p, (first, end) in enumerate(zip(parts.start[:-1], parts.start[1:], strict=True)):
+        if parts.slackening[p] in (SPRING, CORD):
+            stiffness, rest = parts.stiffness[p, :2]
+            stretch = np.linalg.norm(np.diff(position[parts.node[first:end]], axis=0)) - rest
+            total += 0.5 * stiffness * (max(stretch, 0.0) if parts.slackening[p] == CORD else stretch) ** 2
+            continue
         gradient = position[parts.node[first:end]].T @ parts.gradient[first:end, :2]
         green = 0.5 * (gradient.T @ gradient - np.eye(2))
         if len(np.flatnonzero(parts.gradient[first:end, 1])) == 0:
@@ -88,6 +95,9 @@ KINDS: dict[str, dict[str, Any]] = {
     "fibre": {"fibres": {"line": {"points": [[-18, -4, 0.5], [0, 4, -0.5], [17, 0, 0]], "diameter": 0.2}}},
 }
 KINDS["fibre"]["fibres"]["line"]["young_modulus"] = 1e6
+WEB = {"nodes": [[0, 53], [3, 30], [40, 10], [5, 20]], "stiffness": [500.0, 200.0, 0.0, 300.0]}
+KINDS["springs"] = {"springs": {"web": WEB, "zero": {"nodes": [[1, 2]], "stiffness": 100.0, "length": 0.0}}}
+KINDS["cords"] = {"springs": {"web": {**WEB, "length": [30.0, 12.0, 1.0, 90.0], "tension_only": True}}}
 COARSE = {"start": [-15, 0, 0], "end": [15, 0, 0], "radius": 5.0, "angle": 30.0, "spacing": 11}
 DENSE = {"start": [-15, 0, 0], "end": [15, 0, 0], "radius": 0.5, "angle": 60.0, "spacing": 2e-4}
 
@@ -203,6 +213,41 @@ def test_a_strip_of_sheets_that_take_tension_alone_is_pressed_as_if_there_were_n
     figures.close("strain of a strip that is pressed", stretch - 1.0, -80.0 / (100.0 * SIZE[1] * SIZE[2]), 8e-5)
     assert narrowed == pytest.approx(1.0, abs=1e-4)
     assert pulled(strip, -80.0, 100.0, sheet)[0] > 0.97, "what does not slacken resists"
+
+
+def test_nodes_on_springs_swing_and_come_to_rest(strip: str, figures: Figures) -> None:
+    """By (1 - exp(-d t) (cos w t + d / w sin w t)) m g / k, d = c / 2 m, w^2 = k / m - d^2, from the length at rest.
+
+    Every node of the end hangs on its own spring, beside elements of next to no stiffness; to 1 % of m g / k.
+    """
+    nodes = make_block((8, 2, 1), SIZE).nodes
+    end, before = (np.flatnonzero(np.abs(nodes[:, 0] - x) < 1e-9) for x in (20.0, 15.0))
+    stiffness, damping, gravity = 2.0, 1e-3, 9810.0
+    springs = {"nodes": np.column_stack([before, end]).tolist(), "stiffness": stiffness, "damping": damping}
+    body = silicone(
+        strip,
+        element="linear",
+        corotation="none",
+        young_modulus=1e-9,
+        rayleigh_mass=0.0,
+        rayleigh_stiffness=0.0,
+        springs={"holders": springs},
+        anchors=[{"box": [[-99, -99, -99], [16, 99, 99]], "stiffness": 1e9}],
+    )
+    time = {"step": 1e-4, "theta": 0.55}
+    simulation = Simulation(scene_from_dict({"soft_bodies": {"strip": body}, "gravity": [gravity, 0, 0], "time": time}))
+    assert simulation.model.elasticity is not None
+    mass = simulation.model.elasticity.node_mass[end]
+    decay = damping / (2.0 * mass)
+    frequency = np.sqrt(stiffness / mass - decay**2)
+    for _ in range(4):
+        for _ in range(60):
+            simulation.step()
+        now = simulation.state.time
+        swing = np.cos(frequency * now) + decay / frequency * np.sin(frequency * now)
+        moved = (simulation.state.position - simulation.model.rest_position)[end, 0] * stiffness / (mass * gravity)
+        error = np.abs(moved - 1.0 + np.exp(-decay * now) * swing).max()
+        figures.at_most(f"swing at {now:.3f} s over m g / k", error, 0.01)
 
 
 RADIUS, LENGTH = 10.0, 60.0
@@ -344,6 +389,12 @@ def test_a_sheet_that_is_thrown_gains_no_energy(strip: str, tension_only: bool, 
         ({"membranes": {"paper": {**PAPER, "thickness": 0.0}}}, "membranes.paper.thickness"),
         ({"membranes": {"paper": {**PAPER, "tension_only": True}}}, "time.newton = 1 must be at least 3"),
         ({"membranes": {"paper": PAPER}, "element": "quadratic"}, 'not element = "quadratic"'),
+        ({"springs": {"web": {**WEB, "stiffness": [1.0]}}}, "stiffness has 1 numbers for 4 springs"),
+        ({"springs": {"web": {"nodes": [[0, 54]], "stiffness": 1.0}}}, "names node 54; "),
+        ({"springs": {"web": {"nodes": [[7, 7]], "stiffness": 1.0}}}, "nodes joins node 7 to itself"),
+        ({"springs": {"web": {"nodes": [[7, 8]], "stiffness": float("nan")}}}, "springs.web.stiffness"),
+        ({"springs": {"web": {**WEB, "damping": -1.0}}}, "springs.web.damping"),
+        ({"springs": {"web": WEB}, "element": "quadratic"}, 'not element = "quadratic"'),
         ({"fibres": {"line": {"points": [[0, 0, 0], [90, 0, 0]], "diameter": 1, "young_modulus": 1}}}, "lies outside"),
         ({"fibres": {"line": {"points": [[0, 0, 0], [0, 0, 0]], "diameter": 1, "young_modulus": 1}}}, "are the same"),
         ({"fibres": {"line": {"diameter": 1, "young_modulus": 1}}}, "exactly one of points, helix is needed"),

@@ -1,5 +1,6 @@
-"""Air chambers and cables."""
+"""Actuators of SoftRobots: air chambers, cables, and points and joints that are moved."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -7,13 +8,16 @@ import trimesh
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from taichisoft_sofa.components.draft import DraftCable, DraftCavity, SceneDraft
+from taichisoft_sofa.components.draft import DraftAnchor, DraftCable, DraftCavity, SceneDraft
+from taichisoft_sofa.components.dynamics import HELD, axes_of
 from taichisoft_sofa.components.meshes import split_quads
-from taichisoft_sofa.components.reading import TOPOLOGIES, nearest, node_of, topology_of
+from taichisoft_sofa.components.reading import TOPOLOGIES, nearest, node_of, present_value, topology_of
+from taichisoft_sofa.components.states import AnchorTarget, FramePoses, start_values
 from taichisoft_sofa.components.topologies import surface_triangles
-from taichisoft_sofa.tree.component import Component, component, live, without_effect
+from taichisoft_sofa.tree.component import Component, component, live, unused, without_effect
 from taichisoft_sofa.tree.value_kinds import (
     ABOVE_0,
+    BOOLS,
     FROM_0,
     INDICES,
     LIMIT,
@@ -93,11 +97,11 @@ def value_type(component: "Component") -> str:
 FORCE, DISPLACEMENT = "force", "displacement"
 
 
-def is_driven_by_force(cable: "Component") -> bool:
-    """Whether a cable's value is a force, else a displacement."""
-    given = cable.read_text("valueType")
+def is_driven_by_force(actuator: "Component") -> bool:
+    """Whether an actuator's value is a force, else a displacement."""
+    given = actuator.read_text("valueType")
     if given not in (FORCE, DISPLACEMENT, "0", "1"):
-        raise cable.refused(f"valueType '{given}'; valid: {FORCE}, {DISPLACEMENT}")
+        raise actuator.refused(f"valueType '{given}'; valid: {FORCE}, {DISPLACEMENT}")
     return given in (FORCE, "1")
 
 
@@ -165,3 +169,68 @@ def cable(component: "Component", draft: "SceneDraft") -> None:
     places = points[indices].tolist() if method == "point" else list_areas(component, points, draft)
     if places:
         body.cables.append(DraftCable(component, places))
+
+
+# Points and joints that are moved by a value.
+
+MOVED = {
+    **VALUE,
+    "valueType": DISPLACEMENT,
+    **dict.fromkeys(("force", "displacement"), 0.0),
+    **{name: unused(0.0) for name in ("minForce", "maxForce")},
+}
+
+
+def _check_moved(component: "Component") -> None:
+    if is_driven_by_force(component):
+        raise component.refused(f"valueType '{FORCE}'; only a {DISPLACEMENT} is imposed here")
+    present_value(component)
+
+
+@dataclass(frozen=True)
+class ShiftedTarget(AnchorTarget):
+    """Points that a PositionConstraint shifts: itself, and where they are at the start [mm], shape (count, 3)."""
+
+    constraint: "Component"
+    start: np.ndarray
+
+    def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
+        return self.start[rows] + present_value(self.constraint)
+
+
+@component(
+    "PositionConstraint",
+    **MOVED,
+    indices=(INDICES, (0,), FROM_0),
+    useDirections=(BOOLS, (True, True, True)),
+    directions=vectors(3),
+    **{name: unused(0.0) for name in ("maxPositiveDisp", "maxNegativeDisp")},
+)
+def moved_points(component: "Component", draft: "SceneDraft") -> None:
+    """Translate points that are shifted by a value along axes."""
+    body = draft.own_body_of(component)
+    _check_moved(component)
+    points, directions = draft.points_in(component, body, "indices"), component.read_numbers("directions")
+    if body.rigid or (len(directions) and not np.array_equal(directions, np.eye(3).ravel())):
+        raise component.refused(
+            "moves points of soft bodies along x, y and z, not rigid bodies or along other directions"
+        )
+    axes = axes_of(component, "useDirections", component.read_numbers("useDirections"))
+    target = ShiftedTarget(component, body.position[points])
+    body.anchors.append(DraftAnchor(component, points, HELD, False, axes, target))
+
+
+@component(
+    "JointConstraint",
+    **MOVED,
+    index=(0, FROM_0),
+    **{name: unused(0.0) for name in ("minDisplacement", "maxDisplacement")},
+)
+def moved_joint(component: "Component", draft: "SceneDraft") -> None:
+    """Translate an angle of a mechanical object of Vec1 that is turned by a value from where it is at the start."""
+    joint, index = draft.joint_of(component), int(component.read_number("index"))
+    if joint is None:
+        raise component.refused("acts on no angle; its node must have a MechanicalObject of Vec1")
+    _check_moved(component)
+    draft.check_points(component, np.array([index]), len(start_values(joint.state)))
+    joint.moved[index] = component

@@ -1,11 +1,13 @@
 """Draft of a scene: data of its components by body, gathered before a native scene is made."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.errors import SceneError
 from taichisoft_sofa.components.reading import (
     STATE,
     described,
@@ -15,9 +17,17 @@ from taichisoft_sofa.components.reading import (
     mapping_of,
     nearest,
     node_of,
+    present_value,
     upwards,
 )
-from taichisoft_sofa.components.states import frame_carrying, is_rigid, local_position, start_position, width_of
+from taichisoft_sofa.components.states import (
+    frame_carrying,
+    is_rigid,
+    local_position,
+    start_position,
+    start_values,
+    width_of,
+)
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
@@ -35,7 +45,7 @@ class DraftMaterial:
         tetrahedra: point indices, shape (count, 4).
         young_modulus: Young's moduli [kPa], shape (count,).
         poisson_ratio: Poisson's ratios [-], shape (count,).
-        corotation: "edges" or "polar".
+        corotation: the native key.
         law: the native law of elasticity.
         coefficients: of a law that takes more than Young's modulus.
         element: the native kind of element.
@@ -91,6 +101,11 @@ class DraftAnchor:
     directions: str = "xyz"
     target: "AnchorTarget | FrameMotion | None" = None
     angular: float | None = None
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Numbers of the axes along which they are held, shape (axis_count,)."""
+        return np.flatnonzero([axis in self.directions for axis in "xyz"])
 
 
 @dataclass(frozen=True)
@@ -152,41 +167,81 @@ class DraftCable:
 
 
 @dataclass(frozen=True)
-class DraftSpring:
-    """A spring between two points.
+class DraftSprings:
+    """Springs of one force field.
 
     Attributes:
         component: the force field.
-        ends: mechanical objects of the two points.
-        points: indices of the points in them.
-        modulus: force by relative stretch [mN], over the distance at the start.
-        pull: by how much the spring at rest is shorter than the distance at the start [mm].
-        pushes: whether it resists compression, too.
+        ends: mechanical objects of the first and the second points.
+        is_inside: whether all join points of one soft body.
+        pairs: indices of the points, shape (count, 2).
+        distances: between the points at the start [mm], shape (count,).
+        stiffness: [mN/mm], shape (count,).
+        damping: [mN s/mm], shape (count,).
+        lengths: at rest [mm], shape (count,).
+        pushes: whether each resists compression, too, shape (count,).
     """
 
     component: "Component"
     ends: "tuple[Component, Component]"
-    points: tuple[int, int]
-    modulus: float
-    pull: float
-    pushes: bool
+    is_inside: bool
+    pairs: np.ndarray
+    distances: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    lengths: np.ndarray
+    pushes: np.ndarray
+
+
+SPRING = 100.0
+"""SOFA's default stiffness of rest shape springs [mN/mm]."""
 
 
 @dataclass
 class DraftJoint:
-    """The angles of a mechanical object of Vec1, held by springs.
+    """The angles of a mechanical object of Vec1, which turn frames.
 
     Attributes:
         state: the mechanical object.
         springs: the springs that hold the angles to `rest_position`.
+        moved: constraints that impose angles, by the index of these.
         mass: inertia of each angle [kg mm^2].
         is_used: whether a mapping turns frames by the angles.
+        solver: time integration; None if the angles stand still.
     """
 
     state: "Component"
     springs: "Component | None" = None
+    moved: dict[int, "Component"] = field(default_factory=dict)
     mass: float = 0.0
     is_used: bool = False
+    solver: "Component | None" = None
+
+    def stiffness(self) -> np.ndarray:
+        """Present stiffness of the springs of each angle [mN mm], infinite of imposed ones, shape (count,)."""
+        stiffness = np.zeros(len(start_values(self.state)))
+        if self.springs is not None:
+            given = self.springs.read_numbers("stiffness")
+            given = given if len(given) else np.array([SPRING])
+            points = self.springs.read_numbers("points", "indices").astype(np.int64)
+            chosen = points if len(points) else np.arange(len(stiffness))
+            if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(stiffness)):
+                raise self.springs.refused(f"names an angle outside 0..{len(stiffness) - 1}")
+            stiffness[chosen] = given if len(given) == len(chosen) else given[0]
+        stiffness[list(self.moved)] = np.inf
+        if (stiffness <= 0.0).any():
+            raise (self.springs or self.state).refused("stiffness = 0: an angle that nothing holds is not known here")
+        return stiffness
+
+    def rest(self) -> np.ndarray:
+        """Present angles at rest [rad], shape (count,)."""
+        data, start = self.state.findData("rest_position"), start_values(self.state).ravel()
+        # Not the computed value, which does not follow a link to a data that the scene changes.
+        rest = start if data is None or not data.is_set() else np.ravel(data.given())
+        if len(rest) != len(start):
+            raise self.state.refused(f"rest_position has {len(rest)} angles; {len(start)} are needed")
+        imposed = {index: start[index] + present_value(component) for index, component in self.moved.items()}
+        return np.array([imposed.get(index, angle) for index, angle in enumerate(rest)])
 
 
 @dataclass
@@ -286,7 +341,7 @@ class SceneDraft:
     frames: dict[tuple[int, int], DraftFrame] = field(default_factory=dict)
     joints: dict[int, DraftJoint] = field(default_factory=dict)
     planes: list[DraftPlane] = field(default_factory=list)
-    springs: list[DraftSpring] = field(default_factory=list)
+    springs: list[DraftSprings] = field(default_factory=list)
     solvers: dict[int, "Component"] = field(default_factory=dict)
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
@@ -299,6 +354,14 @@ class SceneDraft:
     appearance: dict[str, Any] = field(default_factory=dict)
     departures: dict[str, None] = field(default_factory=dict)
     refused: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def refusing(self) -> Iterator[None]:
+        """Record an error inside as a refusal."""
+        try:
+            yield
+        except SceneError as error:
+            self.refused.append(str(error))
 
     def refuse(self, component: "Component", why: str) -> None:
         """Record that a component cannot be translated, and why."""
@@ -363,6 +426,12 @@ class SceneDraft:
         """Points of the mechanical object in a component's node, mapped or independent [mm], shape (count, 3)."""
         state = nearest(node_of(component), {STATE})
         return np.zeros((0, 3)) if state is None else local_position(state)[:, :3]
+
+    def points_in(self, component: "Component", body: DraftBody, *names: str) -> np.ndarray:
+        """The points of a body that the first of these data names that the scene gives, shape (count,)."""
+        points = component.read_numbers(*names).astype(np.int64)
+        self.check_points(component, points, len(body.position))
+        return points
 
     def check_points(self, component: "Component", named: np.ndarray, count: int) -> None:
         """Refuse a component that names a point outside the `count` points that are there; indices of any shape."""

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftSpring, Mass, SceneDraft
+from taichisoft_sofa.components.draft import SPRING, DraftAnchor, DraftForces, DraftSprings, Mass, SceneDraft
 from taichisoft_sofa.components.mappings import weigh_joint
 from taichisoft_sofa.components.reading import STATE, inputs_of, linked_state, mapping_of, nearest, node_of, topology_of
 from taichisoft_sofa.components.states import (
@@ -26,8 +26,6 @@ from taichisoft_sofa.tree.value_kinds import ABOVE_0, BOOLS, FROM_0, INDICES, LI
 
 HELD = 1e12
 """Stiffness for points fixed by a constraint [mN/mm]."""
-SPRING = 100.0
-"""SOFA's default stiffness of rest shape springs [mN/mm]."""
 ENGINES = {"BoxROI", "SphereROI"}
 
 
@@ -102,8 +100,7 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     body = draft.own_body_of(component)
     if component.read_text("filename"):
         raise component.refused(f"filename '{component.read_text('filename')}' is not read; give vertexMass")
-    chosen = np.unique(component.read_numbers("indices")).astype(np.int64)
-    draft.check_points(component, chosen, len(body.position))
+    chosen = np.unique(draft.points_in(component, body, "indices"))
     if (len(chosen) and len(chosen) < len(body.position)) or (component.read_numbers("localRange") >= 0).any():
         raise component.refused("gives some of the points a mass; all points of a body have the same here")
     total = component.read_number("totalMass")
@@ -189,8 +186,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
         joint.springs = component
         return
     body = draft.own_body_of(component)
-    points = component.read_numbers("points", "indices").astype(np.int64)
-    draft.check_points(component, points, len(body.position))
+    points = draft.points_in(component, body, "points", "indices")
     stiffness = component.read_numbers("stiffness", default=[SPRING])
     every = np.arange(len(body.position))
     chosen = points if len(points) else every
@@ -277,33 +273,34 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     body.forces.append(DraftForces(component, points, forces[:, :3], places[points] if follows else None))
 
 
-@component(
-    "LinearMovementProjectiveConstraint",
-    indices=(INDICES, (0,), FROM_0),
-    keyTimes=(),
-    movements=_forces,
-    relativeMovements=True,
-)
+MOVEMENT = {"indices": (INDICES, (0,), FROM_0), "keyTimes": (), "movements": _forces}
+
+
+@component("LinearMovementProjectiveConstraint", **MOVEMENT, relativeMovements=True)
+@component("PartialLinearMovementProjectiveConstraint", **MOVEMENT, movedDirections=(BOOLS, (True, True, True)))
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
-    """Translate points and frames that are moved in time from key to key, linearly."""
+    """Translate points that are moved along all or some axes, and frames, in time from key to key, linearly."""
     body = draft.own_body_of(component, same="")
-    points = component.read_numbers("indices").astype(np.int64)
+    points = draft.points_in(component, body, "indices")
     times, shifts = (
         component.read_numbers("keyTimes"),
         component.read_numbers("movements").reshape(-1, _width(component)),
     )
-    draft.check_points(component, points, len(body.position))
     if not len(times) or len(times) != len(shifts) or (np.diff(times) <= 0.0).any():
         raise component.refused(
             f"keyTimes has {len(times)} times, movements {len(shifts)}; there must be one for each, rising"
         )
     start = body.position[points]
-    if component.read_flag("relativeMovements") is False:
+    axes = component.read_numbers("movedDirections", default=(True, True, True))
+    if body.rigid and not axes.all():
+        raise component.refused("moves a rigid body along some axes; all are moved here")
+    if component.is_given("relativeMovements") and not component.read_flag("relativeMovements"):
         if body.rigid:
             raise component.refused("relativeMovements = false of a rigid body; give movements from its start")
         shifts = shifts - start[:1]
     target = FrameMotion(start, times, shifts) if body.rigid else MotionTarget(start, times, shifts)
-    body.anchors.append(DraftAnchor(component, points, HELD, follows_rest=False, target=target))
+    directions = "xyz" if body.rigid else axes_of(component, "movedDirections", axes)
+    body.anchors.append(DraftAnchor(component, points, HELD, False, directions, target))
 
 
 FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": False, "fixedDirections": (BOOLS, (True, True, True))}
@@ -314,27 +311,28 @@ FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": False, "fixedDirections":
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
     """Translate points fixed along all or some axes."""
     body = draft.own_body_of(component, same="")
-    held = component.read_numbers("fixedDirections").astype(bool)
+    held, points = component.read_numbers("fixedDirections").astype(bool), draft.points_in(component, body, "indices")
     if body.rigid and len(held) == 6:
         place, axes = set(held[:3].tolist()), set(held[3:].tolist())
         if len(place) > 1 or len(axes) > 1:
             raise component.refused("holds a rigid body along some axes; its place, its axes or both are held here")
         if place != axes:
-            draft.check_points(component, component.read_numbers("indices").astype(np.int64), len(body.position))
             stiffness = HELD * held[[0, 3]]
             own = DraftAnchor(component, np.zeros(1, dtype=np.int64), stiffness[0], True, angular=float(stiffness[1]))
             body.anchors.append(own)
             return
         held = held[:3]
-    if len(held) != 3:
-        raise component.refused(f"fixedDirections has {len(held)} numbers; three are needed, for x, y and z")
-    directions = "".join(np.array(["x", "y", "z"])[held])
-    all_points = component.read_flag("fixAll")
-    points = component.read_numbers("indices").astype(np.int64)
-    chosen = np.arange(len(body.position)) if all_points else points
-    draft.check_points(component, chosen, len(body.position))
+    directions = axes_of(component, "fixedDirections", held)
+    chosen = np.arange(len(body.position)) if component.read_flag("fixAll") else points
     if directions:
         body.anchors.append(DraftAnchor(component, chosen, HELD, follows_rest=False, directions=directions))
+
+
+def axes_of(component: "Component", name: str, held: np.ndarray) -> str:
+    """The axes along which a component with these three flags acts on points."""
+    if len(held) != 3:
+        raise component.refused(f"{name} has {len(held)} numbers; three are needed, for x, y and z")
+    return "".join(np.array(["x", "y", "z"])[held.astype(bool)])
 
 
 def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> None:
@@ -355,7 +353,7 @@ STIFFNESS, DAMPING = 100.0, 5.0
 """SOFA's defaults of springs that are given one by one [mN/mm] and [mN s/mm]."""
 EACH_PUSHES = np.zeros(0, dtype=bool)
 MOST = 500
-"""Largest number of springs of a scene: each is a row of the constraint solver."""
+"""Largest number of springs between bodies: each is a row of the constraint solver."""
 CELLS = {"lines": ("edges", 2), "triangles": ("triangles", 3), "quads": ("quads", 4)}
 CELLS |= {"tetrahedra": ("tetrahedra", 4), "tetras": ("tetrahedra", 4), "cubes": ("hexahedra", 8)}
 """Kinds of cells whose corners springs of a mesh join, with their number of corners."""
@@ -396,8 +394,8 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
     pulls_alone = component.read_numbers("elongationOnly").astype(bool)
     if len(pulls_alone) not in (0, 1, len(rows)):
         raise component.refused(f"elongationOnly has {len(pulls_alone)} values for {len(rows)} springs")
-    _add(component, draft, ends, rows[:, :2].astype(np.int64), rows[:, 2], rows[:, 4], pulls_alone)
-    _note_damping(component, draft, bool((rows[:, 3] > 0.0).any()))
+    pairs, (stiffness, damping, lengths) = rows[:, :2].astype(np.int64), rows[:, 2:].T
+    _add(component, draft, ends, pairs, stiffness, damping, lengths, pulls_alone)
 
 
 @component(
@@ -419,17 +417,17 @@ def mesh_springs(component: "Component", draft: "SceneDraft") -> None:
         raise component.refused("has springs between two mechanical objects, where SOFA makes none")
     if topology is None:
         raise component.refused("finds no topology in its node or above")
-    pairs, moduli = np.zeros((0, 2), dtype=np.int64), np.zeros(0)
+    pairs, moduli = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2))
     for name, (kind, corners) in CELLS.items():
-        if (modulus := component.read_number(f"{name}Stiffness", "stiffness")) > 0.0:
+        given = [component.read_number(f"{name}{what}", what.lower()) for what in ("Stiffness", "Damping")]
+        if any(given):
             cells = all_cells(topology, kind)
             own = np.sort(cells[:, list(combinations(range(corners), 2))].reshape(-1, 2), axis=1)
-            pairs, moduli = np.vstack([pairs, own]), np.append(moduli, np.full(len(own), modulus))
+            pairs, moduli = np.vstack([pairs, own]), np.vstack([moduli, np.tile(given, (len(own), 1))])
     # As in SOFA: the first kind of cell that joins two points gives their stiffness.
     _, first = np.unique(pairs, axis=0, return_index=True)
     first.sort()
-    _add(component, draft, ends, pairs[first], moduli[first])
-    _note_damping(component, draft, any(component.read_number(f"{name}Damping", "damping") > 0.0 for name in CELLS))
+    _add(component, draft, ends, pairs[first], *moduli[first].T)
 
 
 def _ends(component: "Component") -> "tuple[Component, Component]":
@@ -450,40 +448,42 @@ def _add(
     ends: "tuple[Component, Component]",
     pairs: np.ndarray,
     stiffness: np.ndarray,
+    damping: np.ndarray,
     lengths: np.ndarray | None = None,
     pulls_alone: np.ndarray = EACH_PUSHES,
 ) -> None:
-    """Add springs between pairs of points; without lengths they are at rest, and their stiffness is by stretch."""
+    """Add springs between pairs of points; without lengths they are at rest, with stiffness and damping by stretch."""
     for state, points in zip(ends, pairs.T, strict=True):
         draft.check_points(component, points, len(start_position(state)))
-    there = stiffness > 0.0
-    pushes = np.broadcast_to(~pulls_alone if len(pulls_alone) else True, len(pairs))[there]
-    pairs, lengths = pairs[there], None if lengths is None else lengths[there]
-    stiffness = stiffness[there]
-    if len(draft.springs) + len(pairs) > MOST:
-        raise component.refused(f"makes more than {MOST} springs; elements of a mesh are the way to have so many")
     places = [_places(state, points) for state, points in zip(ends, pairs.T, strict=True)]
     distances = np.linalg.norm(places[1] - places[0], axis=1)
-    if not distances.all():
-        one, other = pairs[np.argmin(distances)]
+    is_inside = ends[0] is ends[1] and mapping_of(ends[0]) is None and not is_rigid(ends[0])
+    needs_length = (
+        (pairs[:, 0] == pairs[:, 1]) if is_inside and lengths is not None else np.ones(len(pairs), dtype=bool)
+    )
+    there = (stiffness > 0.0) | (is_inside & (damping > 0.0))
+    if len(at_one_place := np.flatnonzero(there & needs_length & (distances == 0.0))):
+        one, other = pairs[at_one_place[0]]
         raise component.refused(f"joins points {one} and {other} at one place; a spring needs a length here")
-    moduli, pulls = (stiffness, 0.0 * distances) if lengths is None else (stiffness * distances, distances - lengths)
+    if lengths is None:
+        lengths, stiffness, damping = distances, stiffness / distances, damping / distances
+    pushes = np.broadcast_to(~pulls_alone if len(pulls_alone) else True, len(pairs))
     pushes = pushes & (not component.read_flag("noCompression"))
-    draft.springs += [
-        DraftSpring(component, ends, (one, other), *values)
-        for (one, other), *values in zip(pairs.tolist(), moduli.tolist(), pulls.tolist(), pushes.tolist(), strict=True)
-    ]
+    columns = (one[there] for one in (pairs, distances, stiffness, damping, lengths, pushes))
+    draft.springs.append(DraftSprings(component, ends, is_inside, *columns))
+    if not is_inside and sum(len(one.pairs) for one in draft.springs if not one.is_inside) > MOST:
+        raise component.refused(f"makes more than {MOST} springs between bodies; within one any number is possible")
+    if damping[there].any():
+        inside = "its damping takes the velocities at the end of a step; in SOFA those at its start"
+        draft.depart(
+            f"{component.getPathName()}: {inside if is_inside else 'its springs have no damping of their own here'}"
+        )
 
 
 def _places(state: "Component", points: np.ndarray) -> np.ndarray:
-    """Places of points at the start [mm], also of those that are given in the axes of a frame, shape (count, 3)."""
+    """Where points of a mechanical object are at the start [mm]."""
     mapping, local = mapping_of(state), local_position(state)[points, :3]
-    if mapping is not None and canonical(mapping.type_name) == "RigidMapping":
+    if mapping is not None and canonical(mapping.type_name) == "RigidMapping" and inputs_of(mapping):
         frames = FramePoses(start_values).of(inputs_of(mapping)[0])
         return composed(frames[rigid_indices(mapping, len(start_position(state)))[points]], local)
     return local
-
-
-def _note_damping(component: "Component", draft: "SceneDraft", damped: bool) -> None:
-    if damped:
-        draft.depart(f"{component.getPathName()}: its springs have no damping of their own here")

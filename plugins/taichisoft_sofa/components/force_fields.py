@@ -141,7 +141,8 @@ def _pull(energy: Energy) -> float:
 
 EQUAL = 0.01
 """Difference of two laws that is not worth a line [%]."""
-COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "polar", "svd": "polar"}
+COROTATIONS = {"small": "none", "none": "none", "large": "edges", "qr": "edges"}
+COROTATIONS |= dict.fromkeys(("polar", "polar2", "svd"), "polar")
 
 
 def of_cells(component: Component, name: str, count: int, cells: str = "tetrahedra") -> np.ndarray:
@@ -208,6 +209,21 @@ def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
         "in SOFA it turns on the whole"
     )
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, "polar", element="hexahedral"))
+
+
+WEAK = 1e-12
+"""Young's modulus of the elements of a body that springs alone hold [kPa]."""
+
+
+def add_weak_elements(draft: SceneDraft) -> None:
+    """Give bodies that springs alone hold the cells of their topologies as elements without stiffness to speak of."""
+    for springs in draft.springs:
+        body = draft.body_of(springs.ends[0])
+        if springs.is_inside and not body.materials:
+            tetrahedra = _tetrahedra_of(springs.component)
+            young = np.full(len(tetrahedra), WEAK)
+            body.materials.append(DraftMaterial(springs.component, tetrahedra, young, 0.0 * young, "none"))
+            draft.depart(f"{body.node.getPathName()}: its cells have {WEAK:g} kPa beside its springs")
 
 
 def _has_hexahedra(topology: Component) -> bool:

@@ -122,14 +122,18 @@ def weigh_joint(component: "Component", joint: "DraftJoint") -> None:
     joint.mass = float(each[0]) if len(each) else float(total) / max(len(start_values(joint.state)), 1)
 
 
-def check_joints(draft: "SceneDraft") -> None:
-    """Refuse angles that no mapping uses, or that no springs hold; record that bodies do not turn the others."""
+def held_joints(draft: "SceneDraft") -> "list[DraftJoint]":
+    """Angles that turn frames, which bodies do not turn; angles that no mapping uses, or that are free, are refused."""
+    held = []
     for joint in draft.joints.values():
         if not joint.is_used:
             draft.refuse(joint.state, "template 'Vec1'; known are Vec3 and Rigid3, and Vec1 for the angles of joints")
-        elif joint.springs is None:
-            draft.refuse(
-                joint.state, "turns freely; only angles that a RestShapeSpringsForceField holds are known here"
-            )
+        elif joint.springs is None and not joint.moved:
+            draft.refuse(joint.state, "turns freely; only angles that springs or a JointConstraint hold are known here")
         else:
+            with draft.refusing():
+                joint.stiffness(), joint.rest()
+            joint.solver = draft.above(node_of(joint.state), draft.solvers)
+            held.append(joint)
             draft.depart("joints: bodies do not turn them; in SOFA their springs give way by torque over stiffness")
+    return held

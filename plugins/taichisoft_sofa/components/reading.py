@@ -155,3 +155,11 @@ def independent_state(node: "Node") -> "Component | None":
             return state
         state = next(iter(inputs_of(mapping)), None)
     return state
+
+
+def present_value(actuator: "Component") -> float:
+    """The present value of an actuator."""
+    values, index = actuator.read_numbers("value"), int(actuator.read_number("valueIndex"))
+    if index >= len(values):
+        raise actuator.refused(f"value has {len(values)} numbers; number {index} is needed")
+    return float(values[index])

@@ -2,9 +2,9 @@
 
 import contextlib
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -332,9 +332,10 @@ def bases_of(state: "Component") -> "list[Component]":
 # What anchored points follow: driven frames, the points of another mechanical object, or a motion given in time.
 
 
-class AnchorTarget(Protocol):
+class AnchorTarget(ABC):
     """Places to which points are held."""
 
+    @abstractmethod
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
         """Places of some of the points [mm], shape (row_count, 3).
 
@@ -343,15 +344,14 @@ class AnchorTarget(Protocol):
             time: end of the step [s].
             poses: poses of frames and places of points at that time.
         """
-        ...
 
     def sources(self) -> "Sequence[Component]":
         """The mechanical objects whose positions the scene may write to move the target."""
-        ...
+        return []
 
 
 @dataclass(frozen=True)
-class DrivenFrameTarget:
+class DrivenFrameTarget(AnchorTarget):
     """Points that a driven frame carries: mechanical object and index of it, and their places in its axes [mm]."""
 
     state: "Component"
@@ -372,7 +372,7 @@ class DrivenFrameTarget:
 
 
 @dataclass(frozen=True)
-class PointsTarget:
+class PointsTarget(AnchorTarget):
     """Points of another mechanical object that no body here moves: itself, and their indices, shape (count,)."""
 
     state: "Component"
@@ -390,7 +390,7 @@ class PointsTarget:
 
 
 @dataclass(frozen=True)
-class MotionTarget:
+class MotionTarget(AnchorTarget):
     """Points that are shifted in time, linearly from key to key, and stand still before the first and after the last.
 
     Attributes:
@@ -406,9 +406,6 @@ class MotionTarget:
     def places(self, rows: np.ndarray, time: float, poses: FramePoses) -> np.ndarray:
         shift = [np.interp(time, self.times, column) for column in self.shifts.T]
         return self.start[rows] + np.array(shift)
-
-    def sources(self) -> "Sequence[Component]":
-        return []
 
 
 @dataclass(frozen=True)

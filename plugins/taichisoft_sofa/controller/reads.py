@@ -178,7 +178,7 @@ class RunValues:
             return present
 
         for state, positions in part_positions(part, points):
-            if all(state is not driven for target, _, _ in part.targets for driven in target.sources()):
+            if all(state is not driven for target, *_ in part.targets for driven in target.sources()):
                 self._provide(state.findData("position"), positions)
 
     def _contact_impulses(self) -> np.ndarray:

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force, value_type
-from taichisoft_sofa.components.draft import DraftMaterial
+from taichisoft_sofa.components.draft import DraftJoint, DraftMaterial
 from taichisoft_sofa.components.force_fields import of_cells
 from taichisoft_sofa.components.known_components import is_without_effect
-from taichisoft_sofa.components.reading import STATE, described, mapping_of
+from taichisoft_sofa.components.reading import STATE, described, mapping_of, present_value
 from taichisoft_sofa.components.states import FramePoses, base_frames, bases_of, is_rigid, start_values, width_of
 from taichisoft_sofa.loading import SceneTree
-from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation
+from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.translation.soft_bodies import add_moduli
 from taichisoft_sofa.tree.component import Component, TreeObject
 from taichisoft_sofa.tree.data import Data
@@ -37,7 +37,7 @@ class JointMotion:
         velocity: angular velocities [rad/s], shape (count,).
     """
 
-    def __init__(self, joint: Joint) -> None:
+    def __init__(self, joint: DraftJoint) -> None:
         self.state = joint.state
         self._joint = joint
         self.angle = start_values(joint.state).ravel().copy()
@@ -58,7 +58,8 @@ class JointMotion:
             return
         stiffness, rest = self._joint.stiffness(), self._joint.rest()
         mass = self._joint.mass
-        stretched = rest - self.angle
+        stretched, imposed = rest - self.angle, np.isinf(stiffness)
+        stiffness = np.where(imposed, 1.0, stiffness)
         if solver.read_flag("firstOrder"):
             self.velocity = stiffness * stretched / (mass + time_step * stiffness)
         else:
@@ -67,6 +68,7 @@ class JointMotion:
             force = stiffness * (stretched - lag * self.velocity) - drag * self.velocity
             inertia = mass + time_step * drag + time_step * lag * stiffness
             self.velocity = self.velocity + time_step * force / inertia
+        self.velocity = np.where(imposed, stretched / time_step, self.velocity)
         self.angle = self.angle + time_step * self.velocity
 
 
@@ -96,8 +98,8 @@ class DrivenFrames:
             Whether there are such nodes.
         """
         targets = self._parts[name].targets if name in self._parts else ()
-        for target, nodes, rows in targets:
-            positions[nodes] = target.places(rows, self._time, self._poses)
+        for target, nodes, rows, axes in targets:
+            positions[np.ix_(nodes, axes)] = target.places(rows, self._time, self._poses)[:, axes]
         return bool(targets)
 
     def frame_poses(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -227,7 +229,7 @@ class SceneWrites:
     def __init__(self, tree: SceneTree, translation: Translation, model: "Model", driven: DrivenFrames):
         """Find the data that steer the run."""
         self._tree, self._translation, self._driven = tree, translation, driven
-        targets = (target for part in translation.soft.values() for target, _, _ in part.targets)
+        targets = (target for part in translation.soft.values() for target, *_ in part.targets)
         self._steering = {id(source) for target in targets for source in target.sources()}
         bases = (base for frame in translation.driven.values() for base, _ in base_frames(*frame))
         self._steering |= {id(base) for base in bases}
@@ -275,7 +277,7 @@ class SceneWrites:
         """The request by the writes since the last call."""
         pressure, growth = {}, {}
         for cavity, name in self._cavities:
-            value = _present(cavity)
+            value = present_value(cavity)
             if value_type(cavity) == VOLUME:
                 growth[name] = self._varied(cavity, value, "maxVolumeGrowthVariation", "volumeGrowth")
             else:
@@ -283,7 +285,7 @@ class SceneWrites:
                 pressure[name] = self._translation.signs[cavity] * value * self._translation.effort_of_value
         tension, pull, pull_points = {}, dict(self._translation.springs), {}
         for cable, name in self._cables:
-            value = _present(cable)
+            value = present_value(cable)
             if is_driven_by_force(cable):
                 tension[name] = value * self._translation.effort_of_value
             else:
@@ -367,16 +369,6 @@ def known_data(owner: TreeObject, name: str) -> Data:
     data = owner.findData(name)
     assert data is not None
     return data
-
-
-def _present(component: Component) -> float:
-    """The present value of an actuator."""
-    data = component.findData("value")
-    values = parse_numbers(data.read_value()) if data is not None and data.is_set() else np.zeros(1)
-    index = int(component.read_number("valueIndex"))
-    if index >= len(values):
-        raise component.refused(f"value has {len(values)} numbers; number {index} is needed")
-    return float(values[index])
 
 
 def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:

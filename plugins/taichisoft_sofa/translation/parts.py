@@ -12,8 +12,7 @@ import numpy as np
 import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
 from taichisoft_sofa.components.contact import friction_of, response_of
-from taichisoft_sofa.components.draft import DraftBody, SceneDraft
-from taichisoft_sofa.components.dynamics import SPRING
+from taichisoft_sofa.components.draft import DraftBody, DraftJoint, SceneDraft
 from taichisoft_sofa.components.reading import node_of, upwards
 from taichisoft_sofa.components.states import AnchorTarget, FrameMotion, FramePoses, start_values
 from taichisoft_sofa.tree.component import Component
@@ -118,7 +117,7 @@ class SoftPart:
         material: number of each element's native material: 0 for the body's own, from 1 for regions, (element_count,).
         anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
         anchored_follows: whether each anchored node follows `rest_position`, else a frame or nothing, (anchor_count,).
-        targets: what anchored nodes follow: the target, numbers of the nodes in `anchored`, numbers of points of it.
+        targets: what anchored nodes follow: the target, numbers of the nodes in `anchored`, of its points, of the axes.
     """
 
     body: "DraftBody"
@@ -127,48 +126,7 @@ class SoftPart:
     material: np.ndarray
     anchored: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     anchored_follows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray], ...]" = ()
-
-
-@dataclass(frozen=True)
-class Joint:
-    """Angles that springs hold, and that turn frames.
-
-    Attributes:
-        state: mechanical object of the angles.
-        springs: the springs.
-        mass: inertia of each angle [kg mm^2].
-        solver: time integration; None if the angles stand still.
-    """
-
-    state: "Component"
-    springs: "Component"
-    mass: float
-    solver: "Component | None"
-
-    def stiffness(self) -> np.ndarray:
-        """Present stiffness of the springs of each angle [mN mm], shape (count,)."""
-        count = len(start_values(self.state))
-        given = self.springs.read_numbers("stiffness")
-        given = given if len(given) else np.array([SPRING])
-        points = self.springs.read_numbers("points", "indices").astype(np.int64)
-        chosen = points if len(points) else np.arange(count)
-        stiffness = np.zeros(count)
-        if len(chosen) and (chosen.min() < 0 or chosen.max() >= count):
-            raise self.springs.refused(f"names an angle outside 0..{count - 1}")
-        stiffness[chosen] = given if len(given) == len(chosen) else given[0]
-        if (stiffness <= 0.0).any():
-            raise self.springs.refused("stiffness = 0: an angle that nothing holds is not known here")
-        return stiffness
-
-    def rest(self) -> np.ndarray:
-        """Present angles at rest [rad], shape (count,)."""
-        data, start = self.state.findData("rest_position"), start_values(self.state).ravel()
-        # Not the computed value, which does not follow a link to a data that the scene changes.
-        rest = start if data is None or not data.is_set() else np.ravel(data.given())
-        if len(rest) != len(start):
-            raise self.state.refused(f"rest_position has {len(rest)} angles; {len(start)} are needed")
-        return rest
+    targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray, np.ndarray], ...]" = ()
 
 
 NOTHING = "holds nothing that moves, touches or can be seen: there is nothing to run"
@@ -207,7 +165,7 @@ class Translation:
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, DraftBody]" = field(default_factory=dict)
     driven: "dict[str, tuple[Component, int]]" = field(default_factory=dict)
-    joints: list[Joint] = field(default_factory=list)
+    joints: list[DraftJoint] = field(default_factory=list)
     sprung: "dict[Component, None]" = field(default_factory=dict)
     motions: "dict[Component, FrameMotion]" = field(default_factory=dict)
     springs: dict[str, float] = field(default_factory=dict)

@@ -9,8 +9,8 @@ from scipy.spatial import Delaunay, QhullError
 from scipy.spatial.transform import Rotation
 
 from taichisoft.mesh import tetrahedron_volumes
-from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
-from taichisoft_sofa.components.dynamics import HELD, SPRING
+from taichisoft_sofa.components.draft import SPRING, DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
+from taichisoft_sofa.components.dynamics import HELD
 from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of
 from taichisoft_sofa.components.states import (
     DrivenFrameTarget,

@@ -14,9 +14,8 @@ from taichisoft_sofa.components.air_and_cables import PRESSURE, is_driven_by_for
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.reading import TOPOLOGIES, computed, nearest, node_of
 from taichisoft_sofa.components.states import (
-    DrivenFrameTarget,
     FrameMotion,
-    MotionTarget,
+    PointsTarget,
     rest_position,
     start_velocity,
 )
@@ -110,8 +109,8 @@ def add_soft_body(
         table["rayleigh_mass"] = solver.read_number("rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = solver.read_number("rayleighStiffness", default=0.0)
         # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
-        prescribed = (DrivenFrameTarget, MotionTarget)
-        table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)
+        sprung = (type(None), PointsTarget)
+        table["damped_anchors"] = all(isinstance(anchor.target, sprung) for anchor in body.anchors)
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
         table["embedding"] = "grid"
@@ -155,21 +154,21 @@ def _strain(rest: np.ndarray, position: np.ndarray) -> float:
 
 
 def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np.ndarray) -> SoftPart:
-    """A soft body with what its anchored nodes follow; where two anchors hold a node, the later one decides."""
+    """A soft body with what its anchored nodes follow; of two anchors along one axis of a node the later decides."""
     count = len(part.points)
-    held, follows = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
-    by, row = np.full(count, -1), np.zeros(count, dtype=np.int64)
+    by, follows = np.full((count, 3), -1), np.ones(count, dtype=bool)
     for place, anchor in enumerate(anchors):
         nodes = node_of_point[anchor.points]
-        there = np.flatnonzero(nodes >= 0)
-        nodes = nodes[there]
-        held[nodes], by[nodes], row[nodes] = True, place, there
-        follows[nodes] &= anchor.follows_rest
+        by[np.ix_(nodes[nodes >= 0], anchor.axes)] = place
+        follows[nodes[nodes >= 0]] &= anchor.follows_rest
+    held = (by >= 0).any(axis=1)
     targets = []
     for place, anchor in enumerate(anchors):
-        if anchor.target is not None and not isinstance(anchor.target, FrameMotion) and (by[held] == place).any():
-            chosen = np.flatnonzero(by[held] == place)
-            targets.append((anchor.target, chosen, row[held][chosen]))
+        if anchor.target is not None and not isinstance(anchor.target, FrameMotion):
+            there, row = np.flatnonzero(node_of_point[anchor.points] >= 0), np.zeros(count, dtype=np.int64)
+            row[node_of_point[anchor.points[there]]] = there
+            chosen = np.flatnonzero((by[held] == place).any(axis=1))
+            targets.append((anchor.target, chosen, row[held][chosen], anchor.axes))
     return replace(part, anchored=np.flatnonzero(held), anchored_follows=follows[held], targets=tuple(targets))
 
 

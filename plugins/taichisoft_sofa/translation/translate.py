@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.errors import SceneError
 from taichisoft.mesh import boundary_triangles
-from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
+from taichisoft_sofa.components.draft import DraftBody, DraftFrame, DraftSprings, SceneDraft
+from taichisoft_sofa.components.force_fields import add_weak_elements
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
-from taichisoft_sofa.components.mappings import check_joints
+from taichisoft_sofa.components.mappings import held_joints
 from taichisoft_sofa.components.reading import described, independent_state, node_of
 from taichisoft_sofa.components.states import (
     FrameMotion,
@@ -25,7 +25,7 @@ from taichisoft_sofa.components.states import (
 )
 from taichisoft_sofa.components.visuals import visible_shapes
 from taichisoft_sofa.loading import SceneTree
-from taichisoft_sofa.translation.parts import Joint, Translation, body_names, clean, collides, contact_table
+from taichisoft_sofa.translation.parts import SoftPart, Translation, body_names, clean, collides, contact_table
 from taichisoft_sofa.translation.rigid_bodies import (
     add_obstacle,
     add_rigid_body,
@@ -46,27 +46,56 @@ from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.scene_controller import OwnComponent
 from taichisoft_sofa.tree.value_kinds import LINK, Declared, canonical
 
-# Springs between points as native cables that stretch, push as well as pull, and are held at their rest length.
+# Springs: within a soft body between its nodes, else as cables that stretch, push as well as pull, and are held.
 
 
 def add_springs(draft: "SceneDraft", translation: "Translation") -> None:
     """Add all springs of a scene to its soft bodies; a spring needs a soft body at one end at least."""
-    for number, spring in enumerate(draft.springs):
-        ends = [_end(state, point, translation) for state, point in zip(spring.ends, spring.points, strict=True)]
+    soft = translation.tables.get("soft_bodies", {})
+    for number, springs in enumerate(draft.springs):
+        name = translation.names.get(springs.ends[0], "")
+        if springs.is_inside and name in soft:
+            _add_inside(f"springs{number}", springs, translation.soft[name], soft[name], draft)
+        elif not springs.is_inside:
+            _add_between(f"spring{number}", springs, draft, translation)
+
+
+def _add_inside(name: str, springs: DraftSprings, part: SoftPart, table: dict[str, Any], draft: "SceneDraft") -> None:
+    """Add springs between nodes of a body: those that push, and those that only pull."""
+    node_of_point = np.full(len(part.body.position), -1)
+    node_of_point[part.points] = np.arange(len(part.points))
+    nodes = node_of_point[springs.pairs]
+    if (nodes < 0).any():
+        draft.depart(f"{springs.component.getPathName()}: springs at points that are left out have no effect")
+    for suffix, chosen in (("", springs.pushes), ("cords", ~springs.pushes)):
+        kept = chosen & (nodes >= 0).all(axis=1)
+        if kept.any():
+            columns = {"stiffness": springs.stiffness, "length": springs.lengths, "damping": springs.damping}
+            table.setdefault("springs", {})[name + suffix] = {
+                "nodes": nodes[kept].tolist(),
+                "tension_only": bool(suffix),
+                **{key: column[kept].tolist() for key, column in columns.items()},
+            }
+
+
+def _add_between(name: str, springs: DraftSprings, draft: "SceneDraft", translation: "Translation") -> None:
+    for number, points in enumerate(springs.pairs.tolist()):
+        ends = [_end(state, point, translation) for state, point in zip(springs.ends, points, strict=True)]
         if ends[0][0] not in translation.soft:
             ends.reverse()
         (owner, first), (other, second) = ends
         if owner not in translation.soft:
-            draft.refuse(spring.component, "joins no soft body; springs between rigid bodies are not there")
-            continue
-        cable: dict[str, Any] = {"axial_stiffness": spring.modulus, "rod": spring.pushes}
+            draft.refuse(springs.component, "joins no soft body; springs between rigid bodies are not there")
+            return
+        distance = float(springs.distances[number])
+        stiff = {"axial_stiffness": float(springs.stiffness[number]) * distance, "rod": bool(springs.pushes[number])}
         if other is None:  # a place that nothing moves
-            cable |= {"points": [first], "pull_point": second, "pull_point_moves": False}
+            ends_of_cable = {"points": [first], "pull_point": second, "pull_point_moves": False}
         else:
-            cable["points"] = [first, second if other == owner else {"body": other, "point": second}]
-        name = f"spring{number}"
-        translation.tables["soft_bodies"][owner].setdefault("cables", {})[name] = cable
-        translation.springs[f"{owner}.{name}"] = spring.pull
+            ends_of_cable = {"points": [first, second if other == owner else {"body": other, "point": second}]}
+        own = f"{name}_{number}"
+        translation.tables["soft_bodies"][owner].setdefault("cables", {})[own] = stiff | ends_of_cable
+        translation.springs[f"{owner}.{own}"] = distance - float(springs.lengths[number])
 
 
 def _end(state: "Component", point: int, translation: "Translation") -> "tuple[str | None, list[float]]":
@@ -389,13 +418,11 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
+    bodies: list[DraftBody] = []
     frames: list[DraftFrame] = []
-    try:
-        bodies = own_bodies(draft)
-        frames = driven_frames(draft)
-    except SceneError as error:
-        draft.refused.append(str(error))
-        bodies = []
+    with draft.refusing():
+        add_weak_elements(draft)
+        bodies, frames = own_bodies(draft), driven_frames(draft)
     dynamics = _dynamics(bodies, draft)
     draft.effort_of_value = translation.effort_of_value = 1.0 if dynamics == "overdamped" else 1.0 / time_step
     translation.tables = {
@@ -409,22 +436,10 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         )
     if any(body.cavities for body in draft.bodies.values()):
         translation.tables["atmosphere"] = NO_VACUUM
-    try:
+    with draft.refusing():
         if contact := contact_table(draft):
             translation.tables["contact"] = contact
-    except SceneError as error:
-        draft.refused.append(str(error))
-    check_joints(draft)
-    translation.joints = [
-        Joint(joint.state, joint.springs, joint.mass, draft.above(node_of(joint.state), draft.solvers))
-        for joint in draft.joints.values()
-        if joint.springs is not None
-    ]
-    for joint in translation.joints:
-        try:
-            joint.stiffness(), joint.rest()
-        except SceneError as error:
-            draft.refused.append(str(error))
+    translation.joints = held_joints(draft)
     _add_bodies(bodies, frames, draft, translation)
     add_springs(draft, translation)
     add_planes(draft, translation)
@@ -435,10 +450,8 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         translation.tables["appearance"] = draft.appearance
     for component in active:
         if canonical(component.type_name) in known_types():
-            try:
+            with draft.refusing():
                 _note_data(component, draft, translation)
-            except SceneError as error:
-                draft.refused.append(str(error))
     translation.departures += draft.departures
     translation.refused += dict.fromkeys(draft.refused)  # several components may refuse the same value
     return translation
@@ -457,10 +470,8 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
     known = known_types().get(canonical(kind))
     if known is not None:
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
-        try:
+        with draft.refusing():
             known.translate(component, draft)
-        except SceneError as error:
-            draft.refused.append(str(error))
     elif is_without_effect(kind):
         translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
         if missed := instead_of(kind):
@@ -494,11 +505,9 @@ def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneD
     for name, frame in zip(names[len(bodies) :], frames, strict=True):
         add_driven_body(name, frame, draft, translation)
     for name, body in zip(names[: len(bodies)], bodies, strict=True):
-        try:
+        with draft.refusing():
             add_rigid_parts(body, draft)
             _add_body(name, body, draft, translation)
-        except SceneError as error:
-            draft.refused.append(str(error))
         for kind in BODIES:
             if body.colours and name in translation.tables.get(kind, {}):
                 translation.tables[kind][name]["colour"] = body.colours[0]

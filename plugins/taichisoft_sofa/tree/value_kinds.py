@@ -127,6 +127,7 @@ ALIASES = {
     "GenericConstraintSolver": "BlockGaussSeidelConstraintSolver",
     "FreeMotionMasterSolver": "FreeMotionAnimationLoop",
     "LinearMovementConstraint": "LinearMovementProjectiveConstraint",
+    "PartialLinearMovementConstraint": "PartialLinearMovementProjectiveConstraint",
     "RegularGrid": "RegularGridTopology",
     "SparseGrid": "SparseGridTopology",
     "HexahedralFEMForceField": "HexahedronFEMForceField",

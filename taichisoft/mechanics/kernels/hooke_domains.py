@@ -256,6 +256,9 @@ def rotation_of_quaternion(q: vec4) -> mat3:
 #     K_ab = w (lambda G_a G_b^T + mu G_b G_a^T + mu (G_a . G_b) I).
 # The gradients of the four corners add up to zero, and so do the forces: the fourth follows from three.
 
+EDGES, POLAR, NONE = range(3)
+"""What rotates an element: its first two edges, the polar decomposition, or nothing."""
+
 # Elements and blocks of a task.
 ELEMENTS_A_TASK = 128
 LINEAR_BLOCKS_A_TASK = 256
@@ -266,7 +269,7 @@ class Elements(NamedTuple):
 
     Attributes:
         nodes: of the corners, shape (element_count, 4).
-        polar: whether the rotation is that of the polar decomposition, else that of two edges, shape (element_count,).
+        corotation: EDGES, POLAR or NONE, shape (element_count,).
         rest_frame: frame of the first two edges, shape (element_count, 3, 3).
         gradient: of the last three corners' shape functions [1/mm], shape (element_count, 3, 3).
         force_modulus: w lambda and w mu [mN mm], shape (element_count, 2).
@@ -275,7 +278,7 @@ class Elements(NamedTuple):
     """
 
     nodes: IntegerTable
-    polar: Integers
+    corotation: Integers
     rest_frame: Matrices
     gradient: VectorTable
     force_modulus: ScalarTable
@@ -310,9 +313,9 @@ def strain_element(e: ti.i32, elements: Elements, movement: Movement, rotation: 
         present += edge.outer_product(g)
         lagged += (edge + lag * (movement.velocity[n] - v0)).outer_product(g)
     r = ti.Matrix.identity(ti.f64, 3)
-    if elements.polar[e] != 0:
+    if elements.corotation[e] == POLAR:
         r = polar_rotation(present)
-    else:
+    elif elements.corotation[e] == EDGES:
         n1, n2 = elements.nodes[e, 1], elements.nodes[e, 2]
         frame = edge_frame(movement.position[n1] - x0, movement.position[n2] - x0)
         r = frame @ elements.rest_frame[e].transpose()
@@ -363,7 +366,7 @@ def assemble(
 
     Each thread takes the next task until none is left; blocks wait for all elements.
     """
-    element_count, block_count = elements.polar.shape[0], sums.blocks.shape[0]
+    element_count, block_count = elements.corotation.shape[0], sums.blocks.shape[0]
     element_tasks = (element_count + ELEMENTS_A_TASK - 1) // ELEMENTS_A_TASK
     block_tasks = (block_count + LINEAR_BLOCKS_A_TASK - 1) // LINEAR_BLOCKS_A_TASK
     for worker in range(workers * CHUNK):

@@ -1,4 +1,4 @@
-"""Forces of membranes and fibres, and what they add to the system matrix.
+"""Forces of membranes, fibres and springs, and what they add to the system matrix.
 
 A membrane's triangle and a piece of a fibre have one gradient each, from the plane or line in which they lie at rest to
 space: f_i = sum_a x_a g_ai over their nodes, i = 1, 2 (a fibre has f_1 alone). With Green's strain
@@ -12,6 +12,10 @@ A part that slackens has the relaxed energy, the least that it has with any wrin
 relaxed energy density for isotropic elastic membranes). A thread is slack where E along it is negative. A sheet with
 principal strains e1 > e2 is slack where e1 < 0, taut where e2 > -ratio e1, and in between wrinkled along its axis m of
 e1: S = Et e1 m m^T. As S has no negative eigenvalue, the energy is convex in the positions; its C is the slope of S.
+
+A spring of length L at rest has f_1 = x_b - x_a = l u instead, the tension T = k (l - L), at any stretch, and a drag c:
+    force_b = -(T + c (v_b - v_a) . u) u,    K_bb = (k - T / l) u u^T + (T / l) I,
+again without compression, T / l < 0. A cord is a spring that hangs loose where T < 0.
 """
 
 from typing import NamedTuple
@@ -21,23 +25,27 @@ from taichisoft.runtime.arithmetic import TINY
 from taichisoft.runtime.language import Integers, Scalars, ScalarTable, Vectors, func, mat3, ti, vec3
 from taichisoft.runtime.launch import kernel
 
-STIFF, THREAD, SHEET = 0, 1, 2
-"""What a part does where it would be compressed: resist, hang loose, or wrinkle as an isotropic sheet does."""
+STIFF, THREAD, SHEET, SPRING, CORD = range(5)
+"""What a part does where it would be compressed: resist, hang loose, or wrinkle as an isotropic sheet does; a spring
+resists, a cord hangs loose."""
 
 
 class ReinforcementParts(NamedTuple):
-    """Triangles of membranes and pieces of fibres; an entry is a node of one of them.
+    """Triangles of membranes, pieces of fibres, and springs; an entry is a node of one of them.
 
     Attributes:
         start: the first entry of each part, shape (part_count + 1,).
         node: of each entry, shape (entry_count,).
-        gradient: g along the two axes of the part, and 0 [1/mm], shape (entry_count, 3).
-        measure: area [mm^2] or length [mm], shape (part_count,).
-        stiffness: C of the strains 11, 22 and 12 twice: 00, 01, 02, 11, 12, 22 [mN/mm] or [mN], (part_count, 6).
-        slackening: STIFF, THREAD or SHEET, shape (part_count,).
+        gradient: g along the two axes of the part, and 0 [1/mm], shape (entry_count, 3); -1 and 1 [-] of a spring.
+        measure: area [mm^2] or length [mm], 1 of a spring, shape (part_count,).
+        stiffness: C of the strains 11, 22 and 12 twice: 00, 01, 02, 11, 12, 22 [mN/mm] or [mN]; of a spring
+            k [mN/mm] and L [mm], shape (part_count, 6).
+        slackening: STIFF, THREAD, SHEET, SPRING or CORD, shape (part_count,).
+        drag: c [mN s/mm], 0 where there are no velocities before the step, shape (part_count,).
         lag: s + b [s], 0 where there are no velocities before the step, shape (part_count,).
         factor: of K in A, shape (part_count,).
         undamped: share of lag and factor without damping, shape (part_count,).
+        dragged: c times its factor in A [mN s^2/mm], shape (part_count,).
     """
 
     start: Integers
@@ -46,9 +54,11 @@ class ReinforcementParts(NamedTuple):
     measure: Scalars
     stiffness: ScalarTable
     slackening: Integers
+    drag: Scalars
     lag: Scalars
     factor: Scalars
     undamped: Scalars
+    dragged: Scalars
 
 
 class ReinforcedBlocks(NamedTuple):
@@ -74,9 +84,9 @@ class PartStates(NamedTuple):
     """What a step computes for each part.
 
     Attributes:
-        first, second: f_1 and f_2, shape (part_count, 3).
-        tension: the tensions 11, 22 and 12 without compression, shape (part_count, 3).
-        stiffness: C of a part as taut as it is, laid out as that of `ReinforcementParts`, shape (part_count, 6).
+        first, second: f_1 and f_2, u of a spring, shape (part_count, 3).
+        tension: the tensions 11, 22 and 12, T / l of a spring, without compression, shape (part_count, 3).
+        stiffness: C of a part as taut as it is, laid out as that of other parts than springs, shape (part_count, 6).
         force: of the part on the node of each entry [mN], shape (entry_count, 3).
     """
 
@@ -136,6 +146,20 @@ def without_compression(tension: vec3) -> vec3:
 
 
 @func
+def stretched_spring(p: ti.i32, between: vec3, parts: ReinforcementParts):
+    """Direction of a spring, its tension, that over length without compression, and its slope beside that."""
+    stiffness, rest, length = parts.stiffness[p, 0], parts.stiffness[p, 1], between.norm()
+    along, tension, kept = between / (length + TINY), stiffness * (length - rest), stiffness
+    if rest > 0.0:
+        kept = ti.max(tension, 0.0) / (length + TINY)
+    slope = ti.Matrix.zero(ti.f64, 3, 3)
+    slope[0, 0] = stiffness - kept
+    if parts.slackening[p] == CORD and tension < 0.0:
+        along, tension = vec3(0.0), 0.0
+    return along, vec3(tension, 0.0, 0.0), vec3(kept, 0.0, 0.0), slope
+
+
+@func
 def stretch_part(p: ti.i32, parts: ReinforcementParts, movement: Movement, states: PartStates):
     """Gradient, tension and forces of a part."""
     begin, end = parts.start[p], parts.start[p + 1]
@@ -157,7 +181,11 @@ def stretch_part(p: ti.i32, parts: ReinforcementParts, movement: Movement, state
     elif parts.slackening[p] == THREAD and elastic[0] + elastic[1] <= 0.0:
         elastic, slope = vec3(0.0), ti.Matrix.zero(ti.f64, 3, 3)
     kept = without_compression(elastic)
+    if parts.slackening[p] == SPRING or parts.slackening[p] == CORD:
+        f1, elastic, kept, slope = stretched_spring(p, f1, parts)
+        rate = vec3(f1.dot(d1), 0.0, 0.0)
     tension = elastic + parts.lag[p] * (slope @ rate)
+    tension[0] += parts.drag[p] * rate[0]
     # A tension that turns with the body is no strain: damping does not resist it.
     ahead = parts.undamped[p] * parts.lag[p]
     along1 = tension[0] * f1 + tension[2] * f2 + ahead * (kept[0] * d1 + kept[2] * d2)
@@ -198,6 +226,7 @@ def add_reinforcements(
             whole = of_row.transpose() @ stiffness_of(p, states.stiffness) @ of_column
             whole += turning * ti.Matrix.identity(ti.f64, 3)
             stiffness += parts.factor[p] * parts.measure[p] * whole
+            stiffness += parts.dragged[p] * row[0] * column[0] * first.outer_product(first)
             force += states.force[blocks.row[k]]
         total.blocks[blocks.block[b]] = total.blocks[blocks.block[b]] + stiffness
         node = blocks.node[b]
