@@ -200,8 +200,10 @@ class Region(Selection):
 
 
 class Anchor(NodeSelection):
-    """Nodes held by stiff springs to their rest positions, which move with the base or what else the body follows."""
+    """Nodes held by stiff springs to their rest positions, which move with a frame."""
 
+    follows: str | None = None
+    """Frame that the nodes move with, and that feels what pulls at them; that of the body when it is not given."""
     stiffness: Positive = 1e12
     """Stiffness of the spring of each node [mN/mm]."""
     directions: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1)] = ["x", "y", "z"]
@@ -341,7 +343,8 @@ class SoftBodySettings(ActuatorTables):
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     follows: str = "base"
-    """Frame that the anchored nodes move with: "base", or one of `frames`."""
+    """Frame that the anchored nodes move with, where anchors name no other: "base", or one of `frames`. Tips and pull
+    points of cables are relative to it."""
     tactile: dict[Name, TactileArray] = {}
     membranes: dict[Name, MembraneSettings] = {}
     fibres: dict[Name, FibreSettings] = {}
@@ -358,6 +361,11 @@ class SoftBodySettings(ActuatorTables):
         Rule(
             'corotation != "edges" or element == "linear"',
             'corotation = "edges" is for element = "linear", not "{element}"',
+        ),
+        Rule(
+            "reduced and value == follows",
+            '{path} = "{value}": the modes of a reduced body follow "{follows}"; remove reduced, or this key',
+            "anchors.*.follows",
         ),
     )
 

@@ -1,7 +1,8 @@
 """Wrenches on frames: what a sensor of forces and torques between a frame and all that it carries would show.
 
 A soft body exerts on its frame what its weight, the contacts and cables that act on it, and other loads leave of the
-change of its momentum. Elements and pressures do not appear in this balance: they act within the body.
+change of its momentum. Elements and pressures do not appear in this balance: they act within the body. Where anchors
+hold a body at several frames their springs show the share of each, and the first has what is left of the balance.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from taichisoft.mechanics.state import State
 from taichisoft.step.kernels import loads as kernels
 from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.rigid_motion import CarriedBodies
-from taichisoft.step.solution import StepSolution
+from taichisoft.step.solution import StepSolution, moving_velocity
 
 
 class FrameWrenches:
@@ -23,8 +24,14 @@ class FrameWrenches:
 
     def __init__(self, model: Model, points: PointsOfStep):
         self._model, self._points, actuators = model, points, model.actuators
-        bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
-        self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]
+        self._bodies: list[tuple[int, slice]] = []
+        self._shares: list[tuple[int, int, np.ndarray]] = []  # first frame of a body, another, and the anchors at that
+        of_anchor = model.anchor_frame
+        for body in model.soft_bodies:
+            anchors = np.arange(*np.searchsorted(model.anchored_nodes, [body.nodes.start, body.nodes.stop]))
+            first, *others = dict.fromkeys(of_anchor[anchors].tolist()) or [-1]
+            self._bodies += [(first, body.nodes)] if len(anchors) else []
+            self._shares += [(first, other, anchors[of_anchor[anchors] == other]) for other in others]
         self._held = self._lay_out() if self._bodies else None
         cables = actuators.place(CABLES)
         coordinates = actuators.first_coordinate[[cables.start, cables.stop]]
@@ -79,6 +86,10 @@ class FrameWrenches:
         of_bodies = self._of_bodies(start, position, node_velocity, solution) + cable_forces
         for (frame, _), of_body in zip(self._bodies, of_bodies, strict=True):
             wrench[frame] += of_body
+        for first, other, anchors in self._shares:
+            share = self._share(start, other, anchors, position, node_velocity, solution)
+            wrench[other] += share
+            wrench[first] -= share
         for line, coordinate in self._pulled:
             wrench[line.frame] += self._pull(line, start, float(solution.effort[coordinate]))
         if len(carried.index):
@@ -125,6 +136,34 @@ class FrameWrenches:
         held.gravity[0], held.impulse[:], held.after[:] = start.gravity, solution.contact_node_impulse, node_velocity
         kernels.sum_wrenches(time.step, float(time.dynamics == "inertial"), held)
         return held.wrench.reshape(-1, 2, 3)
+
+    def _share(
+        self,
+        start: State,
+        frame: int,
+        anchors: np.ndarray,
+        position: np.ndarray,
+        node_velocity: np.ndarray,
+        solution: StepSolution,
+    ) -> np.ndarray:
+        """What the springs of anchors exert on their frame, shape (2, 3), the torque about the origin.
+
+        A stiff spring is so little extended that the nodes' positions at the end of the step do not show it; the
+        velocities of the step do.
+        """
+        model, elasticity, time = self._model, self._model.elasticity, self._model.scene.time
+        assert elasticity is not None
+        node, places = model.anchored_nodes[anchors], model.places(start)
+        x, y, z = start.anchor_position[anchors].T[:, :, None]
+        a, b, c = places.turn[frame].T
+        target = a * x + b * y + c * z + places.shift[frame]
+        moving = moving_velocity(time.theta, start.velocity[node], solution.node_velocity[node])
+        lag = elasticity.anchor_lag[node, None] if time.dynamics == "inertial" else time.step
+        force = elasticity.anchor_stiffness[node] * (start.position[node] - target + lag * moving)
+        if time.theta < 1.0:  # velocities of nodes that rigid springs hold are replaced, see `SoftMotion.end_velocity`
+            change = node_velocity[node] - solution.node_velocity[node]
+            force -= elasticity.node_mass[node, None] / time.step * change
+        return _resultant(position[node], force)
 
     def _pull(self, line: Line, start: State, tension: float) -> np.ndarray:
         """What a cable exerts on a frame at its pull point, where it runs at the start of the step."""

@@ -46,7 +46,7 @@ class SoftMotion:
         self._young_modulus: np.ndarray | None = None  # of the system's elements
         self.anchors = kernels.Anchors(
             node=model.anchored_nodes,
-            frame=np.repeat(model.soft_frame, [int(body.anchored.sum()) for body in model.soft_bodies]),
+            frame=model.anchor_frame,
             stiffness=elasticity.anchor_stiffness,
             lag=elasticity.anchor_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
