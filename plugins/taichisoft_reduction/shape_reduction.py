@@ -297,6 +297,11 @@ def _shapes(scene: Scene) -> list[BodyShape]:
             raise ReductionError(
                 f"soft_bodies.{shape.name}: a body with membranes, fibres or springs cannot be reduced"
             )
+        if any(anchor.follows not in (None, settings.follows) for anchor in settings.anchors):
+            raise ReductionError(
+                f"soft_bodies.{shape.name}: its anchors follow other frames than the body ('{settings.follows}'), and "
+                "modes follow that alone; remove their `follows`"
+            )
         if getattr(settings, "reduced", None):
             raise ReductionError(f"soft_bodies.{shape.name}.reduced: the scene is reduced already; remove the key")
     return shapes

@@ -45,13 +45,14 @@ class Model:
         young_modulus: Young's moduli of the materials at the start of a run [kPa], shape (material_count,).
         element_material: number of the material of each element, shape (element_count,).
         anchored_nodes: indices of the anchored nodes in rising order, shape (anchor_count,).
+        anchor_frame: number of the frame that each of them moves with, shape (anchor_count,).
         actuators: actuators of all kinds; `actuators.of` gives the part of a kind in arrays of a state.
         surfaces: contact surfaces of all bodies.
         friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
         restitution: coefficients of restitution likewise.
         rolling_friction, spinning_friction: lengths of rolling and spinning friction likewise [mm], 0 for soft bodies.
         frames: what moves as it is asked to, the base first.
-        soft_frame: number of the frame that each soft body is anchored to, shape (soft_count,).
+        soft_frame: number of the frame that each soft body follows, shape (soft_count,).
         rigid_frame: number of the frame that carries each rigid body, -1 where none does, shape (rigid_count,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
         rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
@@ -95,6 +96,7 @@ class Model:
         self.rolling_friction = self._moment_table("rolling_friction")
         self.spinning_friction = self._moment_table("spinning_friction")
         self.frames = self._make_frames()
+        self.anchor_frame = self.frames.numbers(name for body in soft for name in body.anchor_frame[body.anchored])
         self.soft_frame = self.frames.numbers(body.settings.follows for body in soft)
         self.rigid_frame = self.frames.numbers(body.follows for body in self.rigid_bodies)
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])
@@ -326,8 +328,8 @@ class Model:
         tables = self.scene.all_frames
         names, pivots = tuple(tables), []
         for name, table in tables.items():
-            bodies = [body for body in self.soft_bodies if body.settings.follows == name]
-            held = np.vstack([np.zeros((0, 3)), *(body.rest_position[body.anchored] for body in bodies)])
+            anchors = [body.rest_position[body.anchor_frame == name] for body in self.soft_bodies]
+            held = np.vstack([np.zeros((0, 3)), *anchors])
             mean = held.mean(axis=0) if len(held) else np.zeros(3)
             pivots.append(mean if table.pivot is None else np.array(table.pivot))
         above = [-1 if table.follows is None else names.index(table.follows) for table in tables.values()]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -189,8 +190,14 @@ class Observation:
         return brief("Observation", {one.name: getattr(self, one.name) for one in fields(self) if one.repr})
 
     def __getstate__(self) -> dict[str, Any]:
-        """All fields, for copies and other processes."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        """All fields, for copies and other processes, which know dictionaries alone."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: Named(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
+
+    def __setstate__(self, values: dict[str, Any]) -> None:
+        """Take over the fields of another observation, with dictionaries that cannot be written to."""
+        frozen = {name: MappingProxyType(value) for name, value in values.items() if isinstance(value, Named)}
+        vars(self).update(values | frozen)
 
 
 # Figures by name for rollouts, derivatives and targets: parts of an observation, such as "object_positions.cube".

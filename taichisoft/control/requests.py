@@ -236,7 +236,7 @@ class Requests:
         if not isinstance(control, Control):
             raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
         model, given = self._model, _mappings_of(control)
-        _refuse_other_types(given, control)
+        _refuse_other_types(model, given, control)
         imposed, request = self._driven(state, given[: len(DRIVES)])
         target = self._targets(state, imposed, request)
         changes: dict[str, Any] = {
@@ -315,15 +315,27 @@ def _reach(model: Model, drive: Drive) -> tuple[float, float, float]:
     return -math.inf if low is None else low, math.inf if high is None else high, furthest
 
 
-def _refuse_other_types(given: Sequence[object], control: Control) -> None:
+def _refuse_other_types(model: Model, given: Sequence[object], control: Control) -> None:
     """Refuse what is no dictionary by name, and signals that are no numbers."""
     if {*map(type, given)} != {dict}:
         for key, mapping in zip(MAPPINGS, given, strict=True):
             if not isinstance(mapping, Mapping):
-                raise ControlError(f"control.{key}: must be a dictionary by name, not {type(mapping).__name__}")
+                needed = f"must be a dictionary by name, not {type(mapping).__name__}"
+                raise ControlError(f"control.{key}: {needed}{_example(model, key, mapping)}")
     for name, value in control.signals.items():
         if not isinstance(value, Real) or isinstance(value, bool):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
+
+
+def _example(model: Model, key: str, value: object) -> str:
+    """How a value given without a name is written with one; "" where nothing has names."""
+    names: dict[str, Sequence[str]] = dict.fromkeys(FRAME_MAPPINGS, model.frames.names[1:])
+    for kind in ACTUATOR_KINDS:
+        names |= dict.fromkeys((kind.effort.request, kind.coordinate.request), model.actuators.names_of(kind))
+    names |= {VALVE.request: model.cavities.names, "pull_points": model.cables.names}
+    names |= {"anchor_positions": [body.name for body in model.soft_bodies], "young_modulus": model.material_names}
+    written = repr(value) if isinstance(value, Real) else "..."
+    return f", such as {{'{names[key][0]}': {written}}}" if names.get(key) else ""
 
 
 def _drive(

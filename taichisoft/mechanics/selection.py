@@ -8,7 +8,7 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.mesh.volume_mesh import VolumeMesh
-from taichisoft.scene.soft_body import Anchor, NodalForce, NodeSelection, Selection
+from taichisoft.scene.soft_body import Anchor, NodalForce, NodeSelection, Selection, SoftBodySettings
 from taichisoft.scene.table import Vector
 
 # Points that follow a mesh: the element around each and its barycentric weights.
@@ -166,6 +166,25 @@ def anchor_stiffness(mesh: VolumeMesh, anchors: Sequence[Anchor], key: str) -> n
         for direction in anchor.directions:
             stiffness[nodes, "xyz".index(direction)] = anchor.stiffness
     return stiffness
+
+
+def anchor_frames(mesh: VolumeMesh, body: SoftBodySettings, key: str) -> np.ndarray:
+    """Name of the frame that each anchored node moves with, "" of others, shape (node_count,).
+
+    Raises:
+        SceneError: two anchors hold a node at different frames; `key` begins the error.
+    """
+    frames = np.full(len(mesh.nodes), "", dtype=object)
+    for index, anchor in enumerate(body.anchors):
+        nodes, frame = select_nodes(mesh, anchor, f"{key}.{index}"), anchor.follows or body.follows
+        shared = nodes[(frames[nodes] != "") & (frames[nodes] != frame)]
+        if shared.size:
+            raise SceneError(
+                f"{key}.{index} holds node {shared[0]} at the frame '{frame}', and an anchor before it at "
+                f"'{frames[shared[0]]}' ({shared.size} such nodes); a node moves with one frame: select apart"
+            )
+        frames[nodes] = frame
+    return frames
 
 
 def nodal_forces(mesh: VolumeMesh, forces: Sequence[NodalForce], key: str) -> np.ndarray:

@@ -24,6 +24,7 @@ from taichisoft.mechanics.reinforcements import (
 )
 from taichisoft.mechanics.selection import (
     SMALLEST_WEIGHT,
+    anchor_frames,
     anchor_stiffness,
     embed,
     far_outside,
@@ -100,6 +101,7 @@ class SoftBody:
         domains: its integration domains; None where they are linear tetrahedra under Hooke's law.
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm] of the spring at each node along x, y and z, 0 where there is none, (node_count, 3).
+        anchor_frame: name of the frame that each anchored node moves with, "" of others, shape (node_count,).
         node_force: constant force on each node [mN], shape (node_count, 3).
         tip_nodes: nodes that the scene's `tip` selects, or None.
         collision_surfaces: what touches other bodies, and each other where they have no group in common.
@@ -120,6 +122,7 @@ class SoftBody:
     domains: IntegrationDomains | None
     node_mass: np.ndarray
     anchor_stiffness: np.ndarray
+    anchor_frame: np.ndarray
     node_force: np.ndarray
     tip_nodes: np.ndarray | None
     collision_surfaces: tuple[CollisionSurface, ...]
@@ -209,6 +212,7 @@ def make_soft_body(
         domains=None if is_linear else ELEMENT_KINDS[body.element].domains(rest_position, mesh.elements, material),
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness(mesh, body.anchors, f"{key}.anchors"),
+        anchor_frame=anchor_frames(mesh, body, f"{key}.anchors"),
         node_force=nodal_forces(mesh, body.forces, f"{key}.forces"),
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
         collision_surfaces=_collision_surfaces(mesh, body),

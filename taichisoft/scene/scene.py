@@ -237,7 +237,7 @@ PRESSURES = {
 REFERENCES = {
     "frame": (
         *("frames.*.follows", "rigid_bodies.*.follows", "rigid_bodies.*.springs.follows", "soft_bodies.*.follows"),
-        "cameras.*.follows",
+        *("soft_bodies.*.anchors.*.follows", "cameras.*.follows"),
     ),
     "body": ("contact.pairs.*.bodies.*", "soft_bodies.*.cables.*.points.*.body"),
     "rigid body": ("external_forces.*.body", "goal.object"),

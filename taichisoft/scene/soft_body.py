@@ -224,8 +224,10 @@ class Region(Selection):
 
 
 class Anchor(NodeSelection):
-    """Nodes held by stiff springs to their rest positions, which move with the base or what else the body follows."""
+    """Nodes held by stiff springs to their rest positions, which move with a frame."""
 
+    follows: str | None = None
+    """Frame that the nodes move with, and that feels what pulls at them; that of the body when it is not given."""
     stiffness: Positive = 1e12
     """Stiffness of the spring of each node [mN/mm]."""
     directions: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1)] = ["x", "y", "z"]
@@ -366,7 +368,8 @@ class SoftBodySettings(ActuatorTables):
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     follows: str = "base"
-    """Frame that the anchored nodes move with: "base", or one of `frames`."""
+    """Frame that the anchored nodes move with, where anchors name no other: "base", or one of `frames`. Tips and pull
+    points of cables are relative to it."""
     tactile: dict[Name, TactileArray] = {}
     membranes: dict[Name, MembraneSettings] = {}
     fibres: dict[Name, FibreSettings] = {}
@@ -386,6 +389,11 @@ class SoftBodySettings(ActuatorTables):
             'corotation = "{corotation}" is for element = "linear", not "{element}"',
         ),
         Rule('corotation != "none" or law == "hooke"', 'corotation = "none" is for law = "hooke", not "{law}"'),
+        Rule(
+            "reduced and value == follows",
+            '{path} = "{value}": the modes of a reduced body follow "{follows}"; remove reduced, or this key',
+            "anchors.*.follows",
+        ),
     )
 
     @model_validator(mode="after")

@@ -1,7 +1,9 @@
 """Wrenches on frames: what a sensor of forces and torques between a frame and all that it carries would show.
 
 A soft body exerts on its frame what its weight, the contacts and cables that act on it, and other loads leave of the
-change of its momentum. Elements and pressures do not appear in this balance: they act within the body.
+change of its momentum. Elements and pressures do not appear in this balance: they act within the body. Where anchors
+hold a body at several frames the equations of the held nodes give the share of each, and the first frame has what is
+left of the balance.
 """
 
 import numpy as np
@@ -13,18 +15,86 @@ from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.rigid_body_arrays import FramePlaces
 from taichisoft.mechanics.state import State
 from taichisoft.step.kernels import loads as kernels
+from taichisoft.step.nonlinear_step import EndOfStep
 from taichisoft.step.points_of_step import PointsOfStep
 from taichisoft.step.rigid_motion import CarriedBodies
+from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import StepSolution
+
+
+class AnchorForces:
+    """What anchored nodes exert on frames, each by its own equation without the spring.
+
+    The spring's stretch times its stiffness, 1e12 mN/mm, would show round-off in motion, 0.01 mN, and in derivatives
+    nothing else.
+    """
+
+    def __init__(self, model: Model, soft: SoftMotion, equations: EndOfStep | None, node: np.ndarray):
+        """Prepare for `node`, which are no nodes of reduced bodies; `equations` are those of several linearisations."""
+        elasticity = model.elasticity
+        assert elasticity is not None
+        self._soft, self._equations, self._node, self._time = soft, equations, node, model.scene.time
+        self._inertia, self._mass = elasticity.inertia[node, None], elasticity.node_mass[node, None]
+        self._holds = elasticity.anchor_stiffness[node] > 0.0
+        place = np.full(model.node_count, -1)
+        place[node] = np.arange(len(node))
+        first, second = elasticity.symbolic.block_pairs.T
+        is_off = first != second
+        lower, upper = (np.flatnonzero(is_off & (place[one] >= 0)) for one in (first, second))
+        self._lower, self._upper = lower, upper
+        self._row = place[np.concatenate([first[lower], second[upper]])]
+        self._pair = np.concatenate([first[lower], second[upper]]), np.concatenate([second[lower], first[upper]])
+
+    def find(self, start: State, node_velocity: np.ndarray, solution: StepSolution) -> np.ndarray:
+        """Forces on the frames [mN], shape (count, 3), with the velocities of the nodes after the step.
+
+        It is called before the actuators are measured at the end of the step.
+        """
+        node, time_step = self._node, self._time.step
+        if self._equations is not None:  # of the bodies where the solution takes them
+            impulse = self._equations.residual(solution.effort, with_anchors=False)[node]
+        else:
+            impulse = self._soft.impulses(start, solution.effort, with_anchors=False)[node]
+            change = solution.node_velocity - (start.velocity if self._time.dynamics == "inertial" else 0.0)
+            impulse -= self._inertia * change[node] + self._product(change)
+        force: np.ndarray = (impulse + solution.contact_node_impulse[node]) / time_step
+        if self._time.theta < 1.0:  # velocities of what springs hold are replaced, see `SoftMotion.end_velocity`
+            force -= self._mass / time_step * (node_velocity[node] - solution.node_velocity[node])
+        return np.where(self._holds, force, 0.0)
+
+    def _product(self, change: np.ndarray) -> np.ndarray:
+        """Product of the rows of the stiffness and a change of velocities [mN s], shape (count, 3).
+
+        No stiffness resists a translation, so that the blocks of a row add up to 0: those on the diagonal, which the
+        anchors' springs round off, are not needed.
+        """
+        blocks, (own, other) = self._soft.system.solver.blocks, self._pair
+        blocks = np.concatenate([blocks[self._lower], blocks[self._upper].transpose(0, 2, 1)])
+        products = np.einsum("nij,nj->ni", blocks, change[other] - change[own])
+        total = np.zeros((len(self._node), 3))
+        np.add.at(total, self._row, products)
+        return total
 
 
 class FrameWrenches:
     """Sums up what anchored soft bodies, bodies that frames carry, and cables that they pull exert on frames."""
 
-    def __init__(self, model: Model, points: PointsOfStep):
+    def __init__(self, model: Model, points: PointsOfStep, soft: SoftMotion | None, equations: EndOfStep | None):
         self._model, self._points, actuators = model, points, model.actuators
-        bodies = zip(model.soft_frame.tolist(), model.soft_bodies, strict=True)
-        self._bodies = [(frame, body.nodes) for frame, body in bodies if body.anchored.any()]
+        self._bodies: list[tuple[int, slice]] = []
+        self._shares: list[tuple[int, int, slice]] = []  # first frame of a body, another, and the nodes held at that
+        shared: list[np.ndarray] = []
+        for body in model.soft_bodies:
+            anchors = slice(*np.searchsorted(model.anchored_nodes, [body.nodes.start, body.nodes.stop]))
+            node, frame = model.anchored_nodes[anchors], model.anchor_frame[anchors]
+            first, *others = dict.fromkeys(frame.tolist()) or [-1]
+            self._bodies += [(first, body.nodes)] if len(node) else []
+            for other in others:
+                count = sum(map(len, shared))
+                shared.append(node[frame == other])
+                self._shares.append((first, other, slice(count, count + len(shared[-1]))))
+        self._shared = np.concatenate([*shared, np.zeros(0)]).astype(np.int32)
+        self._anchors = AnchorForces(model, soft, equations, self._shared) if shared and soft is not None else None
         self._held = self._lay_out() if self._bodies else None
         cables = actuators.place(CABLES)
         coordinates = actuators.first_coordinate[[cables.start, cables.stop]]
@@ -49,6 +119,12 @@ class FrameWrenches:
         forces: np.ndarray = np.array(found).reshape(-1, 2, 3)
         return forces
 
+    def anchor_forces(self, start: State, node_velocity: np.ndarray, solution: StepSolution) -> np.ndarray:
+        """Forces of the nodes of `_shares` on their frames [mN], see `AnchorForces.find`."""
+        if self._anchors is None:
+            return np.zeros((0, 3))
+        return self._anchors.find(start, node_velocity, solution)
+
     def find(
         self,
         start: State,
@@ -57,6 +133,7 @@ class FrameWrenches:
         node_velocity: np.ndarray,
         solution: StepSolution,
         cable_forces: np.ndarray | float,
+        anchor_forces: np.ndarray,
         carried: CarriedBodies,
     ) -> np.ndarray:
         """Forces [mN], and torques about the pivots [mN mm], in world axes, in a step, shape (frame_count, 2, 3).
@@ -79,6 +156,10 @@ class FrameWrenches:
         of_bodies = self._of_bodies(start, position, node_velocity, solution) + cable_forces
         for (frame, _), of_body in zip(self._bodies, of_bodies, strict=True):
             wrench[frame] += of_body
+        for first, other, own in self._shares:
+            share = _resultant(position[self._shared[own]], anchor_forces[own])
+            wrench[other] += share
+            wrench[first] -= share
         for line, coordinate in self._pulled:
             wrench[line.frame] += self._pull(line, start, float(solution.effort[coordinate]))
         if len(carried.index):

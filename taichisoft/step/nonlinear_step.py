@@ -51,8 +51,6 @@ class EndOfStep:
         has_drag = springs is not None and springs.is_damped
         self._is_damped = has_drag or bool((elasticity.node_lag > self._stage).any())
         self._anchors = soft.anchors._replace(lag=np.maximum(elasticity.anchor_lag - self._stage, 0.0))
-        no_nodes = {name: getattr(soft.anchors, name)[:0].copy() for name in ("node", "frame")}
-        self._no_anchors = self._anchors._replace(**no_nodes)
         pairs = elasticity.symbolic.block_pairs
         off = np.flatnonzero(pairs[:, 0] != pairs[:, 1])
         row, column = np.concatenate([pairs, pairs[off, ::-1]]).T
@@ -125,7 +123,7 @@ class EndOfStep:
 
     def residual(self, effort: np.ndarray, with_anchors: bool = True) -> np.ndarray:
         """Residual impulses [mN s] of the equations where the bodies are, without contacts, shape (node_count, 3)."""
-        anchors = self._anchors if with_anchors else self._no_anchors
+        anchors = self._anchors if with_anchors else self._soft.no_anchors
         soft, velocity = self._soft, self._after
         kernels.sum_impulses(
             self._time_step,

@@ -19,7 +19,7 @@ class SoftMotion:
         system: elastic forces, matrix and direct solver of the step.
         nodes: loads on the nodes, at the start of the step.
         forces: constant forces on nodes.
-        anchors: springs that hold nodes, with the lag at the start of a step.
+        anchors: springs that hold nodes, with the lag at the start of a step; `no_anchors` are none.
         frames: where the frames are at the end of the step.
     """
 
@@ -46,11 +46,13 @@ class SoftMotion:
         self._young_modulus: np.ndarray | None = None  # of the system's elements
         self.anchors = kernels.Anchors(
             node=model.anchored_nodes,
-            frame=np.repeat(model.soft_frame, [int(body.anchored.sum()) for body in model.soft_bodies]),
+            frame=model.anchor_frame,
             stiffness=elasticity.anchor_stiffness,
             lag=elasticity.anchor_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
         )
+        no_nodes = {name: getattr(self.anchors, name)[:0].copy() for name in ("node", "frame")}
+        self.no_anchors = self.anchors._replace(**no_nodes)
         pushed = np.flatnonzero(is_pushed)
         self._rigidity = elasticity.rigidity
         self.forces = kernels.ConstantForces(node=pushed.astype(np.int32), force=constant[pushed])
@@ -79,7 +81,7 @@ class SoftMotion:
             stiffening = state.young_modulus / self._model.young_modulus
             self.system.scale_stiffness(stiffening[self._model.element_material])
         self.system.assemble()
-        self._sum_impulses(state, load)
+        self._sum_impulses(state, load, self.anchors)
         known_velocity = self.system.velocity
         if not has_inertia:
             known_velocity = np.where(self.system.modes.start[:, None] >= 0, known_velocity, 0.0)
@@ -126,10 +128,10 @@ class SoftMotion:
         moved = self.known_velocity - reduced.node_velocity(self.rates(self.known_velocity))
         return np.where(reduced.is_reduced, moved, 0.0)
 
-    def impulses(self, state: State, load: np.ndarray) -> np.ndarray:
+    def impulses(self, state: State, load: np.ndarray, with_anchors: bool = True) -> np.ndarray:
         """Impulses on the nodes at the place of the linearisation [mN s], with gravity and frames of a state."""
         self.follow_frames(state)
-        self._sum_impulses(state, load)
+        self._sum_impulses(state, load, self.anchors if with_anchors else self.no_anchors)
         return self.nodes.impulse.copy()
 
     def complete(self, columns: SparseColumns, multipliers: np.ndarray, count: int) -> np.ndarray:
@@ -188,7 +190,7 @@ class SoftMotion:
             )
         self._anchor_position = state.anchor_position
 
-    def _sum_impulses(self, state: State, load: np.ndarray) -> None:
+    def _sum_impulses(self, state: State, load: np.ndarray, anchors: kernels.Anchors) -> None:
         self.nodes.gravity[0] = state.gravity
         self.anchors.position[:] = state.anchor_position
         self._load[:] = load
@@ -196,7 +198,7 @@ class SoftMotion:
             self._time_step,
             self.nodes,
             self.forces,
-            self.anchors,
+            anchors,
             self.frames,
             self._model.actuators.coordinates,
             self._geometry.gradient,

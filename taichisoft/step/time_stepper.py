@@ -64,7 +64,8 @@ class TimeStepper:
         self._ends_linearised = model.scene.time.most_linearisations > 1  # solved at the end of the step
         if model.elasticity is not None and self._soft is not None and self._ends_linearised:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
-        self._frame_wrenches = FrameWrenches(model, points)
+        equations = self._solver.equations if isinstance(self._solver, NonlinearStep) else None
+        self._frame_wrenches = FrameWrenches(model, points, self._soft, equations)
         self._divergence_check = DivergenceCheck(model, points)
         self._observer = Observer(model)
         self._has_reduced_bodies = any(body.modes is not None for body in model.soft_bodies)
@@ -270,6 +271,7 @@ class TimeStepper:
             node_velocity, velocity = np.zeros_like(position), np.zeros_like(velocity)
         # Frames and so pull points have moved already: they are where the requests at the start of a step put them.
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
+        anchor_forces = self._frame_wrenches.anchor_forces(start, node_velocity, solution)
         cable_forces = self._frame_wrenches.cable_forces(self._geometry, solution.effort, start.position)
         self._geometry.update(ahead, self.model.placed_pull_points(start))
         if self._ends_linearised:
@@ -286,7 +288,14 @@ class TimeStepper:
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
             frame_wrench=self._frame_wrenches.find(
-                start, self.state.frame_pose, position, node_velocity, solution, cable_forces, self._rigid.carried
+                start,
+                self.state.frame_pose,
+                position,
+                node_velocity,
+                solution,
+                cable_forces,
+                anchor_forces,
+                self._rigid.carried,
             ),
             actuator_effort=effort,
             actuator_value=value,

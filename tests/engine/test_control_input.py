@@ -63,7 +63,10 @@ def simulation(block: Callable[..., str]) -> Simulation:
         (Control(young_modulus={"right.regions.0": float("inf")}), "['right.regions.0'] = inf: must be one finite"),
         (Control(young_modulus={"right": float("nan")}), "control.young_modulus['right'] = nan: must be one finite"),
         (Control(young_modulus={"left.regions.0": 1.0}), "no material is called 'left.regions.0'; did you mean 'right"),
-        (Control(young_modulus=600.0), "control.young_modulus: must be a dictionary by name, not float"),
+        (Control(young_modulus=600.0), "by name, not float, such as {'left': 600.0}"),
+        (Control(pressure=10.0), "must be a dictionary by name, not float, such as {'left.air': 10.0}"),
+        (Control(pressure=np.array([10.0])), "not ndarray, such as {'left.air': ...}"),
+        (Control(cable_pull=2), "control.cable_pull: must be a dictionary by name, not int"),
         (Control(anchor_positions=np.ones((16, 3))), "control.anchor_positions: must be a dictionary by name, not nd"),
     ],
 )  # fmt: skip

@@ -1,8 +1,9 @@
 """What a controller sees, against closed forms on a block that is moved by hand."""
 
+import pickle
 import re
 from collections.abc import Callable, Mapping
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import fields, replace
 from typing import get_type_hints
 
@@ -46,6 +47,23 @@ def seen(simulation: Simulation, position: np.ndarray, velocity: np.ndarray | No
     velocity = np.zeros_like(position) if velocity is None else velocity
     simulation.restore(replace(simulation.state, position=position, velocity=velocity))
     return simulation.observe()
+
+
+@pytest.mark.parametrize("duplicate", [copy, deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_an_observation_can_be_copied(simulation: Simulation, duplicate: Callable[[Observation], Observation]) -> None:
+    """Read or not before, with the errors of its mappings, which stay read-only."""
+    for read in (False, True):
+        first = simulation.step(Control(pressure={"beam.air": 2.0})).observation
+        seen = dict(first.volumes) if read else {}
+        second = duplicate(first)
+        assert second.volumes == first.volumes and (not seen or second.volumes == seen)
+        assert second.pressures == {"beam.air": first.pressures["beam.air"]} and second.state == first.state
+        np.testing.assert_array_equal(second.tip_positions["beam"], first.tip_positions["beam"])
+        with pytest.raises(KeyError, match=r"did you mean 'beam\.air'"):
+            second.volumes["beam.aar"]
+        with pytest.raises(TypeError):
+            second.volumes["beam.air"] = 0.0  # type: ignore[index]
+    assert deepcopy(first).tip_positions["beam"] is not first.tip_positions["beam"]
 
 
 def test_the_time_between_two_calls_of_the_controller_is_known() -> None:
