@@ -71,6 +71,7 @@ FINGERS = Subject("finger", _fingers)
 BASE = Subject("x, y or z", lambda model: ("",), axes="xyz")
 FRAMES = Subject("frame", lambda model: list(model.scene.frames), axes="xyz")
 HINGES = Subject("frame", _hinges)
+PUSHED = Subject("body or frame", lambda model: model.external_forces.names, axes="xyz")
 OBJECTS = Subject("rigid body", lambda model: model.scene.objects)
 TACTILE_ARRAYS = Subject("tactile array", lambda model: list(model.scene.tactile_arrays))
 PAIRS = Subject("pair of bodies", _pairs_with_objects, " of the soft bodies on the object")
@@ -246,6 +247,7 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("object_velocity", "mm/s", OBJECTS, reach=1e3, axes="xyz"),
     Figure("tactile", "mN", TACTILE_ARRAYS, field="tactile"),
+    Figure("external_force", "mN", PUSHED, "largest force from outside, its amount", "max", In.CSV, reach=1e4),
     Figure("contact_count", "1", PAIRS, "number of pressing contacts", "sum"),
     Figure("normal_force", "mN", PAIRS, "sum of the normal forces", "sum", EVERYWHERE, "normal force [mN]", 5e3),
     Figure("friction_force", "mN", PAIRS, "sum of the amounts of friction", "sum", LISTED, "friction force [mN]", 5e3),
