@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -71,8 +71,19 @@ class KeyStream:
 Vector = np.ndarray | Sequence[float]
 
 
+class _Request:
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        """Refuse an unknown name with the nearest valid one."""
+        valid = list(cls.__dataclass_fields__)
+        for name in given.keys() - valid:
+            raise TypeError(f"{cls.__name__} has no '{name}'; {nearest(name, valid, 'there are')}")
+        return super().__new__(cls)
+
+
 @dataclass(frozen=True)
-class Force:
+class Force(_Request):
     """A force from outside on a body or a frame, and a torque.
 
     Attributes:
@@ -92,7 +103,7 @@ class Force:
 
 
 @dataclass(frozen=True)
-class Control:
+class Control(_Request):
     """What a controller asks for; whatever it does not mention stays as it was asked for last.
 
     The scene's `[limits]` stand between what is asked for and what happens. Angles are in radians.
@@ -148,13 +159,6 @@ class Control:
     gravity: Vector | None = None
     young_modulus: Mapping[str, float] = field(default_factory=dict)
     signals: Mapping[str, float] = field(default_factory=dict)
-
-    def __new__(cls, *_: Any, **given: Any) -> Self:
-        """Refuse an unknown name with the nearest valid one."""
-        valid = list(cls.__dataclass_fields__)
-        for name in given.keys() - valid:
-            raise TypeError(f"Control has no '{name}'; {nearest(name, valid, 'there are')}")
-        return super().__new__(cls)
 
 
 # What drives a run: the base class of every controller.

@@ -51,6 +51,10 @@ def _hinges(model: "Model") -> Sequence[str]:
     return [name for name, frame in model.scene.frames.items() if frame.hinge is not None]
 
 
+def _bodies_and_frames(model: "Model") -> Sequence[str]:
+    return [*model.scene.soft_bodies, *model.scene.rigid_bodies, *model.scene.all_frames]
+
+
 def _pairs_with_objects(model: "Model") -> list[Pair]:
     """All pairs of a rigid body with any other body that it can touch, in the order of the scene.
 
@@ -71,7 +75,7 @@ FINGERS = Subject("finger", _fingers)
 BASE = Subject("x, y or z", lambda model: ("",), axes="xyz")
 FRAMES = Subject("frame", lambda model: list(model.scene.frames), axes="xyz")
 HINGES = Subject("frame", _hinges)
-PUSHED = Subject("body or frame", lambda model: model.external_forces.names, axes="xyz")
+PUSHED = Subject("body or frame", _bodies_and_frames, axes="xyz")
 OBJECTS = Subject("rigid body", lambda model: model.scene.objects)
 TACTILE_ARRAYS = Subject("tactile array", lambda model: list(model.scene.tactile_arrays))
 PAIRS = Subject("pair of bodies", _pairs_with_objects, " of the soft bodies on the object")

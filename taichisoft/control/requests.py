@@ -56,7 +56,7 @@ def finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | floa
     if array.shape != shape or not np.isfinite(array).all():
         wanted = f"{shape[0]} finite numbers" if shape else "one finite number"
         given = f", not an array of shape {array.shape}" if array.shape != shape and array.ndim else ""
-        raise ControlError(f"{key} = {value!r}: must be {wanted}{given}")
+        raise ControlError(f"{key} = {_shown(value)}: must be {wanted}{given}")
     return array
 
 
@@ -68,7 +68,11 @@ def as_array(value: object, key: str) -> np.ndarray:
             return np.array(given, dtype=np.float64)
     except (TypeError, ValueError):  # rows of unequal lengths
         pass
-    raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers")
+    raise ControlError(f"{key} = {_shown(value)}: must be a number or an array of numbers")
+
+
+def _shown(value: object) -> str:
+    return " ".join(line.strip() for line in repr(value).splitlines())
 
 
 # The motion of frames: what a controller or the scene asks of them, what limits leave of it, and what is seen.
@@ -405,6 +409,10 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
     return position
 
 
+MOST_STEPS = 2**31 - 1
+"""Number of time steps that a state can count."""
+
+
 def _external_forces(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
     """The forces of the step: those of the last one that go on, and what is asked for."""
     force, places = state.external_force.copy(), model.external_forces
@@ -418,19 +426,26 @@ def _external_forces(model: Model, state: State, control: Control) -> dict[str, 
             steps[number] = 0
             continue
         if not isinstance(value, Force):
-            raise ControlError(f"{key} = {value!r}: must be a taichisoft.Force, such as Force([0.0, 0.0, 10.0]), or None")
-        if value.axes not in ("world", "own"):
-            raise ControlError(f"{key}.axes = {value.axes!r}: must be 'world' or 'own'")
-        count = UNTIL_ANOTHER if value.steps is None else value.steps
-        if value.steps is not None and (not isinstance(count, Integral) or isinstance(count, bool) or count < 1):
-            raise ControlError(f"{key}.steps = {count!r}: must be a whole number of time steps, 1 or more, or None")
+            raise ControlError(
+                f"{key} = {_shown(value)}: must be None or a taichisoft.Force, such as Force([0.0, 0.0, 10.0])"
+            )
+        if not (isinstance(value.axes, str) and value.axes in ("world", "own")):
+            raise ControlError(f"{key}.axes = {_shown(value.axes)}: must be 'world' or 'own'")
         point = places.middle[number] if value.point is None else value.point
         rows = {"force": value.force, "torque": value.torque, "point": point}
         force[number] = [finite(row, f"{key}.{part}", (3,)) for part, row in rows.items()]
-        own[number], steps[number] = value.axes == "own", count
+        own[number], steps[number] = value.axes == "own", _step_count(value.steps, f"{key}.steps")
         if places.is_soft(number):
             _check_place(places, number, key, value, force[number])
     return {"external_force": force, "external_force_steps": steps, "external_force_own_axes": own}
+
+
+def _step_count(value: object, key: str) -> int:
+    if value is None:
+        return UNTIL_ANOTHER
+    if isinstance(value, Integral) and not isinstance(value, bool) and 1 <= int(value) <= MOST_STEPS:
+        return int(value)
+    raise ControlError(f"{key} = {_shown(value)}: must be a whole number of time steps from 1 to {MOST_STEPS}, or None")
 
 
 def _check_place(places: ExternalForces, number: int, key: str, value: Force, rows: np.ndarray) -> None:
@@ -439,7 +454,7 @@ def _check_place(places: ExternalForces, number: int, key: str, value: Force, ro
         near = np.round(places.middle[number], 2).tolist()
         raise ControlError(f"{key}.point: a soft body needs one, a place at rest [mm] such as {near}")
     if rows[1].any():
-        raise ControlError(f"{key}.torque: a point of a soft body takes none; give the rigid body or frame that it holds")
+        raise ControlError(f"{key}.torque: a point of a soft body takes none; give two forces, or turn its frame")
     if problem := places.outside(number, rows[2]):
         raise ControlError(f"{key}.point = {rows[2].tolist()}: {problem}")
 

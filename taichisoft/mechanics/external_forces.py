@@ -51,22 +51,24 @@ class ExternalForces:
 
     Attributes:
         names: soft bodies, rigid bodies and frames, which a state has forces on in this order.
+        middle: centres of mass of rigid bodies and pivots of frames at rest [mm], and a place in each soft body, shape
+            (len(names), 3).
     """
 
     def __init__(
         self, scene: Scene, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], frames: MovingFrames
     ) -> None:
         self._soft, self._rigid, self._frames = tuple(soft), tuple(rigid), frames
-        self.names = (*(body.name for body in (*soft, *rigid)), *frames.names)
+        self.names = (*(body.name for body in soft), *(body.name for body in rigid), *frames.names)
         # What carries the force on each: a frame, or -1 for the body itself.
         carriers = [*frames.numbers([None] * len(soft)), *frames.numbers(body.follows for body in rigid)]
         self._carrier = np.array([*carriers, *range(len(frames.names))], dtype=np.int32)
-        middles = [*(body.rest_position.mean(axis=0) for body in soft), *(body.start_position for body in rigid)]
+        middles = [*(body.rest_position[0] for body in soft), *(body.start_position for body in rigid)]
         self.middle = np.vstack([*middles, frames.pivot])
         self._places: dict[tuple[int, bytes], tuple[np.ndarray, np.ndarray]] = {}
-        names, step = [body.name for body in rigid], scene.time.step
+        step, numbers = scene.time.step, {body.name: len(soft) + number for number, body in enumerate(rigid)}
         self._planned = [
-            (round(one.start / step), max(1, round(one.duration / step)), names.index(one.body), np.array(one.force))
+            (round(one.start / step), max(1, round(one.duration / step)), numbers[one.body], np.array(one.force))
             for one in scene.external_forces
         ]
 
@@ -76,15 +78,15 @@ class ExternalForces:
 
     def place(self, number: int, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Corners of the tetrahedron of a soft body around a point at rest [mm], and weights, shape (4,) each."""
-        key = number, point.tobytes()
-        if key not in self._places:
-            if len(self._places) == MOST_KEPT:
-                self._places.clear()
-            body = self._soft[number]
+        key, body = (number, point.tobytes()), self._soft[number]
+        place = self._places.get(key)  # threads share a model
+        if place is None:
             node, weight = embed(point[None], body.rest_position, linear_parts(body.elements))
-            self._places[key] = node[0], weight[0]
-        node, weight = self._places[key]
-        return node + self._soft[number].nodes.start, weight
+            place = node[0] + body.nodes.start, weight[0]
+            if len(self._places) >= MOST_KEPT:
+                self._places.clear()
+            self._places[key] = place
+        return place
 
     def outside(self, number: int, point: np.ndarray) -> str:
         """How far a point at rest [mm] lies outside a soft body, and what does not; nothing of one in it."""
@@ -101,17 +103,16 @@ class ExternalForces:
 
     def on_rigid(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Rigid bodies that no frame carries, with forces [mN] and torques about their centres of mass [mN mm]."""
-        for body, force in self._planned_at(state.step):
-            yield body, force, np.zeros(3)
-        for number in self._acting(state):
-            if not self.is_soft(number) and self._carrier[number] < 0:
-                yield number - len(self._soft), *self._wrench(state, number, self.middle[number])
+        for number, force, torque in self._wrenches(state, state.step):
+            if self._carrier[number] < 0:
+                yield number - len(self._soft), force, torque
 
     def on_frames(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Frames, and forces [mN] and torques about their pivots [mN mm] on them and on the bodies they carry."""
-        for number in self._acting(state):
+        for number, force, torque in self._wrenches(state, state.step):
             if (frame := int(self._carrier[number])) >= 0:
-                yield frame, *self._wrench(state, number, self._frames.pivot[frame])
+                arm = self._turn(state, number) @ (self.middle[number] - self._frames.pivot[frame])
+                yield frame, force, torque + np.cross(arm, force)
 
     def seen(self, state: State) -> np.ndarray:
         """Forces in the step that led to a state, in axes of the world [mN], shape (len(names), 3)."""
@@ -119,18 +120,13 @@ class ExternalForces:
         for number in self._acting(state):
             if self.is_soft(number):
                 seen[number] = self._node_force(state, number).at(state.position).sum(axis=0)
-            else:
-                seen[number] = self._wrench(state, number, self.middle[number])[0]
-        for body, force in self._planned_at(state.step - 1):
-            seen[len(self._soft) + body] += force
+        for number, force, _ in self._wrenches(state, state.step - 1):
+            seen[number] += force
         return seen
 
     def _acting(self, state: State) -> list[int]:
         numbers: list[int] = np.flatnonzero(state.external_force_steps).tolist()
         return numbers
-
-    def _planned_at(self, step: int) -> list[tuple[int, np.ndarray]]:
-        return [(body, force) for first, count, body, force in self._planned if first <= step < first + count]
 
     def _node_force(self, state: State, number: int) -> NodeForce:
         force, _, point = state.external_force[number]
@@ -140,17 +136,25 @@ class ExternalForces:
             to_rest = np.linalg.inv((rest[1:] - rest[0]).T)
         return NodeForce(node, weight, force, to_rest)
 
-    def _wrench(self, state: State, number: int, about: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Force [mN] and torque [mN mm] on a rigid body or frame about what is at `about` [mm] at rest."""
-        force, torque, point = state.external_force[number]
+    def _wrenches(self, state: State, step: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Numbers of rigid bodies and frames, with forces [mN] and torques about their middles [mN mm] in a step."""
+        for first, count, number, force in self._planned:
+            if first <= step < first + count:
+                yield number, force, np.zeros(3)
+        for number in self._acting(state):
+            if self.is_soft(number):
+                continue
+            turn, (force, torque, point) = self._turn(state, number), state.external_force[number]
+            if state.external_force_own_axes[number]:
+                force, torque = turn @ force, turn @ torque
+            yield number, force, torque + np.cross(turn @ (point - self.middle[number]), force)
+
+    def _turn(self, state: State, number: int) -> np.ndarray:
+        """Rotation of a rigid body or a frame from its rest, shape (3, 3)."""
         if (frame := self._carrier[number]) >= 0:
-            turn = self._frames.places(state.frame_pose).turn[frame]
-        else:
-            body = number - len(self._soft)
-            now, rest = matrices_from_quaternions(
-                np.array([state.rigid_rotation[body], self._rigid[body].start_rotation])
-            )
-            turn = now @ rest.T
-        if state.external_force_own_axes[number]:
-            force, torque = turn @ force, turn @ torque
-        return force, torque + np.cross(turn @ (point - about), force)
+            turn: np.ndarray = self._frames.places(state.frame_pose).turn[frame]
+            return turn
+        body = number - len(self._soft)
+        turns = np.array([state.rigid_rotation[body], self._rigid[body].start_rotation])
+        now, rest = matrices_from_quaternions(turns)
+        return now @ rest.T

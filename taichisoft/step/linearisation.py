@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -208,8 +208,9 @@ def _acting(model: Model, state: State) -> dict[str, Force]:
     """The forces from outside in a step from a state, as a control asks for them."""
     acting = {}
     for number in np.flatnonzero(state.external_force_steps).tolist():
-        axes = "own" if state.external_force_own_axes[number] else "world"
-        acting[model.external_forces.names[number]] = Force(*state.external_force[number], axes)
+        force, torque, point = state.external_force[number]
+        axes: Literal["own", "world"] = "own" if state.external_force_own_axes[number] else "world"
+        acting[model.external_forces.names[number]] = Force(force, torque, point, axes)
     return acting
 
 
@@ -238,7 +239,8 @@ def asking(state: State, values: Mapping[str, float], control: Control = NOTHING
                 raise ControlError(f"'{name}' is not the name of a control: must have {' or '.join(FORCE)} before .x")
             row = np.array(getattr(force, part), dtype=np.float64)
             row[_axis(name, letter)] = value
-            changes = {"forces": {**control.forces, who: replace(force, **{part: row})}}
+            pushed = replace(force, force=row) if part == "force" else replace(force, torque=row)
+            changes = {"forces": {**control.forces, who: pushed}}
         elif key in [drive.request for drive in (*DRIVES, VALVE)] and of:
             changes = {key: {**getattr(control, key), of: value}}
         else:

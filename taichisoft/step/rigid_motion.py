@@ -233,4 +233,3 @@ class BodySprings:
         mass += np.diag(stage * lag * stiffness)
         rigid.inverse_mass[body] = np.linalg.inv(mass)
         rigid.free[body] = rigid.inverse_mass[body] @ load
-
