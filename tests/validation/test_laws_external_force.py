@@ -198,6 +198,7 @@ def test_force_on_modes_is_that_on_the_full_body(tmp_path: Path) -> None:
         for simulation in (full, reduced):
             simulation.step(push if number == 0 else None)
         np.testing.assert_allclose(reduced.state.position, full.state.position, atol=1e-9)
+        np.testing.assert_allclose(reduced.state.frame_wrench, full.state.frame_wrench, atol=1e-4)
     rest = [equilibrium(simulation, push).state.position for simulation in (full, reduced)]
     assert np.abs(rest[0] - full.model.rest_position).max() > 0.05
     np.testing.assert_allclose(rest[1], rest[0], atol=1e-6)
