@@ -40,7 +40,7 @@ second: forces are in mN, pressures and moduli in kPa. Arrays are numpy's. What 
 SECTIONS = {
     "Simulating": [
         *("load_scene", "scene_from_dict", "Scene", "make_model", "Model", "Simulation"),
-        *("Control", "Observation", "StepReport", "State"),
+        *("Control", "Force", "Observation", "StepReport", "State"),
     ],
     "Running": ["run", "make_controller", "make_output", "Controller", "KeyEvent", "Slider", "Output", "Session"],
     "Planning": ["rollouts", "Rollouts", "equilibrium", "Equilibrium", "Linearisation", "inverse", "InverseSolution"],

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from taichisoft.contact.model import Model as Model
     from taichisoft.control.control import Control as Control
     from taichisoft.control.control import Controller as Controller
+    from taichisoft.control.control import Force as Force
     from taichisoft.control.control import KeyEvent as KeyEvent
     from taichisoft.control.control import Slider as Slider
     from taichisoft.control.observation import Observation as Observation
@@ -53,7 +54,7 @@ _NAMES = {
     "running.rollouts": ["Rollouts", "rollouts"],
     "running.scene_files": ["load_scene", "make_controller", "make_output", "scene_from_dict"],
     "running.simulation": ["Simulation", "make_model"],
-    "control.control": ["Control", "Controller", "KeyEvent", "Slider"],
+    "control.control": ["Control", "Controller", "Force", "KeyEvent", "Slider"],
     "control.observation": ["Observation"],
     "running.statics": ["Equilibrium", "InverseSolution", "equilibrium", "inverse"],
     "step.linearisation": ["Linearisation"],

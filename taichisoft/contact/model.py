@@ -18,6 +18,7 @@ from taichisoft.errors import SceneError, StateError, nearest
 from taichisoft.mechanics.cables import CABLES, Cables
 from taichisoft.mechanics.cavities import CAVITIES, Cavities
 from taichisoft.mechanics.elasticity import Elasticity
+from taichisoft.mechanics.external_forces import ExternalForces
 from taichisoft.mechanics.model_actuators import Actuators
 from taichisoft.mechanics.rigid_body_arrays import FramePlaces, MovingFrames, RigidBody, make_obstacle, make_rigid_body
 from taichisoft.mechanics.soft_body_arrays import SoftBody, make_soft_body
@@ -52,6 +53,7 @@ class Model:
         restitution: coefficients of restitution likewise.
         rolling_friction, spinning_friction: lengths of rolling and spinning friction likewise [mm], 0 for soft bodies.
         frames: what moves as it is asked to, the base first.
+        external_forces: what forces from outside act on, and where those of a state do.
         soft_frame: number of the frame that each soft body follows, shape (soft_count,).
         rigid_frame: number of the frame that carries each rigid body, -1 where none does, shape (rigid_count,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
@@ -99,6 +101,7 @@ class Model:
         self.anchor_frame = self.frames.numbers(name for body in soft for name in body.anchor_frame[body.anchored])
         self.soft_frame = self.frames.numbers(body.settings.follows for body in soft)
         self.rigid_frame = self.frames.numbers(body.follows for body in self.rigid_bodies)
+        self.external_forces = ExternalForces(scene, self.soft_bodies, self.rigid_bodies, self.frames)
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])
         self.rigid_inertia = np.array([body.inertia for body in self.rigid_bodies]).reshape(-1, 3, 3)
         self.gravity = np.array(scene.gravity)
@@ -115,6 +118,7 @@ class Model:
         velocities = [np.tile(b.settings.velocity, (len(b.rest_position), 1)) for b in self.soft_bodies]
         actuators, count = self.actuators, len(self.actuators.names)
         at_rest = np.zeros((len(self.frames.names), 2, 3))
+        pushed = len(self.external_forces.names)
         return State(
             time=0.0,
             step=0,
@@ -128,6 +132,9 @@ class Model:
             frame_request=at_rest.copy(),
             frame_velocity=at_rest.copy(),
             frame_wrench=at_rest.copy(),
+            external_force=np.zeros((pushed, 3, 3)),
+            external_force_steps=np.zeros(pushed, dtype=np.int32),
+            external_force_own_axes=np.zeros(pushed, dtype=bool),
             anchor_position=self.rest_position[self.anchored_nodes],
             gravity=self.gravity.copy(),
             young_modulus=self.young_modulus.copy(),

@@ -1,5 +1,6 @@
 from .control import Control as Control
 from .control import Controller as Controller
+from .control import Force as Force
 from .control import KeyEvent as KeyEvent
 from .control import Slider as Slider
 from .figures import BASE as BASE

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -71,8 +71,39 @@ class KeyStream:
 Vector = np.ndarray | Sequence[float]
 
 
+class _Request:
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        """Refuse an unknown name with the nearest valid one."""
+        valid = list(cls.__dataclass_fields__)
+        for name in given.keys() - valid:
+            raise TypeError(f"{cls.__name__} has no '{name}'; {nearest(name, valid, 'there are')}")
+        return super().__new__(cls)
+
+
 @dataclass(frozen=True)
-class Control:
+class Force(_Request):
+    """A force from outside on a body or a frame, and a torque.
+
+    Attributes:
+        force: [mN], shape (3,).
+        torque: about `point` [mN mm], shape (3,); a soft body takes none at a point.
+        point: where it acts, as a place at rest [mm], shape (3,), that then moves along; the centre of mass of a rigid
+            body and the pivot of a frame unless given. A soft body needs one.
+        axes: "world", or "own": axes that turn with what is pushed, and are the world's at rest.
+        steps: number of time steps for which it acts; None: until another is asked for.
+    """
+
+    force: Vector = (0.0, 0.0, 0.0)
+    torque: Vector = (0.0, 0.0, 0.0)
+    point: Vector | None = None
+    axes: Literal["world", "own"] = "world"
+    steps: int | None = None
+
+
+@dataclass(frozen=True)
+class Control(_Request):
     """What a controller asks for; whatever it does not mention stays as it was asked for last.
 
     The scene's `[limits]` stand between what is asked for and what happens. Angles are in radians.
@@ -99,6 +130,9 @@ class Control:
         anchor_positions: positions that the anchors of a soft body hold their nodes to instead of the rest positions
             [mm], by the body's name, shape (anchor_count, 3): a row for each of its anchored nodes, in the order of the
             nodes. The motion of the frame that the body follows comes on top. No limit of the scene holds them back.
+        forces: what pushes and turns from outside, by the name of a soft body, rigid body or frame: one force on each;
+            None ends it. What a frame carries feels nothing of a force on it or on a rigid body that follows it: what
+            drives the frame holds against it, so that it shows in the frame's wrench.
         gravity: acceleration of gravity [mm/s^2], shape (3,); what is up in pictures remains so.
         young_modulus: Young's moduli [kPa] by material: a soft body's own ("finger1") or one of its regions'
             ("finger1.regions.0"). Poisson's ratios stay.
@@ -121,16 +155,10 @@ class Control:
     frame_angular_velocity: Mapping[str, Vector] = field(default_factory=dict)
     frame_angle: Mapping[str, float] = field(default_factory=dict)
     anchor_positions: Mapping[str, np.ndarray | Sequence[Vector]] = field(default_factory=dict)
+    forces: Mapping[str, Force | None] = field(default_factory=dict)
     gravity: Vector | None = None
     young_modulus: Mapping[str, float] = field(default_factory=dict)
     signals: Mapping[str, float] = field(default_factory=dict)
-
-    def __new__(cls, *_: Any, **given: Any) -> Self:
-        """Refuse an unknown name with the nearest valid one."""
-        valid = list(cls.__dataclass_fields__)
-        for name in given.keys() - valid:
-            raise TypeError(f"Control has no '{name}'; {nearest(name, valid, 'there are')}")
-        return super().__new__(cls)
 
 
 # What drives a run: the base class of every controller.

@@ -51,6 +51,10 @@ def _hinges(model: "Model") -> Sequence[str]:
     return [name for name, frame in model.scene.frames.items() if frame.hinge is not None]
 
 
+def _bodies_and_frames(model: "Model") -> Sequence[str]:
+    return [*model.scene.soft_bodies, *model.scene.rigid_bodies, *model.scene.all_frames]
+
+
 def _pairs_with_objects(model: "Model") -> list[Pair]:
     """All pairs of a rigid body with any other body that it can touch, in the order of the scene.
 
@@ -71,6 +75,7 @@ FINGERS = Subject("finger", _fingers)
 BASE = Subject("x, y or z", lambda model: ("",), axes="xyz")
 FRAMES = Subject("frame", lambda model: list(model.scene.frames), axes="xyz")
 HINGES = Subject("frame", _hinges)
+PUSHED = Subject("body or frame", _bodies_and_frames, axes="xyz")
 OBJECTS = Subject("rigid body", lambda model: model.scene.objects)
 TACTILE_ARRAYS = Subject("tactile array", lambda model: list(model.scene.tactile_arrays))
 PAIRS = Subject("pair of bodies", _pairs_with_objects, " of the soft bodies on the object")
@@ -246,6 +251,7 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("object_velocity", "mm/s", OBJECTS, reach=1e3, axes="xyz"),
     Figure("tactile", "mN", TACTILE_ARRAYS, field="tactile"),
+    Figure("external_force", "mN", PUSHED, "largest force from outside, its amount", "max", In.CSV, reach=1e4),
     Figure("contact_count", "1", PAIRS, "number of pressing contacts", "sum"),
     Figure("normal_force", "mN", PAIRS, "sum of the normal forces", "sum", EVERYWHERE, "normal force [mN]", 5e3),
     Figure("friction_force", "mN", PAIRS, "sum of the amounts of friction", "sum", LISTED, "friction force [mN]", 5e3),

@@ -95,6 +95,8 @@ class Observation:
         object_rotations: rotation of each rigid body, a unit quaternion (w, x, y, z), shape (4,), by name.
         object_velocities: velocity of the centre of mass of each rigid body [mm/s], shape (3,), by name.
         object_angular_velocities: angular velocity of each rigid body in world axes [rad/s], shape (3,), by name.
+        external_forces: force from outside in the last step, by the controller or the scene, in world axes [mN], shape
+            (3,), by soft body, rigid body and frame.
         contact_counts: number of contacts that press, by pair.
         normal_forces: sum of the normal forces in the last step [mN], by pair.
         friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.
@@ -149,6 +151,7 @@ class Observation:
     object_rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_angular_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
+    external_forces: Mapping[str, np.ndarray] = field(default_factory=dict)
     contact_counts: Mapping[Pair, int] = field(default_factory=dict)
     normal_forces: Mapping[Pair, float] = field(default_factory=dict)
     friction_forces: Mapping[Pair, float] = field(default_factory=dict)

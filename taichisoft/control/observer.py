@@ -281,6 +281,7 @@ PARTS = {
     ),
     "patches": ("contact_areas", "contact_area_errors", "peak_pressures", "peak_pressure_errors"),
     "tactile": ("tactile",),
+    "external": ("external_forces",),
     "clipped": ("clipped",),
     "rates": tuple(kind.rate.observed for kind in ACTUATOR_KINDS if kind.rate is not None),
 }
@@ -380,6 +381,10 @@ class Observer:
     def _tactile(self, state: State) -> dict[str, Any]:
         return {"tactile": self._contact_patches.tactile(state) if self._model.scene.tactile_arrays else {}}
 
+    def _external(self, state: State) -> dict[str, Any]:
+        external = self._model.external_forces
+        return {"external_forces": _by_name(external.names, external.seen(state))}
+
     def _clipped(self, state: State) -> dict[str, Any]:
         return {"clipped": clipped(self._model, state)}
 
@@ -427,6 +432,7 @@ _WORK: dict[str, Callable[[Observer, State], dict[str, Any]]] = {
     "contacts": Observer._contacts,
     "patches": Observer._patches,
     "tactile": Observer._tactile,
+    "external": Observer._external,
     "clipped": Observer._clipped,
     "actuators": Observer._actuators,
     "rates": Observer._rates,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from numbers import Real
+from numbers import Integral, Real
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Any
@@ -11,10 +11,11 @@ import numpy as np
 
 from taichisoft.base.rotations import compose_rotation_vectors, turn_towards
 from taichisoft.contact.model import Model
-from taichisoft.control.control import Control
+from taichisoft.control.control import Control, Force
 from taichisoft.errors import ControlError, nearest
 from taichisoft.mechanics.actuator_kind import ActuatorKind, ActuatorSet, Drive
 from taichisoft.mechanics.cavities import CAVITIES, VALVE
+from taichisoft.mechanics.external_forces import UNTIL_ANOTHER, ExternalForces
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
 from taichisoft.scene.rigid_body import BASE, FramePath, FrameSettings, HingeSettings
@@ -55,7 +56,7 @@ def finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | floa
     if array.shape != shape or not np.isfinite(array).all():
         wanted = f"{shape[0]} finite numbers" if shape else "one finite number"
         given = f", not an array of shape {array.shape}" if array.shape != shape and array.ndim else ""
-        raise ControlError(f"{key} = {value!r}: must be {wanted}{given}")
+        raise ControlError(f"{key} = {_shown(value)}: must be {wanted}{given}")
     return array
 
 
@@ -67,7 +68,11 @@ def as_array(value: object, key: str) -> np.ndarray:
             return np.array(given, dtype=np.float64)
     except (TypeError, ValueError):  # rows of unequal lengths
         pass
-    raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers")
+    raise ControlError(f"{key} = {_shown(value)}: must be a number or an array of numbers")
+
+
+def _shown(value: object) -> str:
+    return " ".join(line.strip() for line in repr(value).splitlines())
 
 
 # The motion of frames: what a controller or the scene asks of them, what limits leave of it, and what is seen.
@@ -205,6 +210,7 @@ MAPPINGS = (
     *FRAME_MAPPINGS,
     "pull_points",
     "anchor_positions",
+    "forces",
     "young_modulus",
     "signals",
 )
@@ -252,6 +258,8 @@ class Requests:
             changes |= frame_requests(model, state, control)
         if control.anchor_positions:
             changes["anchor_position"] = _anchor_position(model, state, control)
+        if control.forces or np.count_nonzero(state.external_force_steps):
+            changes |= _external_forces(model, state, control)
         if control.gravity is not None:
             changes["gravity"] = finite(control.gravity, "control.gravity", (3,))
         if control.young_modulus:
@@ -411,6 +419,56 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
             raise ControlError(f"{key} has a number that is not finite: all must be")
         position[rows[name]] = request
     return position
+
+
+MOST_STEPS = 2**31 - 1
+"""Number of time steps that a state can count."""
+
+
+def _external_forces(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
+    """The forces of the step: those of the last one that go on, and what is asked for."""
+    force, places = state.external_force.copy(), model.external_forces
+    own, steps = state.external_force_own_axes.copy(), state.external_force_steps.copy()
+    steps[steps > 0] -= 1
+    for name, value in control.forces.items():
+        number, key = index_of(name, places.names, "body or frame", "forces"), f"control.forces['{name}']"
+        if places.names.count(name) > 1:
+            raise ControlError(f"{key}: both a body and a frame are called so; rename one of them in the scene")
+        if value is None:
+            steps[number] = 0
+            continue
+        if not isinstance(value, Force):
+            raise ControlError(
+                f"{key} = {_shown(value)}: must be None or a taichisoft.Force, such as Force([0.0, 0.0, 10.0])"
+            )
+        if not (isinstance(value.axes, str) and value.axes in ("world", "own")):
+            raise ControlError(f"{key}.axes = {_shown(value.axes)}: must be 'world' or 'own'")
+        point = places.middle[number] if value.point is None else value.point
+        rows = {"force": value.force, "torque": value.torque, "point": point}
+        force[number] = [finite(row, f"{key}.{part}", (3,)) for part, row in rows.items()]
+        own[number], steps[number] = value.axes == "own", _step_count(value.steps, f"{key}.steps")
+        if places.is_soft(number):
+            _check_place(places, number, key, value, force[number])
+    return {"external_force": force, "external_force_steps": steps, "external_force_own_axes": own}
+
+
+def _step_count(value: object, key: str) -> int:
+    if value is None:
+        return UNTIL_ANOTHER
+    if isinstance(value, Integral) and not isinstance(value, bool) and 1 <= int(value) <= MOST_STEPS:
+        return int(value)
+    raise ControlError(f"{key} = {_shown(value)}: must be a whole number of time steps from 1 to {MOST_STEPS}, or None")
+
+
+def _check_place(places: ExternalForces, number: int, key: str, value: Force, rows: np.ndarray) -> None:
+    """Refuse what a point of a soft body cannot take."""
+    if value.point is None:
+        near = np.round(places.middle[number], 2).tolist()
+        raise ControlError(f"{key}.point: a soft body needs one, a place at rest [mm] such as {near}")
+    if rows[1].any():
+        raise ControlError(f"{key}.torque: a point of a soft body takes none; give two forces, or turn its frame")
+    if problem := places.outside(number, rows[2]):
+        raise ControlError(f"{key}.point = {rows[2].tolist()}: {problem}")
 
 
 def _young_modulus(model: Model, state: State, control: Control) -> np.ndarray:

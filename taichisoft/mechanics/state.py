@@ -33,6 +33,11 @@ class State:
             (frame_count, 2, 3).
         frame_wrench: force [mN] and torque about the frame's pivot [mN mm] on each frame in the last step, in world
             axes, shape (frame_count, 2, 3).
+        external_force: forces from outside [mN], torques [mN mm] and the points at rest on which they act [mm], of the
+            soft bodies, rigid bodies and frames, shape (soft_count + rigid_count + frame_count, 3, 3).
+        external_force_steps: number of steps for which each acts, with the last one; negative: until another is
+            requested; 0: it does not act.
+        external_force_own_axes: whether it is in axes that turn with what it acts on, else in those of the world.
         anchor_position: positions of the anchors' springs, before their frames move them [mm], (anchor_count, 3).
         gravity: acceleration of gravity [mm/s^2], shape (3,).
         young_modulus: Young's moduli of the materials [kPa], shape (material_count,).
@@ -78,6 +83,9 @@ class State:
     frame_request: np.ndarray
     frame_velocity: np.ndarray
     frame_wrench: np.ndarray
+    external_force: np.ndarray
+    external_force_steps: np.ndarray
+    external_force_own_axes: np.ndarray
     anchor_position: np.ndarray
     gravity: np.ndarray
     young_modulus: np.ndarray

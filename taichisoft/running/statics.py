@@ -148,12 +148,15 @@ class Statics:
     def find(self, start: State, control: Control, stable: bool = True) -> Equilibrium:
         """The equilibrium under a control, from a state on."""
         stepper = self._stepper
-        rest = stepper.find_equilibrium(start, stepper.requests.apply(start, control), stable)
+        requested = stepper.requests.apply(start, control)
+        rest = stepper.find_equilibrium(start, requested, stable)
         no_velocity = np.zeros_like(start.frame_velocity)
         memory = rest.state.sensor_memory.copy()
         memory[1:2] = 0.0  # sensors have long seen what rests: their samples begin anew
         changes = {"time": start.time, "step": start.step, "frame_velocity": no_velocity, "sensor_memory": memory}
-        state = rest.state.changed(**changes)
+        # No step has passed of a force that acts for some.
+        steps = requested.external_force_steps + (requested.external_force_steps > 0)
+        state = rest.state.changed(**changes, external_force_steps=steps)
         stepper.restore(state)
         state = stepper.state
         return Equilibrium(

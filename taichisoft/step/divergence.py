@@ -90,6 +90,8 @@ class Imbalance:
         movement = Movement(start.position, solution.node_velocity)
         at_rest = Movement(end_position, np.zeros_like(end_position))
         loads, found = self._loads(start, solution, gradient), {}
+        for one in self._model.external_forces.on_nodes(start):
+            loads[one.node] += one.at(end_position if self._at_end else start.position)
         for body, sample in zip(self._bodies, self._sample, strict=True):
             pressed = solution.contact_node_impulse[body.nodes].any(axis=1) & ~body.anchored
             own = np.union1d(sample, np.flatnonzero(pressed))

@@ -520,6 +520,11 @@ class _Loads:
         self._ends = {"actuator_target": (acting, requested.actuator_target)}
         for name in ("frame_pose", "anchor_position", "gravity", "young_modulus", "pull_point"):
             self._ends[name] = (getattr(start, name), getattr(requested, name))
+        # A force that begins or ends, or has moved to another point, grows from 0.
+        before, after = start.external_force, requested.external_force
+        goes_on = (start.external_force_steps != 0) & (before[:, 2] == after[:, 2]).all(axis=1)
+        goes_on &= start.external_force_own_axes == requested.external_force_own_axes
+        self._ends["external_force"] = np.where(goes_on[:, None, None], before, [[0.0], [0.0], [1.0]] * after), after
 
     def at(self, state: State, share: float) -> State:
         """The bodies of a state, at rest, with the loads after a share of the change."""

@@ -166,6 +166,8 @@ class FrameWrenches:
             impulses = solution.rigid_impulse[carried.index] / time_step
             for frame, impulse, centre in zip(carried.frame.tolist(), impulses, centres, strict=True):
                 wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
+        for number, force, torque in model.external_forces.on_frames(start):
+            wrench[number] += [force, torque + np.cross(pivots[number], force)]
         for number in reversed(range(1, len(frames.names))):
             if frames.parent[number] >= 0:
                 wrench[frames.parent[number]] += wrench[number]
@@ -204,6 +206,8 @@ class FrameWrenches:
         self._points.begin(start)
         self._points.end(position)
         held.gravity[0], held.impulse[:], held.after[:] = start.gravity, solution.contact_node_impulse, node_velocity
+        for one in self._model.external_forces.on_nodes(start):
+            held.impulse[one.node] += time.step * one.at(position if time.most_linearisations > 1 else start.position)
         kernels.sum_wrenches(time.step, float(time.dynamics == "inertial"), held)
         return held.wrench.reshape(-1, 2, 3)
 

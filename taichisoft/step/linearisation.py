@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from taichisoft.contact.model import Model
-from taichisoft.control.control import Control
+from taichisoft.control.control import Control, Force
 from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
 from taichisoft.control.requests import DRIVES
@@ -23,11 +23,13 @@ NOTHING = Control()
 AXES = ("x", "y", "z")
 BASE = {"base_translation": ("mm", "base_velocity"), "base_rotation": ("rad", "base_angular_velocity")}
 """Unit of a pose, and the key of `Control` that may ask for it in its place."""
-HALF_WIDTHS = {"kPa": 1e-3, "mN": 0.1, "mm^3": 0.1, "mm": 1e-3, "rad": 1e-5, "1": 1e-5}
+FORCE = {"force": "mN", "torque": "mN mm"}
+"""Parts of a `Force` that are inputs, in the order of a state's, and their units."""
+HALF_WIDTHS = {"kPa": 1e-3, "mN": 0.1, "mN mm": 1.0, "mm^3": 0.1, "mm": 1e-3, "rad": 1e-5, "1": 1e-5}
 """Half widths of the differences of what acts by requests, which is nearly linear."""
 MOVE = 1e-3
 """Largest move of a node between observations whose difference is taken [mm]."""
-LOADS = ("actuator_target", "valve_opening", "supply_pressure", "frame_pose")
+LOADS = ("actuator_target", "valve_opening", "supply_pressure", "frame_pose", "external_force")
 """What of a state a control changes at once."""
 BOTH_SIDES = {-1.0: 1.0 / 6.0, -0.5: -4.0 / 3.0, 0.5: 4.0 / 3.0, 1.0: -1.0 / 6.0}
 ONE_SIDE = {0.0: -3.0, 0.5: 4.0, 1.0: -1.0}
@@ -45,8 +47,9 @@ class Linearisation:
 
     Attributes:
         controls: names of the controls: "pressure.finger1.cavity", "cable_pull.finger1.tendon", "valve.finger1.cavity",
-            "base_translation.x", "base_rotation.z", and "force.finger1.y" for a force on a fingertip, spread evenly
-            over its nodes, or on the centre of mass of a rigid body.
+            "base_translation.x", "base_rotation.z", "forces.cube.force.x" and "forces.cube.torque.z" for a `Force` that
+            acts, and "force.finger1.y" for another one on a fingertip, spread evenly over its nodes, or on the centre
+            of mass of a rigid body.
         units: of the controls: kPa, mm, rad, mN and so on, in the same order.
         observation: what is observed after the step, or in the equilibrium; exact, without the scene's sensors.
         ranges: changes of each control, below and above 0, within which contacts stay open, sticking or sliding as far
@@ -101,6 +104,7 @@ def linearise(
     if isinstance(controls, str):
         raise ControlError(f"controls = {controls!r}: must be a sequence of names")
     derivative = stepper.derivative(control)
+    control = replace(control, forces=_acting(stepper.model, derivative.start))
     known = {one.name: one for one in _find_inputs(stepper.model, derivative)}
     for name in controls or ():
         if name not in known:
@@ -189,7 +193,25 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
         for row, (key, (unit, _)) in enumerate(BASE.items()):
             for axis, letter in enumerate(AXES):
                 yield Input(f"{key}.{letter}", unit, float(start.frame_request[0, row, axis]))
+    external = model.external_forces
+    for name in _acting(model, start):
+        number = external.names.index(name)
+        for row, (part, unit) in enumerate(FORCE.items()):
+            if row == 0 or not external.is_soft(number):
+                for axis, letter in enumerate(AXES):
+                    value = float(start.external_force[number, row, axis])
+                    yield Input(f"forces.{name}.{part}.{letter}", unit, value)
     yield from _forces(model, derivative)
+
+
+def _acting(model: Model, state: State) -> dict[str, Force]:
+    """The forces from outside in a step from a state, as a control asks for them."""
+    acting = {}
+    for number in np.flatnonzero(state.external_force_steps).tolist():
+        force, torque, point = state.external_force[number]
+        axes: Literal["own", "world"] = "own" if state.external_force_own_axes[number] else "world"
+        acting[model.external_forces.names[number]] = Force(force, torque, point, axes)
+    return acting
 
 
 def asking(state: State, values: Mapping[str, float], control: Control = NOTHING) -> Control:
@@ -210,6 +232,15 @@ def asking(state: State, values: Mapping[str, float], control: Control = NOTHING
             pose = np.array(state.frame_request[0, list(BASE).index(key)] if pose is None else pose, dtype=np.float64)
             pose[_axis(name, of)] = value
             changes: dict[str, Any] = {key: pose, BASE[key][1]: None}
+        elif key == "forces" and of.count(".") > 1:
+            who, part, letter = of.rsplit(".", 2)
+            force = control.forces.get(who) or Force()
+            if part not in FORCE:
+                raise ControlError(f"'{name}' is not the name of a control: must have {' or '.join(FORCE)} before .x")
+            row = np.array(getattr(force, part), dtype=np.float64)
+            row[_axis(name, letter)] = value
+            pushed = replace(force, force=row) if part == "force" else replace(force, torque=row)
+            changes = {"forces": {**control.forces, who: pushed}}
         elif key in [drive.request for drive in (*DRIVES, VALVE)] and of:
             changes = {key: {**getattr(control, key), of: value}}
         else:
@@ -226,6 +257,11 @@ def asked_for(model: Model, state: State, name: str) -> float:
         return float(state.frame_request[0, list(BASE).index(key), _axis(name, of)])
     if key == VALVE.request and of in model.cavities.names:
         return float(state.valve_request[model.cavities.names.index(of)])
+    if key == "forces" and of.count(".") > 1:
+        who, part, letter = of.rsplit(".", 2)
+        names = model.external_forces.names
+        if who in names and part in FORCE and state.external_force_steps[names.index(who)]:
+            return float(state.external_force[names.index(who), list(FORCE).index(part), _axis(name, letter)])
     for kind in ACTUATOR_KINDS:
         for drive in (kind.effort, kind.coordinate):
             if drive.request == key and of in model.actuators.names_of(kind):

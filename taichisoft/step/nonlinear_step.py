@@ -107,10 +107,10 @@ class EndOfStep:
     ) -> None:
         """Move the bodies to the positions by node velocities [mm/s], (node_count, 3), and by poses of rigid bodies.
 
-        Frames are where they are at the end of the step, or where another state has them.
+        Frames are where they are at the end of the step, and forces those of its start, or as another state has them.
         """
         if frames is not None:
-            self._soft.follow_frames(frames)
+            self._soft.follow(frames)
             self._pull_point = self._model.placed_pull_points(frames)
         system = self._soft.system
         moving = moving_velocity(self._theta, self._start.velocity, node_velocity)
@@ -136,6 +136,7 @@ class EndOfStep:
             effort,
         )
         lacking: np.ndarray = self._nodes.impulse.copy()
+        soft.add_external(lacking)
         if self._has_inertia:
             lacking -= self._mass * (velocity - self._start.velocity)
         if self._has_drag:

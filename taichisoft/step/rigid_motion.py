@@ -32,7 +32,7 @@ class RigidMotion:
         self._time_step, self._theta = model.scene.time.step, model.scene.time.theta
         self._longest_fall = FALL * model.scene.contact.alarm_distance
         self._is_static = model.scene.time.dynamics == "static"
-        self.carried = CarriedBodies(model)
+        self.carried, self._external_forces = CarriedBodies(model), model.external_forces
         bodies = enumerate(model.rigid_bodies)
         self._springs = [BodySprings(model, i, one.springs) for i, one in bodies if one.springs is not None]
         self._bodies = kernels.RigidBodies(
@@ -63,7 +63,6 @@ class RigidMotion:
         """Set the masses of a model, this one or a variant of it."""
         self._mass, self._inertia = model.rigid_mass, model.rigid_inertia
         self._set_inertia(1.0)
-        self._external_forces = _external_forces(model)
 
     def _set_inertia(self, factor: float) -> None:
         self._bodies.mass[:], self._bodies.inertia[:] = factor * self._mass, factor * self._inertia
@@ -97,9 +96,9 @@ class RigidMotion:
         if self._theta < 1.0:
             kernels.solve_free_turning(self._time_step, self._theta, self._bodies, rigid)
         self.carried.begin(state, self._time_step, self._theta, rigid)
-        for first_step, step_count, body, acceleration in self._external_forces:
-            if first_step <= state.step < first_step + step_count:
-                rigid.free[body, :3] += self._time_step / factor * acceleration
+        for body, force, torque in self._external_forces.on_rigid(state):
+            rigid.free[body, :3] += self._time_step / factor * (force / self._mass[body])
+            rigid.free[body, 3:] += self._time_step * (rigid.inverse_mass[body, 3:, 3:] @ torque)
         for springs in self._springs:
             springs.pull(state, self._time_step, self._theta, rigid)
 
@@ -234,15 +233,3 @@ class BodySprings:
         mass += np.diag(stage * lag * stiffness)
         rigid.inverse_mass[body] = np.linalg.inv(mass)
         rigid.free[body] = rigid.inverse_mass[body] @ load
-
-
-def _external_forces(model: Model) -> list[tuple[int, int, int, np.ndarray]]:
-    """First step, number of steps, rigid body and acceleration [mm/s^2] of every external force of the scene."""
-    time_step = model.scene.time.step
-    names = [body.name for body in model.rigid_bodies]
-    found = []
-    for one in model.scene.external_forces:
-        body = names.index(one.body)
-        step_count = max(1, round(one.duration / time_step))
-        found.append((round(one.start / time_step), step_count, body, np.array(one.force) / model.rigid_mass[body]))
-    return found

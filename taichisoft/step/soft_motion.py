@@ -5,6 +5,7 @@ import numpy as np
 from taichisoft.contact.model import Model
 from taichisoft.errors import ControlError, NotPositiveDefinite, SimulationDiverged
 from taichisoft.mechanics.elasticity import Elasticity, ElasticSystem
+from taichisoft.mechanics.external_forces import NodeForce
 from taichisoft.mechanics.kernels.sparse_columns import SparseColumns
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.state import State
@@ -19,6 +20,7 @@ class SoftMotion:
         system: elastic forces, matrix and direct solver of the step.
         nodes: loads on the nodes, at the start of the step.
         forces: constant forces on nodes.
+        external: the forces from outside that act in the step.
         anchors: springs that hold nodes, with the lag at the start of a step; `no_anchors` are none.
         frames: where the frames are at the end of the step.
     """
@@ -62,6 +64,8 @@ class SoftMotion:
         self._frame_of_modes = model.soft_frame[[body.modes is not None for body in model.soft_bodies]]
         self._anchor_position: np.ndarray | None = None  # the last that was checked
         self.known_velocity = np.zeros((model.node_count, 3))
+        self.external: list[NodeForce] = []
+        self._pushed = np.zeros((0, 4), dtype=np.int32)
         self._load = np.empty(model.actuators.count)  # reused: a launch with a new array takes longer than its loops
 
     def begin(self, state: State, load: np.ndarray) -> None:
@@ -72,7 +76,7 @@ class SoftMotion:
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
         has_inertia = self._model.scene.time.dynamics == "inertial"
-        self.follow_frames(state)
+        self.follow(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
             self.system.reduced.begin(*self._frames_of_modes, state.gravity, self._model.scene.time.step, has_inertia)
@@ -130,7 +134,7 @@ class SoftMotion:
 
     def impulses(self, state: State, load: np.ndarray, with_anchors: bool = True) -> np.ndarray:
         """Impulses on the nodes at the place of the linearisation [mN s], with gravity and frames of a state."""
-        self.follow_frames(state)
+        self.follow(state)
         self._sum_impulses(state, load, self.anchors if with_anchors else self.no_anchors)
         return self.nodes.impulse.copy()
 
@@ -168,8 +172,9 @@ class SoftMotion:
         self.known_velocity[:] = 0.0
         self.system.solver.leave_out_right_hand_side()
 
-    def follow_frames(self, state: State) -> None:
-        """Have the frames where a state has them."""
+    def follow(self, state: State) -> None:
+        """Have the frames where a state has them, and its forces from outside act."""
+        self.external = self._model.external_forces.on_nodes(state)
         if state.frame_pose is not self._frame_pose:
             places, self._frame_pose = self._model.places(state), state.frame_pose
             self.frames.turn[:], self.frames.shift[:] = places.turn, places.shift
@@ -193,6 +198,8 @@ class SoftMotion:
     def _sum_impulses(self, state: State, load: np.ndarray, anchors: kernels.Anchors) -> None:
         self.nodes.gravity[0] = state.gravity
         self.anchors.position[:] = state.anchor_position
+        self.nodes.impulse[self._pushed] = 0.0  # of reduced bodies, where nothing else acts
+        self._pushed = np.array([one.node for one in self.external], dtype=np.int32)
         self._load[:] = load
         kernels.sum_impulses(
             self._time_step,
@@ -204,3 +211,9 @@ class SoftMotion:
             self._geometry.gradient,
             self._load,
         )
+        self.add_external(self.nodes.impulse)
+
+    def add_external(self, impulse: np.ndarray) -> None:
+        """Add the impulses of the forces from outside [mN s], where the bodies are, to those of a step."""
+        for one in self.external:
+            impulse[one.node] += self._time_step * one.at(self.system.position)

@@ -424,6 +424,7 @@ def test_every_quantity_can_be_read_while_the_gripper_runs() -> None:
         "pair of bodies": ["finger1|cube", "floor|cube"],
         "x, y or z": ["z"],
         "frame": ["lid"],
+        "body or frame": ["cube", "finger1", "base"],
     }
     for name, kind in QUANTITIES.items():
         if kind.key == "finger or cable":  # there are none

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft import Control, Simulation, State
+from taichisoft import Control, Force, Simulation, State
 from taichisoft.errors import ControlError
 from taichisoft.scene import scene_from_dict
 
@@ -67,6 +67,23 @@ def simulation(block: Callable[..., str]) -> Simulation:
         (Control(pressure=10.0), "must be a dictionary by name, not float, such as {'left.air': 10.0}"),
         (Control(pressure=np.array([10.0])), "not ndarray, such as {'left.air': ...}"),
         (Control(cable_pull=2), "control.cable_pull: must be a dictionary by name, not int"),
+        (Control(forces={"lefd": Force()}), "control.forces: no body or frame is called 'lefd'; did you mean 'left'?"),
+        (Control(forces={"base": [0, 0, 1]}), "control.forces['base'] = [0, 0, 1]: must be None or a taichisoft.Force"),
+        (Control(forces=Force([0.0, 0.0, 1.0])), "control.forces: must be a dictionary by name, not Force"),
+        (Control(forces={"base": Force([0.0, 1.0])}), "control.forces['base'].force = [0.0, 1.0]: must be 3 finite"),
+        (Control(forces={"base": Force(torque=[0, 0, np.nan])}), "['base'].torque = [0, 0, nan]: must be 3 finite"),
+        (Control(forces={"base": Force(np.zeros((2, 3)))}), "must be 3 finite numbers, not an array of shape (2, 3)"),
+        (Control(forces={"base": Force(point="tip")}), "control.forces['base'].point = 'tip': must be a number or an"),
+        (Control(forces={"base": Force(axes="own ")}), "control.forces['base'].axes = 'own ': must be"),
+        (Control(forces={"base": Force(axes=np.eye(2))}), "must be 'world' or 'own'"),
+        (Control(forces={"base": Force(steps=0)}), "control.forces['base'].steps = 0: must be a whole number"),
+        (Control(forces={"base": Force(steps=2.0)}), "['base'].steps = 2.0: must be a whole number of time steps"),
+        (Control(forces={"base": Force(steps=True)}), "['base'].steps = True: must be a whole number of time steps"),
+        (Control(forces={"base": Force(steps=2**31)}), "['base'].steps = 2147483648: must be a whole number of time"),
+        (Control(forces={"left": Force([1, 0, 0])}), "control.forces['left'].point: a soft body needs one, a place at"),
+        (Control(forces={"left": Force(torque=[1, 0, 0], point=[10, 0, 0])}), "['left'].torque: a point of a"),
+        (Control(forces={"left": Force(point=[0, 0, 0])}), "['left'].point = [0.0, 0.0, 0.0]: lies 5.77 mm outside;"),
+        (Control(forces={"left": Force(point=[0, 90, 0])}), "and the body spans [-10.0, -10.0, -10.0] to [10.0,"),
         (Control(anchor_positions=np.ones((16, 3))), "control.anchor_positions: must be a dictionary by name, not nd"),
     ],
 )  # fmt: skip
@@ -86,6 +103,7 @@ def test_unknown_names_get_nearest_ones(simulation: Simulation) -> None:
     state: Any = simulation.state
     for use, error, message in (
         (lambda: Control(**{"presure": {}}), TypeError, "Control has no 'presure'; did you mean 'pressure'?"),
+        (lambda: Force(**{"torqe": [0, 0, 1]}), TypeError, "Force has no 'torqe'; did you mean 'torque'?"),
         (lambda: seen.tip_position, AttributeError, "an Observation has no 'tip_position'; did you mean 'tip_positio"),
         (lambda: seen.pressures["left.iar"], KeyError, "'left.iar'; did you mean 'left.air'?"),
         (lambda: seen.tip_positions["up"], KeyError, "'up'; there are: left, right"),

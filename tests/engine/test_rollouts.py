@@ -12,7 +12,7 @@ import pytest
 from conftest import PATIENCE
 
 import taichisoft.running.rollouts
-from taichisoft import Control, Observation, Simulation, load_scene, rollouts
+from taichisoft import Control, Force, Observation, Simulation, load_scene, rollouts
 from taichisoft.control import FIGURES, PAIRS
 from taichisoft.errors import ControlError, SimulationDiverged, TaichisoftError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -62,6 +62,22 @@ def test_futures_equal_runs_in_any_process(grasp, steps_per_control):
     assert apart.states == here.states and apart.complete.all() and apart.errors == (None,) * 4
     assert all(np.array_equal(here[name], apart[name]) for name in TAKEN)
     assert here["pressures"].shape == (4, 5 * steps_per_control, 2)
+
+
+def test_pushes_of_futures_are_those_of_steps(grasp):
+    """One that acts for four steps, over controls of three, and one in own axes on a pad until it is ended."""
+    tip = Force([0.0, 2.0, 0.0], point=grasp.model.soft_bodies[0].rest_position[-1], axes="own")
+    forces = ({"cube": Force([5.0, 0.0, 0.0], steps=4), "left": tip}, {}, {"left": None})
+    sample, figures = [Control(forces=one) for one in forces], ("object_positions.cube", "external_forces")
+    here = rollouts(grasp, [sample] * 2, 2, figures, 3)
+    by_hand = Simulation(grasp.model)
+    by_hand.restore(grasp.state)
+    for step in range(9):
+        by_hand.step(None if step % 3 else sample[step // 3])
+        seen = by_hand.observe()
+        assert np.array_equal(here["object_positions.cube"][1, step], seen.object_positions["cube"])
+        assert seen.external_forces["cube"].tolist() == [5.0 * (step < 4), 0.0, 0.0]
+        assert (np.linalg.norm(seen.external_forces["left"]) > 1.9) == (step < 6)
 
 
 def test_state_from_a_process_can_be_restored(grasp):

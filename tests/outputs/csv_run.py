@@ -65,6 +65,7 @@ def report(step: int, **changes: Any) -> Any:
         "contact_area_errors": {("left", "cube"): 2.0},
         "peak_pressures": {("left", "cube"): 6.5},
         "peak_pressure_errors": {("left", "cube"): 0.5},
+        "external_forces": dict.fromkeys(("left", "right", "cube", "ball", "base"), np.array([0.0, 0.0, 7.0]) * step),
         "base_force": np.array([1.0, 2.0, 3.0]) * step,
         "base_torque": np.array([4.0, 5.0, 6.0]) * step,
         "base_force_in_base": np.array([2.0, -1.0, 3.0]) * step,

@@ -43,6 +43,7 @@ def test_numbers_are_in_columns_with_their_units(tmp_path: Path) -> None:
         "bending_angle left [degrees]": 15.0,
         "base_rotation z [degrees]": 3.0,
         "base_torque_in_base x [mN mm]": 15.0,
+        "external_force cube z [mN]": 21.0,
         "position ball z [mm]": 4.0,
         "lift ball [mm]": 6.0,  # along x, against gravity, over where the scene has it, also in a run that is resumed
         "normal_force right|cube [mN]": 0.0,  # far apart, so not in the report

@@ -105,6 +105,7 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
         "sensor_numbers": 2 + 5 * 2,
         "pairs": len(file["columns/pairs"]),
         "carriers": len(file["frames/names"]),
+        "pushed": sum(len(file[key]) for key in ("soft_bodies", "rigid_bodies", "frames/names")),
     }
     assert len(set(sizes.values())) == len(sizes), "equal sizes would tell nothing"
     described = {name: (unit, eval(shape, sizes)) for name, unit, shape, _ in rows(heading)}

@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,22 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft import Control, Controller, KeyEvent, Session, Simulation, hookimpl, load_scene, register_plugin, run
+from taichisoft import (
+    Control,
+    Controller,
+    Force,
+    KeyEvent,
+    Session,
+    Simulation,
+    hookimpl,
+    load_scene,
+    register_plugin,
+    run,
+)
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.running import Output
 from taichisoft.running.loop import run_session, saved_as_json
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_outputs import read_recording
@@ -293,6 +306,41 @@ def test_random_numbers_go_on_where_they_were(tmp_path):
         anew = resumed_simulation(recording, frame, recording.scene)
         run(anew, Press(), [], 0.15)
         assert anew.state != simulation.state
+
+
+class Pusher(Press):
+    """Pushes the cube now and then, for some steps, and a pad in its own axes all the time."""
+
+    def reset(self, model: Any) -> None:
+        super().reset(model)
+        self.point = model.soft_bodies[0].rest_position[-1]
+
+    def control(self, observation: Any) -> Control:
+        pressed = super().control(observation)
+        forces: dict[str, Force | None] = {"left": Force([0.0, 1.0, 0.0], point=self.point, axes="own")}
+        if observation.step % 7 == 3:
+            forces["cube"] = Force(self.random.normal(0.0, 2.0, 3), torque=[0.0, 1.0, 0.0], steps=4)
+        return replace(pressed, forces=forces if observation.step < 22 else {"left": None})
+
+
+def test_pushes_go_on_where_they_were(tmp_path):
+    """From every instant, between states too, whose steps are made again; an instant has the push that led to it."""
+    simulation = Simulation(load_scene(TINY_GRIPPER))
+    states = [simulation.state]
+
+    class Kept(Output):
+        def record(self, state: Any, report: Any) -> None:
+            states.append(state)
+
+    run(simulation, Pusher(), [RecordingOutput(tmp_path, every=3), Kept()], 0.3)
+    with read_recording(tmp_path / "recording.h5") as recording:
+        assert {recording.has_state(index) for index in range(recording.instant_count)} == {True, False}
+        for index in range(recording.instant_count - 1):
+            assert state_at(recording, index) == states[3 * index]
+            resumed = resumed_simulation(recording, index, recording.scene)
+            run(resumed, Pusher(), [], 0.3 - 0.03 * index, saved=recording.controller_state(index))
+            assert resumed.state == simulation.state
+        assert recording.column("external_force_steps")[:, 2].tolist() == [0, 0, 2, 0, 3, 0, 4, 1, 0, 0, 0]
 
 
 def test_keys_and_sliders_stay_where_they_were(tmp_path):

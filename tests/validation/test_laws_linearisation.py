@@ -16,7 +16,7 @@ from conftest import Figures
 from scenes import simulate
 from test_laws_reduced import chamber, write_modes
 
-from taichisoft import Control, Observation, Simulation, equilibrium, load_scene, scene_from_dict
+from taichisoft import Control, Force, Observation, Simulation, equilibrium, load_scene, scene_from_dict
 from taichisoft.control import find_figure
 from taichisoft.errors import ControlError, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -39,6 +39,10 @@ def shifted(control: Control, name: str, amount: float) -> Control:
     """With more of what a name of a linearisation means."""
     key, _, of = name.partition(".")
     value = getattr(control, key)
+    if key == "forces":
+        body, part, letter = of.split(".")
+        row = np.array(getattr(value[body], part)) + amount * np.eye(3)["xyz".index(letter)]
+        return replace(control, forces={**value, body: replace(value[body], **{part: row})})
     if isinstance(value, np.ndarray):
         return replace(control, **{key: value + amount * np.eye(3)["xyz".index(of)]})
     return replace(control, **{key: {**value, of: value[of] + amount}})
@@ -59,6 +63,12 @@ def differences(
     return found
 
 
+def push_on_pad(simulation: Simulation) -> Force:
+    """Inside an element, in axes that turn with it."""
+    rest = simulation.model.soft_bodies[0].rest_position
+    return Force([1.0, 2.0, 0.0], point=0.99 * rest[-1] + 0.01 * rest.mean(axis=0), axes="own")
+
+
 def stepped(simulation: Simulation) -> Callable[[Control], Observation]:
     def see(control: Control) -> Observation:
         simulation.step(control)
@@ -72,7 +82,7 @@ def largest_error(
 ) -> float:
     """Of a step's derivatives against differences, over the largest entry of each figure."""
     found = simulation.linearise(control, names)
-    assert found.controls == tuple(names) and set(found.units) <= {"kPa", "mm", "rad", "mN", "1"}
+    assert found.controls == tuple(names) and set(found.units) <= {"kPa", "mm", "rad", "mN", "mN mm", "1"}
     worst = 0.0
     for column, name in enumerate(names):
         for figure, expected in differences(simulation, stepped(simulation), control, name, figures).items():
@@ -138,6 +148,24 @@ def test_a_cable_that_rubs_and_one_that_pulls_a_cube(tmp_path: Path, figures: Fi
     names = (f"cable_pull.{cable_block.TENDON}", f"cable_tension.{cable_block.LINK}", "base_translation.y")
     seen = ("tip_positions.block", "object_positions.cube", "cable_tensions", "cable_lengths", "base_torque")
     figures.at_most(f"derivatives of cables, newton = {newton}", largest_error(simulation, control, names, seen), 1e-6)
+
+
+@pytest.mark.parametrize("settings", [(), (*NONLINEAR, "rigid_bodies.cube.position=[0.0, 0.0, 80.0]")])
+def test_pushes_have_columns(figures: Figures, settings: tuple[str, ...]) -> None:
+    """On a pad inside an element and in its own axes, beside the centre of a cube that is lifted, and on the base."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, ("limits={}", EXACT, *settings)))
+    for pressure in np.linspace(0.0, 9.0, 15):
+        simulation.step(squeeze(pressure))
+    simulation.step(squeeze(9.0, base_translation=np.array([0.0, 0.0, 0.1])))
+    pushes = {"left": push_on_pad(simulation), "base": Force(torque=[0.0, 3.0, 0.0])}
+    pushes["cube"] = Force([0.3, 0.0, 0.0], [0.0, 0.1, 0.0], point=[3.0, 0.0, 5.0], steps=3)
+    names = ("forces.left.force.y", "forces.left.force.x", "forces.cube.force.x", "forces.cube.torque.y")
+    names += ("forces.base.force.z", "forces.base.torque.y")
+    seen = ("tip_positions.left", "object_positions.cube", "base_force", "base_torque", "external_forces.cube")
+    control = squeeze(9.0, base_translation=np.array([0.0, 0.0, 0.3]), forces=pushes)
+    error = largest_error(simulation, control, names, seen, 5e-6)
+    figures.at_most(f"derivatives by pushes, {len(settings)} settings", error, 5e-6)
+    assert "forces.right.force.x" not in simulation.linearise(control).controls
 
 
 def test_a_valve_that_fills_a_cavity(figures: Figures) -> None:
@@ -207,7 +235,8 @@ def test_the_compliance_of_an_equilibrium(figures: Figures) -> None:
     """Without friction it is that of `equilibrium` itself, whose contacts are searched again and again; flat faces."""
     settings = (*WALL, "contact.tolerance=1e-10", "time.newton_tolerance=1e-11", "contact.friction=0.0")
     simulation = Simulation(load_scene(TINY_GRIPPER, settings))
-    control, names = squeeze(10.0, base_rotation=np.zeros(3)), ("pressure.left.cavity", "base_rotation.z")
+    control = squeeze(10.0, base_rotation=np.zeros(3), forces={"left": push_on_pad(simulation)})
+    names = "pressure.left.cavity", "base_rotation.z", "forces.left.force.y"
     rest = equilibrium(simulation, control)
     found = rest.linearise(names)
     simulation.restore(rest.state)

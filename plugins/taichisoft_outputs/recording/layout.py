@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from taichisoft.mechanics import Actuators, State
 
 FILE_NAME = "recording.h5"
-LAYOUT = 13
+LAYOUT = 14
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 SIGNAL_COUNT = 32
 """Signals that there is room for: which ones come is not known when a file begins."""
@@ -98,6 +98,9 @@ QUANTITIES = {
     "steps/frame_request": RecordedQuantity("mm, rad", "frame_request"),
     "steps/frame_velocity": RecordedQuantity("mm/s, rad/s", "frame_velocity"),
     "steps/frame_wrench": RecordedQuantity("mN, mN mm", "frame_wrench"),
+    "steps/external_force": RecordedQuantity("mN, mN mm, mm", "external_force"),
+    "steps/external_force_steps": RecordedQuantity("1", "external_force_steps"),
+    "steps/external_force_own_axes": RecordedQuantity("1", "external_force_own_axes"),
     "steps/anchor_position": RecordedQuantity("mm", "anchor_position"),
     "steps/gravity": RecordedQuantity("mm/s^2", "gravity"),
     "steps/young_modulus": RecordedQuantity("kPa", "young_modulus"),
@@ -121,6 +124,9 @@ QUANTITIES = {
     "states/position": RecordedQuantity("mm", "position"),
     "states/velocity": RecordedQuantity("mm/s", "velocity"),
     "controls/frame_pose": RecordedQuantity("mm, rad", "frame_pose"),
+    "controls/external_force": RecordedQuantity("mN, mN mm, mm", "external_force"),
+    "controls/external_force_steps": RecordedQuantity("1", "external_force_steps"),
+    "controls/external_force_own_axes": RecordedQuantity("1", "external_force_own_axes"),
     "controls/anchor_position": RecordedQuantity("mm", "anchor_position"),
     "controls/gravity": RecordedQuantity("mm/s^2", "gravity"),
     "controls/young_modulus": RecordedQuantity("kPa", "young_modulus"),

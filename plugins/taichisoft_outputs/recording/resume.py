@@ -90,8 +90,9 @@ def _repeat_step(simulation: Simulation, control: dict[str, np.ndarray]) -> None
         "frame_request": control["frame_pose"],
         "frame_velocity": np.zeros_like(control["frame_pose"]),
         "actuator_request": control["actuator_target"],
+        "external_force_steps": control["external_force_steps"] + (control["external_force_steps"] > 0),
     }
-    simulation.restore(simulation.state.changed(**control, **asked))
+    simulation.restore(simulation.state.changed(**{**control, **asked}))
     simulation.step()
 
 
