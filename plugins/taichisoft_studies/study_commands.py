@@ -284,16 +284,16 @@ def _draw_fit(study: Any, measured: Any, fit: Any, files: Sequence[Path], path: 
     from taichisoft.base import atomic_file
     from taichisoft_outputs.plots import figure_bytes
 
-    count = sum(len(experiment.curves) for experiment in study.experiments)
+    count = sum(len(experiment.labels) for experiment in study.experiments)
     figure = Figure(figsize=(6.0, 2.6 * count), layout="constrained")
     waiting = iter(figure.subplots(count, 1, squeeze=False)[:, 0])
     for experiment, data, modelled, file in zip(study.experiments, measured, fit.modelled, files, strict=True):
-        for curve, values, line in zip(experiment.curves, data.curves, modelled, strict=True):
+        for label, values, line in zip(experiment.labels, data.curves, modelled, strict=True):
             axes = next(waiting)
             axes.plot(data.over, values, ".", markersize=3, color="#999999", label=file.name)
             axes.plot(data.over, line, color="#d55e00", linewidth=1.2, label="fit")
-            axes.set_xlabel(experiment.over_column, parse_math=False)
-            axes.set_ylabel(curve.column[:40], parse_math=False)
+            axes.set_xlabel(experiment.over_label, parse_math=False)
+            axes.set_ylabel(label, parse_math=False)
             axes.grid(alpha=0.3)
             axes.legend(frameon=False, fontsize=8)
     with atomic_file(path, StudyError) as partial:
