@@ -245,6 +245,7 @@ def fit_parameters(
     folder: Path,
     workers: Workers,
     tried: Callable[[Mapping[str, float], float], None],
+    made: Callable[[RunJob, Mapping[str, Any]], None] = lambda *_: None,
 ) -> CalibrationFit:
     """Find the parameters with the least squares of differences, by trust regions within bounds (Branch et al. 1999).
 
@@ -256,13 +257,15 @@ def fit_parameters(
         folder: folder of the study.
         workers: make the runs.
         tried: called with the values of each evaluation, and their cost.
+        made: called with each run that was made, and its record; an earlier fit in the folder has made others.
     """
     from scipy.optimize import least_squares
 
     evaluations = 0
 
     def residuals(points: Sequence[np.ndarray]) -> list[np.ndarray | StudyError]:
-        return _residuals(study, measurements, folder, workers, [_values(study, point) for point in points])
+        values = [_values(study, point) for point in points]
+        return _residuals(study, measurements, folder, workers, values, made)
 
     def cost(point: np.ndarray) -> np.ndarray:
         nonlocal evaluations
@@ -337,6 +340,7 @@ def _residuals(
     folder: Path,
     workers: Workers,
     points: Sequence[Mapping[str, float]],
+    made: Callable[[RunJob, Mapping[str, Any]], None],
 ) -> list[np.ndarray | StudyError]:
     """(run - data) / scale of all curves, or what went wrong, for several sets of values at once."""
     jobs = [
@@ -348,7 +352,7 @@ def _residuals(
         for values in points
     ]
     unique = {job.name: job for row in jobs for job in row.values()}
-    records = {record["run"]: record for record in make_missing(list(unique.values()), workers)}
+    records = {record["run"]: record for record in make_missing(list(unique.values()), workers, made)}
     misses: list[np.ndarray | StudyError] = []
     for row, values in zip(jobs, points, strict=True):
         try:
