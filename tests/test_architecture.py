@@ -23,9 +23,9 @@ LAYERS = {
             "base errors"
         ),
         "taichisoft_outputs": (
-            "__init__ doctor_command doctor_checks materials_command tension_test material_files recording_commands "
-            "report rendering web paraview plots csv_output metrics drawing stress recording run_figures "
-            "html_template system_libraries"
+            "__init__ doctor_command doctor_checks materials_command tension_test material_files measured_table "
+            "recording_commands report rendering web paraview plots csv_output metrics drawing stress recording "
+            "run_figures html_template system_libraries"
         ),
         "taichisoft_sofa": "__init__ sofa_commands scene_reader controller translation loading components tree",
     }.items()

@@ -4,6 +4,7 @@ import io
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +12,9 @@ from typing import Any
 import pytest
 from conftest import PATIENCE
 from rich.console import Console
+from rich.progress import Progress
 
-from taichisoft.running import provided
+from taichisoft.running import lines_without_terminal, provided, run_command
 from taichisoft.running.hooks import KINDS
 from taichisoft.running.run_command import progress_bar
 from taichisoft.runtime import launch
@@ -63,3 +65,22 @@ def test_bar_names_kernel_that_step_waits_for(monkeypatch: pytest.MonkeyPatch) -
         show("factorise")
         assert "preparing factorise" in screen.getvalue(), "before the compilation, while which nothing is drawn"
     assert launch.SHOWING == []
+
+
+def test_lines_replace_bar_without_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also while a step takes long; 2 of 5 made before, one now: the time left is twice what has passed."""
+    monkeypatch.setattr(run_command, "SECONDS_BETWEEN_LINES", 0.01)
+    screen = io.StringIO()
+    with Progress(console=Console(file=screen), disable=True) as progress, lines_without_terminal(progress):
+        task = progress.add_task("runs", total=5, completed=2, begun=2)
+        progress.tasks[0].start_time = progress.get_time() - 60.0
+        patience = time.monotonic() + PATIENCE
+        while "runs: 2 of 5, after 0:01:00\n" not in screen.getvalue() and time.monotonic() < patience:
+            time.sleep(0.01)
+        progress.advance(task)
+        while "runs: 3 of 5, after 0:01:00, 0:02:00 left\n" not in screen.getvalue() and time.monotonic() < patience:
+            time.sleep(0.01)
+    assert time.monotonic() < patience
+    ended = screen.getvalue()
+    time.sleep(0.05)
+    assert screen.getvalue() == ended

@@ -17,6 +17,13 @@ materials = typer.Typer()
 MORE = typer.Option("--highest-stretch", help="Stretch up to which points count \\[-].")
 LESS = typer.Option("--lowest-strain", help="Strain from which they count: where grips slip, below some 0.05 \\[-].")
 
+COLUMNS = typer.Option(
+    "--columns",
+    metavar="QUANTITY=COLUMN",
+    help="Name or number of the column of strain, stretch, stress, extension or force, with its unit where the name "
+    "has none: 'strain=2 (%)' (repeatable).",
+)
+
 
 @materials.callback(invoke_without_command=True)
 def list_materials(context: typer.Context) -> None:
@@ -43,11 +50,23 @@ def list_materials(context: typer.Context) -> None:
 
 @materials.command()
 def fit(
-    test: Annotated[Path, typer.Argument(metavar="TEST.csv", help="A tension test: strain or stretch, and stress.")],
+    tests: Annotated[
+        list[Path], typer.Argument(metavar="TEST.csv...", help="Tension tests, a specimen or several in each.")
+    ],
     law: Annotated[str, typer.Option(help="Law of elasticity, by its name in scenes.")] = "yeoh",
     terms: Annotated[int, typer.Option(help="Number of terms, of Ogden's law.")] = 1,
     highest_stretch: Annotated[float, MORE] = HIGHEST_STRETCH,
     lowest_strain: Annotated[float, LESS] = LOWEST_STRAIN,
+    columns: Annotated[list[str] | None, COLUMNS] = None,
+    area: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Cross-section at rest \\[mm^2], where there is a force; of all, or for each file (repeatable)."
+        ),
+    ] = None,
+    length: Annotated[
+        list[float] | None, typer.Option(help="Length at rest \\[mm], where there is an extension.")
+    ] = None,
     loading: Annotated[bool, typer.Option("--loading", help="Only points that are strained as never before.")] = False,
     slack: Annotated[float, typer.Option(help="Strain at which the specimen begins to be pulled \\[-].")] = 0.0,
     density: Annotated[float, typer.Option(help="Density of the material \\[kg/mm^3].")] = DENSITY,
@@ -59,42 +78,54 @@ def fit(
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Picture of the fit, .png or .svg.")] = None,
 ) -> None:
-    """Fit a law to a tension test; prints coefficients [kPa] and the error over the range."""
+    """Fit a law to tension tests; prints coefficients [kPa] with intervals, and the error over the range."""
     import rich
 
     from taichisoft.base import MODULUS, implausible
     from taichisoft.running import print_warning
     from taichisoft.scene import LAW_NAMES, Material
     from taichisoft_outputs.material_files import MaterialError, write_material
-    from taichisoft_outputs.tension_test import draw_materials, fit_law, read_tension_test
+    from taichisoft_outputs.tension_test import draw_materials, fit_law, joined, read_specimens
 
-    measured = read_tension_test(test).without_slack(slack)
+    pairs = [text.partition("=")[::2] for text in columns or ()]
+    named = {quantity.strip(): column.strip() for quantity, column in pairs}
+    if len(named) < len(pairs):
+        raise MaterialError("--columns: names a quantity twice; specimens side by side need the same names of columns")
+    sizes = (_of_each("area", area, len(tests)), _of_each("length", length, len(tests)))
+    specimens = [
+        specimen.without_slack(slack)
+        for test, *size in zip(tests, *sizes, strict=True)
+        for specimen in read_specimens(test, named, *size)
+    ]
     if loading:
-        measured = measured.first_loading()
+        specimens = [specimen.first_loading() for specimen in specimens]
+    measured = joined(specimens)
     if law not in LAW_NAMES:
         raise MaterialError(f"no law is called '{law}'; there are: {', '.join(LAW_NAMES)}")
     found = fit_law(measured.within(lowest_strain, highest_stretch), law, terms)
     try:
         material = Material(
-            name=name or test.stem,
+            name=name or tests[0].stem,
             law=found.law,
             coefficients=found.coefficients,
             poisson_ratio=poisson_ratio,
             density=density,
             highest_stretch=float(f"{found.highest_stretch:.3g}"),
             error=float(f"{found.error:.2g}"),
-            source=source or test.name,
+            source=source or measured.source,
         )
     except ValueError as error:
         raise MaterialError(f"density {density:g}, poisson_ratio {poisson_ratio:g}: one is not valid") from error
     for coefficient, value in found.coefficients.items():
-        typer.echo(f"{coefficient} = {value:.6g}")
+        low, high = found.intervals[coefficient]
+        typer.echo(f"{coefficient} = {value:.6g} (95 %: {low:.6g} to {high:.6g})")
     typer.echo(
         f"Young's modulus at rest {found.young_modulus:.4g} kPa; up to a stretch of {found.highest_stretch:.3g} "
         f"the error is {100 * found.error:.2f} % of the largest stress, {100 * found.worst:.2f} % at worst"
     )
+    cautions = (caution for specimen in specimens for caution in specimen.cautions)
     unit = implausible("Young's modulus at rest", found.young_modulus, MODULUS)
-    for caution in filter(None, (*measured.cautions, found.caution, unit)):
+    for caution in filter(None, (*cautions, found.caution, unit)):
         print_warning(rich.get_console(), caution)
     if output is not None:
         write_material(material, output)
@@ -102,6 +133,14 @@ def fit(
     if plot is not None:
         draw_materials({"fit": material}, {"fit": measured}, plot)
         say(plot)
+
+
+def _of_each(option: str, values: list[float] | None, count: int) -> list[float | None]:
+    """A value for each file: its own, or the only one."""
+    given: list[float | None] = [*values] if values else [None]
+    if len(given) not in (1, count):
+        raise typer.BadParameter(f"--{option}: {len(given)} given for {count} files; give one, or one for each")
+    return given * count if len(given) == 1 else given
 
 
 @materials.command()

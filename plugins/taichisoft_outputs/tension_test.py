@@ -1,6 +1,5 @@
 """Tension tests: read, fitted by laws of rubber, plotted."""
 
-import csv
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,7 @@ from taichisoft.base import require
 from taichisoft.runtime import RUBBER_LAWS, RubberLaw
 from taichisoft.scene import Law, Material, initial_shear_modulus
 from taichisoft_outputs.material_files import MaterialError
+from taichisoft_outputs.measured_table import UNIT, MeasuredTable, read_measured_table
 
 # Nominal stress of incompressible rubber pulled along one axis, by each law; Hooke's is E (l - 1).
 
@@ -27,23 +27,52 @@ def nominal_stress(law: Law, coefficients: Mapping[str, float], stretch: np.ndar
     return RUBBER_LAWS[law].tension(coefficients, stretch)
 
 
+def shear_stress(law: Law, coefficients: Mapping[str, float], shear: np.ndarray) -> np.ndarray:
+    """Stress of incompressible rubber in simple shear [kPa], shape (count,), the derivative of the energy by `shear`.
+
+    The principal stretches are s, 1 / s and 1, with s - 1 / s = `shear`; `shear` [-] has that shape.
+    """
+    if law == "hooke":
+        return coefficients["young_modulus"] / 3.0 * shear
+    stretch = 0.5 * shear + np.sqrt(1.0 + 0.25 * shear**2)
+    principal = np.column_stack([stretch, 1.0 / stretch, np.ones_like(stretch)])
+    stress = RUBBER_LAWS[law].principal_stress(coefficients, principal)
+    change: np.ndarray = (stress[:, 0] - stress[:, 1]) / (stretch + 1.0 / stretch)
+    return change
+
+
 # A tension test from a CSV file: stretch, and force over the area at rest.
 
-KPA = {"pa": 1e-3, "kpa": 1.0, "mpa": 1e3, "n/mm^2": 1e3, "n/mm2": 1e3, "n/mm²": 1e3}
+SQUARES = ("mm^2", "mm2", "mm²")
+KPA = {
+    **{"pa": 1e-3, "hpa": 0.1, "kpa": 1.0, "mpa": 1e3, "bar": 100.0, "psi": 6.894757},
+    **{f"n/{square}": 1e3 for square in SQUARES},
+    **{f"kgf/{square.replace('m', 'c', 1)}": 98.0665 for square in SQUARES},
+}
 RATIOS = {"": 1.0, "-": 1.0, "1": 1.0, "mm/mm": 1.0, "m/m": 1.0}
 STRAINS = {"%": 0.01, "percent": 0.01, "per cent": 0.01, **RATIOS}
+MM = {"mm": 1.0, "cm": 10.0, "m": 1e3, "in": 25.4}
+MN = {"n": 1e3, "mn": 1.0, "kn": 1e6, "gf": 9.80665, "kgf": 9806.65, "lbf": 4448.222}
 KINDS = ("engineering", "nominal")
 """Words in the brackets of a column's name that are not units."""
 HIGHEST_STRAIN = 20.0
 """No rubber is stretched so far: strains beyond it are in per cent."""
-SEPARATORS = "\t;,"
 FEWEST = 5
 """Points that a fit needs."""
-STRAIN = ("engineering strain", "nominal strain", "tensile strain", "strain", "dehnung")
-STRETCH = ("stretch",)
-STRESS = ("engineering stress", "nominal stress", "tensile stress", "stress", "spannung")
-MACHINE = ("extension", "displacement", "elongation", "crosshead", "load", "force", "weg", "kraft", "standardkraft")
-"""What testing machines write where they do not know the specimen."""
+QUANTITIES: dict[str, tuple[tuple[str, ...], Mapping[str, float]]] = {
+    "stretch": (("stretch",), RATIOS),
+    "strain": (
+        ("engineering strain", "nominal strain", "tensile strain", "strain", "dehnung", "déformation", "deformation"),
+        STRAINS,
+    ),
+    "stress": (("engineering stress", "nominal stress", "tensile stress", "stress", "spannung", "contrainte"), KPA),
+    "extension": (
+        ("extension", "displacement", "elongation", "crosshead", "weg", "allongement", "déplacement", "deplacement"),
+        MM,
+    ),
+    "force": (("load", "force", "kraft", "standardkraft", "effort"), MN),
+}
+"""What a column may hold: the beginnings of its name, and its units with their size in [-], kPa, mm or mN."""
 TURNED = 0.02
 """Share of a test's range of strains by which the strain falls back where the specimen is unloaded."""
 BEGIN, SAME = (1.3, 1.4), 0.01
@@ -121,138 +150,135 @@ class TensionTest:
         return found[0] if abs(found[0] - found[1]) < SAME else 0.0
 
 
+def joined(tests: Sequence[TensionTest]) -> TensionTest:
+    """The points of several specimens."""
+    stretch, stress = (np.concatenate([getattr(test, name) for test in tests]) for name in ("stretch", "stress"))
+    return TensionTest(", ".join(dict.fromkeys(test.source for test in tests)), stretch, stress)
+
+
 def read_tension_test(path: Path) -> TensionTest:
-    """Read a table with a column of engineering strain or stretch, and one of engineering stress with its unit.
+    """All specimens of a table, see `read_specimens`."""
+    return joined(read_specimens(path))
 
-    The first line that names both is the header; what stands above it is ignored. Units may stand in brackets in the
-    line below. Columns are separated by semicolons,
-    commas or tabs; names and numbers may stand in quotes, and numbers have decimal points or commas. A strain is in per
-    cent where its name says so ("Strain (%)"). Engineering columns win over true ones.
+
+def read_specimens(
+    path: Path,
+    columns: Mapping[str, str] = MappingProxyType({}),
+    area: float | None = None,
+    length: float | None = None,
+) -> list[TensionTest]:
+    """Read a table with columns of strain or stretch, and of stress over the area at rest, for each specimen.
+
+    A strain is in per cent where its name says so ("Strain (%)"). Engineering columns win over true ones.
+
+    Args:
+        path: see `read_measured_table`.
+        columns: name or number of the column by its quantity ("strain", "stretch", "stress", "extension", "force"),
+            with a unit in brackets where its name has none.
+        area: of the specimen at rest [mm^2], which a column of the force is divided by.
+        length: of the specimen at rest [mm], likewise of the extension.
+
+    Raises:
+        MaterialError: a column is missing, has no unit or no numbers.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    except OSError as error:
-        raise MaterialError(f"{path}: cannot be read: {error.strerror}") from error
-    for number, line in enumerate(lines):
-        for separator in SEPARATORS:
-            names = [name.strip().lower() for name in _cells(line, separator)]
-            units = [unit.strip().lower() for unit in _cells("".join(lines[number + 1 : number + 2]), separator)]
-            has_units = len(units) == len(names) and all(re.fullmatch(r"([(\[].*[)\]])?", unit) for unit in units)
-            if has_units:
-                names = [f"{name} {unit}".strip() for name, unit in zip(names, units, strict=True)]
-            stretch, stress = _column(names, STRETCH), _column(names, STRESS)
-            strain = _column(names, STRAIN) if stretch is None else None
-            along = stretch if stretch is not None else strain
-            if along is None or stress is None:
-                continue
-            where = f"{path}, line {number + 1}"
-            scale = _scale(names[stress], KPA, where)
-            share = _scale(names[along], STRAINS if stretch is None else RATIOS, where)
-            rows = _rows(path, lines, number + 1 + has_units, separator, (along, stress))
-            along_values = share * rows[:, 0]
-            if stretch is None and not _units(names[along]) and along_values.max() > HIGHEST_STRAIN:
-                raise MaterialError(
-                    f"{where}: '{names[along]}' reaches {along_values.max():g}: is it in per cent? say 'strain (%)', "
-                    "or 'strain (-)'"
-                )
-            if stretch is not None and along_values.min() <= 0.0:
-                raise MaterialError(
-                    f"{where}: '{names[along]}' falls to {along_values.min():g}: a stretch is length over length at "
-                    "rest, above 0; is it a strain?"
-                )
-            return TensionTest(path.name, along_values + (0.0 if stretch is not None else 1.0), scale * rows[:, 1])
-    raise MaterialError(
-        f"{path}: no line names a column 'strain' or 'stretch' and one 'stress (MPa)' or 'stress (kPa)'"
-        f"{_named_instead(lines)}"
-    )
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    return next(csv.reader([line], delimiter=separator), [])
-
-
-def _named_instead(lines: list[str]) -> str:
-    """What the line above the first numbers names in place of strain and stress, and what makes these of it."""
-    for separator in SEPARATORS:
-        header, place = [], 0
-        for number, line in enumerate(lines):
-            cells = [cell.strip() for cell in _cells(line, separator)]
-            if len(cells) > 1 and all(re.fullmatch(r"[-+]?[0-9][-+0-9.,eE]*", cell) for cell in cells if cell):
-                break
-            if len(cells) > 1 and any(re.match(r"\w", cell) for cell in cells):
-                header, place = cells, number
-        else:
-            continue
-        words = ", ".join(f"'{name}'" for name in header)
-        said = f"; line {place + 1} has {words}" if header else "; its columns have no names"
-        if any(name.lower().startswith(MACHINE) for name in header):
-            said += ": divide the extension by the length at rest, and the load by the area at rest"
-        if any(re.search(r"(true|cauchy|wahre).*(stress|spannung)", name.lower()) for name in header):
-            said += ": true stress is over the area of the moment; divide it by the stretch"
-        if any(re.search(r"(true|logarithmic|wahre).*(strain|dehnung)", name.lower()) for name in header):
-            said += ": a true strain is the logarithm of the stretch; give exp of it"
-        return said
-    return ""
-
-
-def _column(names: list[str], kinds: tuple[str, ...]) -> int | None:
-    """Place of the first column whose name begins with one of these, in their order; a rate is another quantity."""
-    found = [
-        place for kind in kinds for place, name in enumerate(names) if name.startswith(kind) and "rate" not in name
+    for name, value in (("area", area), ("length", length)):
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise MaterialError(f"--{name} {value:g}: must be above 0")
+    if unknown := next((quantity for quantity in columns if quantity not in QUANTITIES), None):
+        raise MaterialError(f"--columns {unknown}: must be one of {', '.join(QUANTITIES)}")
+    table = read_measured_table(path, MaterialError)
+    pulled = "force" if area is not None or "force" in columns else "stress"
+    kinds = ["extension"] if length is not None or "extension" in columns else ["stretch", "strain"]
+    kinds = [kind for kind in kinds if kind in columns] or kinds
+    along = next((places for kind in kinds if (places := _columns(table, kind, columns))), [])
+    across = _columns(table, pulled, columns)
+    if not along or not across:
+        raise MaterialError(_missing(table, "extension" if length is not None else "", pulled))
+    for given, key, kind in ((area, "area", pulled), (length, "length", along[0][0])):
+        if given is None and kind in ("force", "extension"):
+            raise MaterialError(f"--columns {kind}: needs --{key}, that of the specimen at rest")
+    count = len(along) if len(along) == len(across) else 1
+    return [
+        _specimen(table, *pair, area or 1.0, length or 1.0) for pair in zip(along[:count], across[:count], strict=True)
     ]
-    return found[0] if found else None
+
+
+Column = tuple[str, int, str]
+"""Quantity, index and name with the unit of a column."""
+
+
+def _specimen(table: MeasuredTable, along: Column, across: Column, area: float, length: float) -> TensionTest:
+    columns = [along, across]
+    rows = [row for row in range(len(table.rows)) if not all(table.is_blank(row, place) for _, place, _ in columns)]
+    (kind, place, name), (_, other, _) = columns
+    where = f"{table.path}, line {table.header}"
+    scales = [_scale(column[2], QUANTITIES[column[0]][1], where) for column in columns]
+    values, stress = (np.array([table.number(row, at) for row in rows]) for at in (place, other))
+    values, stress = scales[0] / length * values, scales[1] / area * stress
+    if kind == "strain" and not _units(name) and values.max() > HIGHEST_STRAIN:
+        raise MaterialError(
+            f"{where}: '{name}' reaches {values.max():g}: is it in per cent? say 'strain (%)', or 'strain (-)'"
+        )
+    if kind == "stretch" and values.min() <= 0.0:
+        raise MaterialError(
+            f"{where}: '{name}' falls to {values.min():g}: a stretch is length over length at rest, above 0; is it a "
+            "strain?"
+        )
+    return TensionTest(table.path.name, values + (kind != "stretch"), stress)
+
+
+def _columns(table: MeasuredTable, kind: str, given: Mapping[str, str]) -> list[Column]:
+    """The columns of a quantity: as given, or those that its first word in their names shows; a rate is another one."""
+    if kind in given:
+        bare, unit = UNIT.sub("", given[kind]), UNIT.search(given[kind])
+        place = table.place(given[kind])
+        place = table.place(bare) if place is None else place
+        if place is None:
+            known = ", ".join(f"{number} '{name}'" for number, name in enumerate(table.names, 1))
+            raise MaterialError(f"--columns {kind}={given[kind]}: {table.path} has no such column; there are: {known}")
+        return [(kind, place, UNIT.sub("", table.names[place]) + f" ({unit[1]})" if unit else table.names[place])]
+    names = [name.lower() for name in table.names]
+    for word in QUANTITIES[kind][0]:
+        places = [
+            (kind, place, table.names[place])
+            for place, name in enumerate(names)
+            if name.startswith(word) and not re.search("rate|vrai", name)
+        ]
+        if places:
+            return places
+    return []
+
+
+def _missing(table: MeasuredTable, along: str, across: str) -> str:
+    """What the table lacks, what it has instead, and what makes the one of the other."""
+    wanted = f"a column '{along}'" if along else "a column 'strain' or 'stretch'"
+    message = f"{table.path}: no line names {wanted} and one '{across} ({'N' if across == 'force' else 'MPa'})'"
+    if not any(table.names):
+        return f"{message}; its columns have no names; name them by their numbers, --columns 'strain=1 (%)'"
+    message += f"; line {table.header} has {', '.join(f'{name!r}' for name in table.names)}"
+    lower = [name.lower() for name in table.names]
+    machine = (*QUANTITIES["extension"][0], *QUANTITIES["force"][0])
+    if any(name.startswith(machine) for name in lower):
+        message += ": --length and --area of the specimen at rest divide the extension and the force"
+    if any(re.search(r"(true|cauchy|wahre).*(stress|spannung)", name) for name in lower):
+        message += ": true stress is over the area of the moment; divide it by the stretch"
+    if any(re.search(r"(true|logarithmic|wahre).*(strain|dehnung)", name) for name in lower):
+        message += ": a true strain is the logarithm of the stretch; give exp of it"
+    return f"{message}; --columns strain=NAME names others"
 
 
 def _units(name: str) -> list[str]:
     """What a column's name has in brackets, and per cent wherever it stands."""
-    inside = [unit.strip() for unit in re.findall(r"[(\[](.*?)[)\]]", name)]
-    bare = re.sub(r"[(\[].*?[)\]]", "", name)
+    inside = [unit.strip() for unit in re.findall(r"[(\[](.*?)[)\]]", name.lower())]
+    bare = re.sub(r"[(\[].*?[)\]]", "", name.lower())
     return [unit for unit in inside if unit not in KINDS] + ["%"] * ("%" in bare or "percent" in bare)
 
 
 def _scale(name: str, units: Mapping[str, float], where: str) -> float:
-    found = _units(name) or ([""] if "" in units else [])
-    if len(found) != 1 or found[0] not in units:
+    given = _units(name) or ([""] if "" in units else [])
+    if len(given) != 1 or given[0] not in units:
         raise MaterialError(f"{where}: '{name}' needs a unit: {', '.join(unit or 'none' for unit in units)}")
-    return units[found[0]]
-
-
-def _rows(path: Path, lines: list[str], first: int, separator: str, columns: tuple[int, int]) -> np.ndarray:
-    read = list(enumerate(csv.reader(lines[first:], delimiter=separator), start=first + 1))
-    cells = [row[column] for _, row in read for column in columns if column < len(row)]
-    comma = _has_decimal_commas(cells)
-    rows = []
-    for number, row in read:
-        if not any(cell.strip() for cell in row):
-            continue
-        try:
-            values = [_number(row[column], comma) for column in columns]
-        except (ValueError, IndexError) as error:
-            raise MaterialError(f"{path}, line {number}: {separator.join(row)[:60]!r} lacks a number") from error
-        if not all(math.isfinite(value) for value in values):
-            raise MaterialError(f"{path}, line {number}: a value is not finite")
-        rows.append(values)
-    if not rows:
-        raise MaterialError(f"{path}: no numbers follow the names of the columns")
-    return np.array(rows)
-
-
-def _has_decimal_commas(cells: Sequence[str]) -> bool:
-    """Whether commas are decimal signs: they stand last in numbers that also have points, or no number has a point."""
-    both = [cell for cell in cells if "," in cell and "." in cell]
-    if both:
-        return all(cell.rindex(",") > cell.rindex(".") for cell in both)
-    return not any("." in cell for cell in cells)
-
-
-def _number(cell: str, comma: bool) -> float:
-    """The number in a cell; the sign that is not the decimal one separates thousands."""
-    thousands, sign = (".", ",") if comma else (",", ".")
-    whole, point, decimals = cell.strip().partition(sign)
-    parts = whole.split(thousands)
-    if len(parts) > 1 and not (all(len(part) == 3 for part in parts[1:]) and 1 <= len(parts[0].lstrip("+-")) <= 3):
-        raise ValueError(f"{cell!r} is not a number")
-    return float("".join(parts) + point.replace(",", ".") + decimals)
+    return units[given[0]]
 
 
 # Stress over stretch: what was measured, and what laws make of it.
@@ -316,6 +342,7 @@ class LawFit:
         error: root mean square of the misfit over the largest stress [-].
         worst: largest misfit over the largest stress [-].
         points: number of points that it was fitted to.
+        intervals: of confidence (95 %), lowest and highest coefficient by name, see `half_widths`.
     """
 
     law: Law
@@ -324,6 +351,7 @@ class LawFit:
     error: float
     worst: float
     points: int
+    intervals: dict[str, tuple[float, float]]
 
     @property
     def caution(self) -> str:
@@ -359,7 +387,52 @@ def fit_law(test: TensionTest, law: Law, terms: int = 1) -> LawFit:
     misfit = nominal_stress(law, coefficients, test.stretch) - test.stress
     scale = np.abs(test.stress).max()
     error, worst = np.sqrt((misfit**2).mean()) / scale, np.abs(misfit).max() / scale
-    return LawFit(law, coefficients, float(test.stretch.max()), float(error), float(worst), len(test.stretch))
+    names = list(coefficients)
+    steps = [1e-6 * max(abs(value), 1e-3) for value in coefficients.values()]
+
+    def changed(name: str, step: float) -> np.ndarray:
+        return nominal_stress(law, coefficients | {name: coefficients[name] + step}, test.stretch)
+
+    each = [(changed(n, h) - changed(n, -h)) / (2.0 * h) for n, h in zip(names, steps, strict=True)]
+    half = half_widths(np.column_stack(each), misfit, residual_correlation([misfit]))
+    intervals = {
+        name: (value - one, value + one) for (name, value), one in zip(coefficients.items(), half.tolist(), strict=True)
+    }
+    highest = float(test.stretch.max())
+    return LawFit(law, coefficients, highest, float(error), float(worst), len(test.stretch), intervals)
+
+
+CONFIDENCE = 0.95
+
+
+def residual_correlation(curves: Sequence[np.ndarray]) -> float:
+    """Correlation of residuals that follow each other in a curve; 0 where it would be negative."""
+    square = sum(float(curve @ curve) for curve in curves)
+    product = sum(float(curve[1:] @ curve[:-1]) for curve in curves)
+    return max(0.0, product / square) if square > 0.0 else 0.0
+
+
+def half_widths(slopes: np.ndarray, residuals: np.ndarray, correlation: float) -> np.ndarray:
+    """Half the widths of the intervals of confidence (95 %) of fitted values, shape (value_count,).
+
+    They are those of the linearised problem: Student's t times the root of s^2 (J^T J)^-1, where s^2 counts correlated
+    residuals as fewer (an autoregressive process of first order); vast where the data say nothing of a value.
+
+    Args:
+        slopes: J, derivatives of the residuals by the values, shape (residual_count, value_count).
+        residuals: shape (residual_count,).
+        correlation: of consecutive residuals [-], see `residual_correlation`.
+    """
+    from scipy.stats import t
+
+    count, values = slopes.shape
+    freedom = max(1, count - values)
+    variance = residuals @ residuals / freedom * (1.0 + correlation) / max(1.0 - correlation, 1.0 / count)
+    sizes = np.maximum(np.linalg.norm(slopes, axis=0), 1e-100)
+    _, singular, turned = np.linalg.svd(slopes / sizes, full_matrices=False)
+    spread = np.linalg.norm(turned.T / np.maximum(singular, 1e-10), axis=1) / sizes
+    half: np.ndarray = t.ppf(0.5 + 0.5 * CONFIDENCE, freedom) * np.sqrt(variance) * spread
+    return half
 
 
 def _fit_rubber(test: TensionTest, law: Law, rubber: RubberLaw, terms: int) -> dict[str, float]:

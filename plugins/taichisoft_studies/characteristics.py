@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,14 @@ import numpy as np
 
 import taichisoft
 from taichisoft import Scene
-from taichisoft.base import atomic_file
-from taichisoft.control import Control, Fingertips
+from taichisoft.base import atomic_file, read_arrays, warn_caller
+from taichisoft.control import Control, Fingertips, Observation
+from taichisoft.mechanics import State
 from taichisoft.scene import scene_to_toml
 from taichisoft_outputs.html_template import render, svg_element
 from taichisoft_outputs.plots import Panel, PlotCurve, draw_figure, figure_bytes
 from taichisoft_studies.errors import StudyError
+from taichisoft_studies.run_job import run_hash
 
 # What a finger can do: how far it bends by its pressure, and how hard it presses where it is held up.
 
@@ -23,6 +25,7 @@ BLOCK = "characteristics-block"
 """Name of the obstacle that holds up the tip."""
 BLOCK_SIZE = 3.0
 """Width of the block, in radii of the tip [-]."""
+WARNING = "warning"
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class Characteristics:
         volumes: of all its cavities together [mm^3], shape (pressure_count,).
         blocked: numbers of the pressures whose bends a block holds, shape (bend_count,).
         forces: normal force on the block [mN], shape (bend_count, pressure_count); NaN below the pressure of the bend.
+        atmosphere: absolute pressure of the surroundings [kPa].
     """
 
     pressures: np.ndarray
@@ -44,6 +48,16 @@ class Characteristics:
     volumes: np.ndarray
     blocked: np.ndarray
     forces: np.ndarray
+    atmosphere: float
+
+    @property
+    def air(self) -> np.ndarray:
+        """Air that a syringe lets in, as its volume at the pressure of the surroundings [mm^3], (pressure_count,).
+
+        By Boyle's law, of cavities that were open before; air in tubes and syringe comes on top.
+        """
+        growth: np.ndarray = self.volumes * (1.0 + self.pressures / self.atmosphere) - self.volumes[0]
+        return growth
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -66,6 +80,7 @@ def find_characteristics(
     pressures: Sequence[float],
     bends: int,
     done: Callable[[str], None] = lambda line: None,
+    folder: Path | None = None,
 ) -> Characteristics:
     """Find the equilibria of a finger, free and against blocks: without inertia, so without a time to wait for.
 
@@ -78,6 +93,7 @@ def find_characteristics(
         pressures: pressures from 0, all rising or all falling [kPa].
         bends: number of bends that are held, from the first pressure on, evenly spaced.
         done: called with "" for each equilibrium that is found; `equilibrium_count` says of how many.
+        folder: where each equilibrium is kept, and those of an earlier, interrupted search are taken from.
     """
     name = body or next(iter(scene.soft_bodies), "")
     if name not in scene.soft_bodies or not scene.soft_bodies[name].cavities:
@@ -99,15 +115,13 @@ def find_characteristics(
     if not found_tips:
         raise StudyError(f"soft_bodies.{name}: has no tip, since it has neither anchors nor `tip`")
     (nodes,), states, seen = found_tips, [], []
-    for pressure in pressures:
-        rest = taichisoft.equilibrium(free, Control(pressure=dict.fromkeys(cavities, pressure)))
-        actual = rest.observation.truth.pressures
+    for number, pressure in enumerate(pressures):
+        seen.append(_at_rest(free, cavities, pressures[: number + 1], folder))
+        actual = seen[-1].pressures
         wrong = next((cavity for cavity in cavities if abs(actual[cavity] - pressure) > 1e-6 * abs(pressure)), None)
         if wrong is not None:
             raise StudyError(f"{pressure:g} kPa: the scene's limits hold '{wrong}' at {actual[wrong]:g} kPa")
-        free.restore(rest.state)
-        states.append(rest.state)
-        seen.append(rest.observation.truth)
+        states.append(free.state)
         done("")
     tips = np.array([observation.tip_positions[name] for observation in seen])
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
@@ -122,14 +136,50 @@ def find_characteristics(
         blocked = taichisoft.Simulation(taichisoft.scene_from_dict(against))
         blocked.restore(states[first])
         for number in range(first + 1, len(pressures)):
-            rest = taichisoft.equilibrium(blocked, Control(pressure=dict.fromkeys(cavities, pressures[number])))
-            blocked.restore(rest.state)
-            forces[row, number] = rest.observation.truth.normal_forces.get((name, BLOCK), 0.0)
+            rest = _at_rest(blocked, cavities, pressures[: number + 1], folder)
+            forces[row, number] = rest.normal_forces.get((name, BLOCK), 0.0)
             done("")
     bending = np.degrees([observation.bending_angles[name] for observation in seen])
     volumes = np.array([sum(observation.volumes[cavity] for cavity in cavities) for observation in seen])
     travel = np.concatenate([[0.0], np.cumsum(steps)])
-    return Characteristics(np.array(pressures), bending, travel, volumes, held, forces)
+    return Characteristics(np.array(pressures), bending, travel, volumes, held, forces, scene.atmosphere)
+
+
+def _at_rest(
+    simulation: taichisoft.Simulation, cavities: Sequence[str], pressures: Sequence[float], folder: Path | None
+) -> Observation:
+    """What is seen at rest under the last of these pressures, where the simulation then is.
+
+    It is found from the one before, or read from the file that was kept of it, which is named after the scene and all
+    pressures, on which the equilibrium may depend.
+    """
+    scene, watched = simulation.model.scene, {"pressures": str(list(pressures))}
+    place = None if folder is None else folder / f"{run_hash(scene, None, 0, (), watched)}.npz"
+    kept = _kept(place)
+    if kept:
+        warning = str(kept.pop(WARNING))
+        state = State(time=float(kept.pop("time")), step=int(kept.pop("step")), **kept)
+        if warning:
+            warn_caller(warning)
+        simulation.warn_beyond_law(state)
+    else:
+        rest = taichisoft.equilibrium(simulation, Control(pressure=dict.fromkeys(cavities, pressures[-1])))
+        state = rest.state
+        if place is not None:
+            arrays: dict[str, Any] = {field.name: getattr(state, field.name) for field in fields(state)}
+            arrays[WARNING] = np.array(rest.warning)
+            with atomic_file(place, StudyError) as partial, partial.open("wb") as file:
+                np.savez(file, **arrays)
+    simulation.restore(state)
+    return simulation.observe().truth
+
+
+def _kept(place: Path | None) -> dict[str, Any]:
+    """The arrays of an equilibrium that was kept; nothing where it was not, or is damaged."""
+    try:
+        return {} if place is None else read_arrays(place)
+    except (OSError, ValueError):
+        return {}
 
 
 def equilibrium_count(pressures: int, bends: int) -> int:
@@ -197,7 +247,8 @@ def write_datasheet(
             (f"bending at {last:g} kPa", f"{first.bending[-1]:.3g} degrees"),
             (f"force of the straight finger at {last:g} kPa", f"{first.forces[0, -1]:.3g} mN"),
             (f"stiffness of the tip at {last:g} kPa", f"{first.stiffness[-1]:.3g} mN/mm"),
-            ("air to be let in", f"{(first.volumes[-1] - first.volumes[0]) / 1e3:.3g} cm³"),
+            ("growth of the chambers", f"{(first.volumes[-1] - first.volumes[0]) / 1e3:.3g} cm³"),
+            (f"air from a syringe at {first.atmosphere:.4g} kPa", f"{first.air[-1] / 1e3:.3g} cm³"),
         ],
         plots=svg_element(figure_bytes(figure, "svg").decode()),
         columns=list(columns),
@@ -234,7 +285,8 @@ def _columns(curves: Characteristics) -> dict[str, np.ndarray]:
     free = {
         "bending [degrees]": curves.bending,
         "way of the tip [mm]": curves.travel,
-        "volume [cm³]": curves.volumes / 1e3,
+        "volume of the chambers [cm³]": curves.volumes / 1e3,
+        f"air let in, at {curves.atmosphere:.4g} kPa [cm³]": curves.air / 1e3,
     }
     return {PRESSURE: curves.pressures, **free, **held, "stiffness [mN/mm]": curves.stiffness}
 

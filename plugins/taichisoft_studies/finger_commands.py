@@ -208,6 +208,9 @@ def measured_case(
 
 # `taichisoft characterise`: how far a finger bends, and how hard it presses.
 
+EQUILIBRIA = "equilibria"
+"""Folder of the equilibria, from which an interrupted command goes on."""
+
 
 def characterise(
     scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped one, with a finger.")],
@@ -230,13 +233,17 @@ def characterise(
         ),
     ] = None,
 ) -> None:
-    """Find a finger's free bending, blocked force and stiffness over its pressure: table, plot and datasheet."""
+    """Find a finger's free bending, blocked force and stiffness over its pressure: table, plot and datasheet.
+
+    Started again, it goes on from the equilibria in the folder.
+    """
     import math  # --help need not wait for any of these
 
     import numpy as np
     from rich.console import Console
 
     from taichisoft import load_scene
+    from taichisoft.base import named_os_errors
     from taichisoft.running import warnings_printed_to
     from taichisoft_studies.characteristics import equilibrium_count, trust_line, write_datasheet
     from taichisoft_studies.characteristics import find_characteristics as find_characteristics
@@ -251,14 +258,16 @@ def characterise(
     if pressure < -loaded.atmosphere:
         raise StudyError(f"--pressure {pressure:g}: must be at least the vacuum's {-loaded.atmosphere:g} kPa")
     console, meshes = Console(), []
+    folder = output or Path("out") / f"{Path(scene).stem}-characteristics"
+    with named_os_errors(f"--output {folder}", StudyError):
+        (folder / EQUILIBRIA).mkdir(parents=True, exist_ok=True)
     with warnings_printed_to(console):
         changes = second or finer_meshes(loaded, body or next(iter(loaded.soft_bodies), None))[0]
         for what, overrides in (("equilibria", ()), *((("on the second mesh", changes),) if changes else ())):
             of_mesh = load_scene(scene, (*(set or ()), *overrides))
             with progress_bar(console, what, equilibrium_count(len(pressures), bends)) as advance:
-                meshes.append(find_characteristics(of_mesh, body, pressures, bends, advance))
+                meshes.append(find_characteristics(of_mesh, body, pressures, bends, advance, folder / EQUILIBRIA))
     other, change = (meshes[1], ", ".join(changes)) if changes else (None, "")
-    folder = output or Path("out") / f"{Path(scene).stem}-characteristics"
     say(trust_line(meshes[0], other, change))
     for path in write_datasheet(folder, loaded, meshes[0], other, change):
         say(path)

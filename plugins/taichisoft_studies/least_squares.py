@@ -1,17 +1,26 @@
 """Calibration: parameters whose runs repeat what was measured, by least squares."""
 
-import csv
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from taichisoft.errors import SceneError
+from taichisoft.runtime import RUBBER_LAWS
 from taichisoft.scene import NotNegative, Number, Positive, Table
+from taichisoft_outputs.measured_table import MeasuredRow, MeasuredTable, read_measured_table
+from taichisoft_outputs.tension_test import (
+    half_widths,
+    joined,
+    nominal_stress,
+    read_specimens,
+    residual_correlation,
+    shear_stress,
+)
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.run_job import COMPLETED, LOG, RunJob, read_curves, read_record
 from taichisoft_studies.study_file import Count, Expression, Study, scene_with
@@ -46,7 +55,7 @@ class MeasuredCurve(Table):
     """A measured quantity, and its expression in a run."""
 
     column: str
-    """Column of the data, or an expression of columns ("(a + b) / 2", `columns["Tip-1_z_mm"]`)."""
+    """Name or number of a column of the data, or an expression of columns ("(a + b) / 2", `columns["Tip-1_z_mm"]`)."""
     quantity: str
     """Expression of what a controller sees ("tip_positions['finger'][2]"), in the same unit."""
     relative: bool = False
@@ -56,12 +65,25 @@ class MeasuredCurve(Table):
 
 
 class Experiment(Table):
-    """One measurement, and the run that stands for it."""
+    """One measurement, and the run that stands for it, or the law of a body where a specimen was pulled or sheared."""
 
     data: str | None = None
     """File with the data (CSV with a header), beside the study; --data names it otherwise."""
+    scene: str | None = None
+    """Scene file, or the name of a shipped scene; the study's when it is not given."""
     set: tuple[str, ...] = ()
     """Changes of the scene for this experiment."""
+    test: Literal["tension", "shear"] | None = None
+    """Instead of curves: what was done to a specimen of the material of `body`; of shear, "strain" is the angle's
+    tangent, and "extension" is over the height."""
+    body: str | None = None
+    """The soft body of `test`; the scene's first when it is not given."""
+    columns: dict[str, str] = Field(default={})
+    """Columns of `test`, name or number with a unit, by quantity: strain, stretch, stress, extension, force."""
+    area: Positive | None = None
+    """Cross-section of the specimen at rest [mm^2], where there is a force."""
+    length: Positive | None = None
+    """Length of the specimen at rest [mm], where there is an extension."""
     duration: Positive | None = None
     """Simulated time [s]; the study's when it is not given."""
     quasi_static: bool | None = None
@@ -81,8 +103,24 @@ class Experiment(Table):
     """Rows above this value of `over_column` are left out."""
     shift: Number = 0.0
     """What is added to `over_column`, for data whose clock starts at another moment."""
-    curves: Annotated[tuple[MeasuredCurve, ...], Field(min_length=1)]
+    curves: tuple[MeasuredCurve, ...] = ()
     """The measured quantities."""
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> Self:
+        if (self.test is None) != bool(self.curves):
+            raise ValueError("needs either curves of a run, or a test of a specimen (tension, shear)")
+        return self
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What the curves are called."""
+        return tuple(curve.column[:40] for curve in self.curves) or (f"stress of {self.test} [kPa]",)
+
+    @property
+    def over_label(self) -> str:
+        """What they are drawn over."""
+        return {"tension": "stretch [-]", "shear": "shear [-]"}.get(self.test or "", self.over_column)
 
 
 class Calibration(Study):
@@ -117,32 +155,41 @@ class Measurement:
 
 def read_measurement(experiment: Experiment, file: Path, key: str) -> Measurement:
     """Read the rows of an experiment; `key` is its place in the study, which begins errors."""
-    rows = _rows(file)
-    over_of = Expression(experiment.over_column, f"{key}.over_column")
-    columns = [
-        Expression(curve.column, f"{key}.curves.{index}.column") for index, curve in enumerate(experiment.curves)
-    ]
-    over = np.array([over_of(row) + experiment.shift for row in rows])
+    if experiment.test is not None:
+        test = joined(read_specimens(file, experiment.columns, experiment.area, experiment.length))
+        over, values = test.stretch - (experiment.test == "shear"), test.stress[None]
+    else:
+        table = read_measured_table(file, StudyError)
+        over = _column(table, experiment.over_column, f"{key}.over_column")
+        columns = enumerate(experiment.curves)
+        values = np.array([_column(table, one.column, f"{key}.curves.{n}.column") for n, one in columns])
+    over = over + experiment.shift
     low, high = (-math.inf if experiment.first is None else experiment.first), experiment.last
     kept = (over >= low) & (over <= (math.inf if high is None else high))
     if kept.sum() < 2:
         raise StudyError(f"{file}: {kept.sum()} rows lie between {key}.first and last; two are needed")
-    values = np.array([[column(row) for row, keep in zip(rows, kept, strict=True) if keep] for column in columns])
+    over, values = over[kept], values[:, kept]
     for index, curve in enumerate(experiment.curves):
         if curve.relative:
             values[index] -= values[index, 0]
     spread = values.std(axis=1)
-    slopes = experiment.over_error * spread / over[kept].std()
-    scales = [
-        math.hypot(curve.scale or float(deviation), float(slope))
-        for curve, deviation, slope in zip(experiment.curves, spread, slopes, strict=True)
-    ]
-    if not all(scales):
-        raise StudyError(f"{file}: {key}.curves.{scales.index(0.0)} is constant; give it a scale")
-    known = [
-        math.hypot(curve.scale or 0.0, float(slope)) for curve, slope in zip(experiment.curves, slopes, strict=True)
-    ]
-    return Measurement(over[kept], values, np.array(scales), np.maximum(known, _noise(over[kept], values)))
+    known = np.array([curve.scale or 0.0 for curve in experiment.curves] or [0.0])
+    slopes = experiment.over_error * spread / over.std()
+    scales = np.hypot(np.where(known > 0.0, known, spread), slopes)
+    if not scales.all():
+        raise StudyError(f"{file}: {key}.curves.{scales.tolist().index(0.0)} is constant; give it a scale")
+    return Measurement(over, values, scales, np.maximum(np.hypot(known, slopes), _noise(over, values)))
+
+
+def _column(table: MeasuredTable, text: str, key: str) -> np.ndarray:
+    """The numbers of a column by its name or number, or of an expression of columns."""
+    place, rows = table.place(text), range(len(table.rows))
+    if place is not None:
+        return np.array([table.number(row, place) for row in rows])
+    expression = Expression(text, key)
+    named = (MeasuredRow(table, row) for row in rows)
+    names = [name for name in expression.names if table.place(name) is not None]
+    return np.array([expression({"columns": row, **{name: row[name] for name in names}}) for row in named])
 
 
 def _noise(over: np.ndarray, curves: np.ndarray) -> np.ndarray:
@@ -157,52 +204,15 @@ def _noise(over: np.ndarray, curves: np.ndarray) -> np.ndarray:
     return np.sqrt(squares.sum(axis=1) / max(1, squares.shape[1]))
 
 
-def _rows(file: Path) -> list[dict[str, object]]:
-    """Rows by the names of the columns, separated by commas, or by semicolons or tabs and with decimal commas too."""
-    try:
-        with file.open(encoding="utf-8-sig", newline="") as opened:
-            text = opened.read()
-    except (OSError, ValueError) as error:
-        raise StudyError(f"{file}: not readable as CSV with a header and numbers: {error}") from error
-    header = text.lstrip().partition("\n")[0]
-    separator = next((mark for mark in ";\t" if mark in header), ",")
-    reader = csv.reader(text.splitlines(), delimiter=separator)
-    try:
-        lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
-    except csv.Error as error:
-        raise StudyError(f"{file}: not readable as CSV with a header and numbers: {error}") from error
-    names = lines[0][1] if lines else []
-    if len(set(names)) < len(names):
-        raise StudyError(
-            f"{file}: two columns are called '{max(names, key=names.count)}'; each needs a name of its own"
-        )
-    rows = []
-    for number, cells in lines[1:]:
-        if separator != ",":
-            cells = [cell.replace(",", ".") for cell in cells]
-        try:
-            row = dict(zip(names, map(float, cells), strict=True))
-        except ValueError:
-            row = {}
-        if not row or not all(map(math.isfinite, row.values())):
-            raise StudyError(
-                f"{file}, line {number}: needs {len(names)} finite numbers, one for each column of the header, "
-                "separated by commas, or by semicolons where commas are in the numbers"
-            )
-        rows.append(row)
-    if not rows:
-        raise StudyError(f"{file}: has no rows of numbers below its header")
-    return [{**row, "columns": row} for row in rows]
-
-
 # Calibration: parameters whose runs repeat measured curves, by least squares on the runs of a study.
 
-CONFIDENCE = 0.95
 OVER = "over"
 AT_BOUND = 1e-4
 """Distance from a bound, as a share of the range, below which a value counts as at it [-]."""
 FAR, SMALL = 3.0, 0.01
 """A residual above so many times the noise, and this part of the range of the data, has another cause than noise."""
+INCOMPRESSIBLE = 0.45
+"""Poisson's ratio from which the stress of incompressible rubber is taken: Young's modulus differs by 3 %."""
 STATIC = {"time.dynamics": "static", "time.theta": 1.0}
 STEP = 1e-4
 """Change of the parameters, as a share of their ranges, at which the fit has converged."""
@@ -235,12 +245,11 @@ def fit_parameters(
     folder: Path,
     workers: Workers,
     tried: Callable[[Mapping[str, float], float], None],
+    made: Callable[[RunJob, Mapping[str, Any]], None] = lambda *_: None,
 ) -> CalibrationFit:
     """Find the parameters with the least squares of differences, by trust regions within bounds (Branch et al. 1999).
 
-    Derivatives are central finite differences, whose runs are made at the same time. The interval of confidence is
-    that of the linearised problem: Student's t times the root of s^2 (J^T J)^-1, where s^2 counts correlated
-    residuals as fewer (an autoregressive process of first order).
+    Derivatives are central finite differences, whose runs are made at the same time. `half_widths` has the intervals.
 
     Args:
         study: the file.
@@ -248,13 +257,15 @@ def fit_parameters(
         folder: folder of the study.
         workers: make the runs.
         tried: called with the values of each evaluation, and their cost.
+        made: called with each run that was made, and its record; an earlier fit in the folder has made others.
     """
     from scipy.optimize import least_squares
 
     evaluations = 0
 
     def residuals(points: Sequence[np.ndarray]) -> list[np.ndarray | StudyError]:
-        return _residuals(study, measurements, folder, workers, [_values(study, point) for point in points])
+        values = [_values(study, point) for point in points]
+        return _residuals(study, measurements, folder, workers, values, made)
 
     def cost(point: np.ndarray) -> np.ndarray:
         nonlocal evaluations
@@ -282,7 +293,7 @@ def fit_parameters(
     solution = least_squares(
         cost, start, slopes, bounds=(0.0, 1.0), xtol=STEP, ftol=1e-8, gtol=1e-10, max_nfev=study.most_steps
     )
-    correlation = _correlation(solution.fun, measurements)
+    correlation = residual_correlation([curve for part in _split(solution.fun, measurements) for curve in part])
     intervals = _intervals(study, solution.x, solution.jac, solution.fun, correlation)
     differences = [
         parts * own.scales[:, None] for own, parts in zip(measurements, _split(solution.fun, measurements), strict=True)
@@ -302,17 +313,19 @@ def misfits(study: Calibration, measurements: Sequence[Measurement], fit: Calibr
                 yield f"hint: {key} ends at its bound, {name} = {bound:g}: the data ask for more, or say nothing of it"
     for experiment, data, residuals in zip(study.experiments, measurements, fit.residuals, strict=True):
         ranges = np.ptp(data.curves, axis=1)
-        for curve, noise, extent, residual in zip(experiment.curves, data.noise, ranges, residuals, strict=True):
+        for label, noise, extent, residual in zip(experiment.labels, data.noise, ranges, residuals, strict=True):
             if residual > max(FAR * noise, SMALL * extent):
                 yield (
-                    f"hint: {curve.column[:40]}: the residual, {residual:.3g}, is far above the noise, {noise:.2g}: "
+                    f"hint: {label}: the residual, {residual:.3g}, is far above the noise, {noise:.2g}: "
                     "the scene leaves something out (mesh, law, clamp, geometry), and the values make up for it"
                 )
 
 
 def complaints(study: Calibration, fit: CalibrationFit, folder: Path) -> Iterator[str]:
     """A sentence for each experiment whose run with the fitted values has warned: of an unstable equilibrium first."""
-    for index in range(len(study.experiments)):
+    for index, experiment in enumerate(study.experiments):
+        if experiment.test is not None:
+            continue
         job = experiment_job(study, index, fit.values, folder)
         lines = (read_record(job.place) or {}).get("warnings", [])
         if lines:
@@ -327,17 +340,27 @@ def _residuals(
     folder: Path,
     workers: Workers,
     points: Sequence[Mapping[str, float]],
+    made: Callable[[RunJob, Mapping[str, Any]], None],
 ) -> list[np.ndarray | StudyError]:
     """(run - data) / scale of all curves, or what went wrong, for several sets of values at once."""
-    jobs = [[experiment_job(study, index, values, folder) for index in range(len(measurements))] for values in points]
-    unique = {job.name: job for row in jobs for job in row}
-    records = {record["run"]: record for record in make_missing(list(unique.values()), workers)}
+    jobs = [
+        {
+            index: experiment_job(study, index, values, folder)
+            for index, experiment in enumerate(study.experiments)
+            if experiment.test is None
+        }
+        for values in points
+    ]
+    unique = {job.name: job for row in jobs for job in row.values()}
+    records = {record["run"]: record for record in make_missing(list(unique.values()), workers, made)}
     misses: list[np.ndarray | StudyError] = []
-    for row in jobs:
+    for row, values in zip(jobs, points, strict=True):
         try:
             parts = [
-                scaled_differences(job, records[job.name], data, study, index)
-                for index, (job, data) in enumerate(zip(row, measurements, strict=True))
+                scaled_differences(row[index], records[row[index].name], data, study, index)
+                if index in row
+                else _differences_by_law(study, index, values, data)
+                for index, data in enumerate(measurements)
             ]
             misses.append(np.concatenate(parts))
         except StudyError as error:
@@ -345,17 +368,48 @@ def _residuals(
     return misses
 
 
+def _differences_by_law(study: Calibration, index: int, values: Mapping[str, float], data: Measurement) -> np.ndarray:
+    """(stress of the law - data) / scale of a specimen that was pulled or sheared."""
+    own, where = _of_experiment(study, index), f"experiments.{index}.body"
+    bodies = scene_with(own.scene, {**fixed_overrides(own), **values}, own.controller).soft_bodies
+    name = study.experiments[index].body or next(iter(bodies), "")
+    if name not in bodies:
+        raise StudyError(f"{where} = {name!r}: is no soft body; there are: {', '.join(bodies)}")
+    law, coefficients, ratio = bodies[name].law, bodies[name].coefficients, bodies[name].poisson_ratio
+    if law != "hooke" and ratio < INCOMPRESSIBLE:
+        raise StudyError(
+            f"{where}: law '{law}' with poisson_ratio = {ratio:g}: the test of a specimen needs {INCOMPRESSIBLE:g} or "
+            "more, or law 'hooke'"
+        )
+    is_tension = study.experiments[index].test == "tension"
+    if coefficients is None:
+        shear_modulus = bodies[name].young_moduli[0] / (3.0 if is_tension else 2.0 * (1.0 + ratio))
+        hooke = {"young_modulus": 3.0 * shear_modulus}
+        coefficients = hooke if law == "hooke" else RUBBER_LAWS[law].of_shear_modulus(shear_modulus)
+    stress = nominal_stress if is_tension else shear_stress
+    difference: np.ndarray = (stress(law, coefficients, data.over) - data.curves[0]) / data.scales[0]
+    return difference
+
+
+def _of_experiment(study: Calibration, index: int) -> Calibration:
+    """The study with the scene and the changes of an experiment."""
+    own = study.experiments[index]
+    return study.model_copy(update={"scene": own.scene or study.scene, "set": (*study.set, *own.set)})
+
+
 def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
     """What makes every step of an experiment an equilibrium, for `set`, and a sentence that says so, or why not."""
     experiment, where = study.experiments[index], f"experiments.{index}"
+    if experiment.test is not None:
+        return (), f"{where}: {experiment.test} by the law of incompressible rubber"
     texts = [experiment.over, *(curve.quantity for curve in experiment.curves)]
     names = {name for text in texts for name in Expression(text, where).names}
     of_rates = any(part in name for name in names for part in ("time", "velocit", "flow"))
     of_rates |= any(key.rpartition(".")[2].startswith("rayleigh_") for key in study.parameters)
     if experiment.quasi_static is False or (experiment.quasi_static is None and of_rates):
         return (), ""
-    own = fixed_overrides(study.model_copy(update={"set": (*study.set, *experiment.set)}))
-    own |= {key: parameter.start for key, parameter in study.parameters.items()}
+    study = _of_experiment(study, index)
+    own = fixed_overrides(study) | {key: parameter.start for key, parameter in study.parameters.items()}
     scene_with(study.scene, own, study.controller)
     try:
         scene = scene_with(study.scene, {**STATIC, **own}, study.controller)
@@ -371,10 +425,10 @@ def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
 
 def experiment_job(study: Calibration, index: int, values: Mapping[str, float], folder: Path) -> RunJob:
     """The run that stands for an experiment, with values of the parameters."""
-    experiment = study.experiments[index]
-    changed = study.model_copy(
+    experiment, own = study.experiments[index], _of_experiment(study, index)
+    changed = own.model_copy(
         update={
-            "set": (*statics(study, index)[0], *study.set, *experiment.set),
+            "set": (*statics(study, index)[0], *own.set),
             "duration": experiment.duration or study.duration,
         }
     )
@@ -399,18 +453,25 @@ def scaled_differences(
         raise StudyError(f"experiments.{index}: the run with {values}: {record['status']}: {record['message']}")
     columns = read_curves(job.place)
     over = columns[OVER]
-    if len(over) < 2 or not (np.diff(over) > 0.0).all():
-        raise StudyError(f"experiments.{index}.over = '{study.experiments[index].over}': must rise from step to step")
-    # Steps end at their time: the first one is as near to the start of the data as the run comes.
-    slack = over[1] - over[0]
-    if data.over[0] < over[0] - 1.001 * slack or data.over[-1] > over[-1] + 1e-9 * abs(over[-1]):
+    rises = np.append(np.diff(over) > 0.0, True)  # of values that are held the last, where the run has come to rest
+    if (np.diff(over) < -1e-9 * np.ptp(over)).any() or rises.sum() < 2:
+        raise StudyError(
+            f"experiments.{index}.over = '{study.experiments[index].over}': must not fall from step to step"
+        )
+    over = over[rises]
+    # Observations are of the end of a step, requests of its beginning: data may reach one step beyond the run.
+    before, after = over[1] - over[0], over[-1] - over[-2]
+    if data.over[0] < over[0] - 1.001 * before or data.over[-1] > over[-1] + 1.001 * after:
         raise StudyError(
             f"experiments.{index}: the data lie from {data.over[0]:g} to {data.over[-1]:g}, and the run from "
             f"{over[0]:g} to {over[-1]:g}; change duration, first, last or shift"
         )
+    place = np.clip(np.searchsorted(over, data.over) - 1, 0, len(over) - 2)
+    share = (data.over - over[place]) / (over[place + 1] - over[place])
     parts = []
     for number, curve in enumerate(study.experiments[index].curves):
-        modelled = np.interp(data.over, over, columns[str(number)])
+        values = columns[str(number)][rises]
+        modelled = (1.0 - share) * values[place] + share * values[place + 1]
         modelled -= modelled[0] if curve.relative else 0.0
         parts.append((modelled - data.curves[number]) / data.scales[number])
     return np.concatenate(parts)
@@ -442,27 +503,12 @@ def _values(study: Calibration, point: np.ndarray) -> dict[str, float]:
     return {key: float(f"{_value(parameter, float(share)):.12g}") for (key, parameter), share in pairs}
 
 
-def _correlation(residuals: np.ndarray, measurements: Sequence[Measurement]) -> float:
-    """Correlation of residuals that follow each other in a curve; 0 where it would be negative."""
-    curves = [curve for part in _split(residuals, measurements) for curve in part]
-    square = sum(float(curve @ curve) for curve in curves)
-    product = sum(float(curve[1:] @ curve[:-1]) for curve in curves)
-    return max(0.0, product / square) if square > 0.0 else 0.0
-
-
 def _intervals(
     study: Calibration, point: np.ndarray, slopes: np.ndarray, residuals: np.ndarray, correlation: float
 ) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value by key; infinite widths, as wide as the bounds, where the data say nothing."""
-    from scipy.stats import t
-
-    freedom = max(1, len(residuals) - len(point))
-    variance = (
-        float(residuals @ residuals) / freedom * (1.0 + correlation) / max(1.0 - correlation, 1.0 / len(residuals))
-    )
-    covariance = variance * np.linalg.pinv(slopes.T @ slopes)
-    width = t.ppf(0.5 + 0.5 * CONFIDENCE, freedom) * np.sqrt(np.diag(covariance))
+    """Lowest and highest value by key; beyond both bounds where the data say nothing."""
+    half = np.minimum(half_widths(slopes, residuals, correlation), 1.0)
     return {
-        key: (_value(parameter, float(share - half)), _value(parameter, float(share + half)))
-        for (key, parameter), share, half in zip(study.parameters.items(), point, width, strict=True)
+        key: (_value(parameter, float(share - one)), _value(parameter, float(share + one)))
+        for (key, parameter), share, one in zip(study.parameters.items(), point, half, strict=True)
     }

@@ -3,6 +3,7 @@
 import csv
 import json
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -69,16 +70,22 @@ def make_study(
 
 @contextmanager
 def progress_bar(console: "Console", title: str, total: int, finished: int = 0) -> Iterator[Callable[[str], None]]:
-    """Show a bar of `total` runs; the yielded function counts one, and prints a line about it unless it is empty."""
+    """Show a bar of `total` runs, without a terminal lines; `finished` runs were made earlier.
+
+    The yielded function counts a run, and prints a line about it unless it is empty.
+    """
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    from taichisoft.running import print_line
+    from taichisoft.running import lines_without_terminal, print_line
 
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
-    with Progress(
-        *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task(printable(title), total=total, completed=finished)
+    with (
+        Progress(
+            *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=not console.is_terminal
+        ) as progress,
+        lines_without_terminal(progress),
+    ):
+        task = progress.add_task(printable(title), total=total, completed=finished, begun=finished)
 
         def count(line: str) -> None:
             progress.advance(task)
@@ -112,6 +119,8 @@ def print_statuses(console: "Console", statuses: Counter[str], table: Path) -> N
 # `taichisoft study optimise`: the values that make a figure of a run largest or smallest.
 
 CURVE = "optimisation.png"
+SECONDS_BETWEEN_TABLES = 10.0
+"""Time between two tables of the trials so far, which a killed search leaves."""
 
 
 def optimise(
@@ -155,17 +164,22 @@ def optimise(
             print_line(console, f"{count} trials {what} are made again")
     with announced_workers(console, search.cluster, search.trials) as workers:
         with progress_bar(console, "trials", search.trials, len(counted(made))) as advance:
+            written = time.monotonic()
 
             def done(trial: Any, record: Mapping[str, Any]) -> None:
+                nonlocal written
                 values = made.trials[trial.number].values
                 result = record["status"] if values is None else value_line(search.objectives, values)
                 advance(f"trial {trial.number}: {result} {record['message']}".rstrip())
+                if time.monotonic() > written + SECONDS_BETWEEN_TABLES:  # it reads every run
+                    write_table(trial_rows(search, made), output)
+                    written = time.monotonic()
 
             run_trials(search, output, made, workers, done)
         rows = trial_rows(search, made)
-        written = write_table(rows, output)
+        table = write_table(rows, output)
         _draw_curve(made, [figure.label(name) for name, figure in search.objectives.items()], output)
-        print_statuses(console, Counter(row["status"] for row in rows), written)
+        print_statuses(console, Counter(row["status"] for row in rows), table)
         winners = make_winners(search, made, output, workers, lambda line: print_line(console, line))
     for line in (f"winners in {output / WINNERS}", *draw_winner(winners[0], output / "winner")):
         print_line(console, line)
@@ -243,9 +257,13 @@ def calibrate(
         text = ", ".join(f"{key} = {value:.6g}" for key, value in values.items())
         print_line(console, f"{text}: cost {cost:.6g}")
 
-    most = len(measured) * 2 * len(calibration.parameters)
-    with announced_workers(console, calibration.cluster, most) as workers:
-        fit = fit_parameters(calibration, measured, output, workers, tried)
+    runs = sum(experiment.test is None for experiment in calibration.experiments)
+    most = 2 * runs * len(calibration.parameters)
+    with (
+        announced_workers(console, calibration.cluster, most) as workers,
+        progress_bar(console, "runs, at most", calibration.most_steps * (runs + most)) as made,
+    ):
+        fit = fit_parameters(calibration, measured, output, workers, tried, lambda job, record: made(""))
     for key, value in fit.values.items():
         low, high = fit.intervals[key]
         print_line(console, f"{key} = {value:.6g} (95 %: {low:.6g} to {high:.6g})")
@@ -284,16 +302,16 @@ def _draw_fit(study: Any, measured: Any, fit: Any, files: Sequence[Path], path: 
     from taichisoft.base import atomic_file
     from taichisoft_outputs.plots import figure_bytes
 
-    count = sum(len(experiment.curves) for experiment in study.experiments)
+    count = sum(len(experiment.labels) for experiment in study.experiments)
     figure = Figure(figsize=(6.0, 2.6 * count), layout="constrained")
     waiting = iter(figure.subplots(count, 1, squeeze=False)[:, 0])
     for experiment, data, modelled, file in zip(study.experiments, measured, fit.modelled, files, strict=True):
-        for curve, values, line in zip(experiment.curves, data.curves, modelled, strict=True):
+        for label, values, line in zip(experiment.labels, data.curves, modelled, strict=True):
             axes = next(waiting)
             axes.plot(data.over, values, ".", markersize=3, color="#999999", label=file.name)
             axes.plot(data.over, line, color="#d55e00", linewidth=1.2, label="fit")
-            axes.set_xlabel(experiment.over_column, parse_math=False)
-            axes.set_ylabel(curve.column[:40], parse_math=False)
+            axes.set_xlabel(experiment.over_label, parse_math=False)
+            axes.set_ylabel(label, parse_math=False)
             axes.grid(alpha=0.3)
             axes.legend(frameon=False, fontsize=8)
     with atomic_file(path, StudyError) as partial:

@@ -10,6 +10,7 @@ from typing import Any
 
 from taichisoft.base import atomic_file
 from taichisoft.errors import MeshError
+from taichisoft.mechanics import valid_stretch
 from taichisoft.scene import scene_from_toml
 from taichisoft_meshing.geometry_file import is_geometry, read_tables
 from taichisoft_meshing.mesh_job import MeshJob, merge_tables
@@ -299,7 +300,7 @@ def _tell(
 
 # The winners of an optimisation: run again on a finer mesh, and drawn as parts that can be made.
 
-WINNERS = "winners.csv"
+WINNERS, STRETCH = "winners.csv", "largest stretch over that of the law"
 
 
 def _nearest(study: Optimisation, trials: Any) -> str:
@@ -318,6 +319,9 @@ def make_winners(
 ) -> list[RunJob]:
     """Run the best trials again with the changes of `finer`, recorded, and write `winners.csv`.
 
+    It has their objectives, by how much they miss each constraint (negative where it holds), both on the finer mesh too
+    where there is one, and `stretch_over_law`.
+
     Args:
         study: the file.
         trials: Optuna's study, see `optimiser.open_study`.
@@ -332,33 +336,48 @@ def make_winners(
     if not best:
         raise StudyError(f"{output}: no trial has completed and satisfies all constraints; {_nearest(study, trials)}")
     outputs = tuple(dict.fromkeys((*study.outputs, "recording")))
-    finer = study.model_copy(update={"set": (*study.set, *study.finer), "outputs": outputs})
+    again = study.model_copy(update={"set": (*study.set, *study.finer), "outputs": outputs})
     winners = []
     for trial in best:
         record = read_record(output / RUNS / next(iter(trial.user_attrs[RUNS_OF_TRIAL].values())))
         assert record is not None
-        winners.append(trial_runs(finer, record["parameters"], output))
+        winners.append(trial_runs(again, record["parameters"], output))
     unique = {job.name: job for runs in winners for job in runs.jobs.values()}
     records = {record["run"]: record for record in make_missing(list(unique.values()), workers)}
-    objectives = figures(study)
-    rows = [["trial", *study.variables, *objectives, *(f"{name} finer" for name in objectives), "status", "folder"]]
+    known = {**figures(study), **{f"{name} missed by": figure for name, figure in violations(study).items()}}
+    finer = [f"{name} finer" for name in known] if study.finer else []
+    rows: list[list[Any]] = [["trial", *study.variables, *known, *finer, STRETCH, "status", "folder"]]
     for trial, runs in zip(best, winners, strict=True):
         runs.records.update({scene: records[job.name] for scene, job in runs.jobs.items()})
         record, first = runs.record, next(iter(runs.jobs.values()))
-        again: list[Any] = (
-            [figure(record, runs.place) for figure in objectives.values()] if accepted(study, record) else []
-        )
-        made = value_line(objectives, again) if again else f"{record['status']}: {record['message']}"
-        say(f"best: trial {trial.number}: {value_line(objectives, trial.values)}; made again: {made}")
+        coarse: list[Any] = [*trial.values, *trial.user_attrs[VIOLATIONS]]
+        say(f"best: trial {trial.number}: {value_line(known, coarse)}")
+        values: list[Any] = [""] * len(finer)
+        if not accepted(study, record):
+            say(f"  made again: {record['status']}: {record['message']}")
+        elif finer:
+            values = [figure(record, runs.place) for figure in known.values()]
+            say(f"  on the finer mesh: {value_line(known, values)}")
+        over = stretch_over_law(runs)
+        if over > 1.0:
+            say(f"  stretched to {over:.3g} times that up to which its law holds: beyond it, forces are not realistic")
         for key, value in first.parameters.items():
             say(f"  {key} = {value}")
-        cells = [*first.parameters.values(), *trial.values, *(again or [""] * len(objectives))]
-        rows.append(
-            [trial.number, *cells, record["status"], " ".join(f"{RUNS}/{job.name}" for job in runs.jobs.values())]
-        )
+        folders = " ".join(f"{RUNS}/{job.name}" for job in runs.jobs.values())
+        rows.append([trial.number, *first.parameters.values(), *coarse, *values, over, record["status"], folders])
     with atomic_file(output / WINNERS, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(rows)
     return [next(iter(runs.jobs.values())) for runs in winners]
+
+
+def stretch_over_law(runs: TrialRuns) -> float:
+    """Largest stretch of a body in the runs of a trial, over that up to which its law holds [-]; 0 of laws without."""
+    shares = [0.0]
+    for scene, job in runs.jobs.items():
+        bodies = scene_from_toml(job.scene, job.source).soft_bodies
+        largest = runs.records[scene]["metrics"].get("largest_stretch", {})
+        shares += [stretch / valid_stretch(bodies[name])[0] for name, stretch in largest.items()]
+    return max(shares)
 
 
 def draw_winner(job: RunJob, folder: Path) -> list[str]:

@@ -34,3 +34,4 @@ from .soft_body_arrays import SoftBody as SoftBody
 from .state import State as State
 from .strain import Stretches as Stretches
 from .strain import spread as spread
+from .strain import valid_stretch as valid_stretch

@@ -305,18 +305,19 @@ BENDS = {0.3: 0.78, 0.4: 0.73, 0.45: 0.62, 0.49: 0.41, 0.499: 0.31}
 GROWS = {0.3: 0.97, 0.4: 0.96, 0.45: 0.94, 0.49: 0.82, 0.499: 0.59}
 """The same of the growth of a sphere of 10 and 13 mm under pressure, 162 nodes on each side (Lame)."""
 TOO_STIFF = (
-    "walls of one element, much too stiff in bending if linear; if smoothed a bar bends by 78, 62 and 31 % of what is "
-    "right at Poisson's ratios of 0.3, 0.45 and 0.499, and a thin sphere grows by 97, 94 and 59 %"
+    "walls of one element, too stiff where they bend: linear ones much, smoothed ones bend as little as 78, 62 and "
+    "31 % of what is right at Poisson's ratios of 0.3, 0.45 and 0.499, and grow as little as 97, 94 and 59 %"
 )
 ADVICE = "try a smaller size, elements_across_walls = 2, or order = 2"
 
 
 def too_stiff(poisson_ratio: float) -> str:
-    """What smoothed elements make of such a wall at a Poisson's ratio, between those that were measured."""
+    """The most that smoothed elements make of such a wall at a Poisson's ratio, between those that were measured."""
     bends, grows = (np.interp(poisson_ratio, list(one), list(one.values())) for one in (BENDS, GROWS))
     return (
-        f"walls of one element, which smoothed ones hold too stiff: at a Poisson's ratio of {poisson_ratio:g} a bar "
-        f"bends by about {bends:.0%} of what is right, and a thin sphere grows by about {grows:.0%}"
+        f"walls of one element, which smoothed ones hold too stiff where they bend: at a Poisson's ratio of "
+        f"{poisson_ratio:g} a bar of them alone bends as little as {bends:.0%} of what is right, and a thin sphere "
+        f"grows as little as {grows:.0%}; `taichisoft converge` has the error of this body"
     )
 
 

@@ -4,11 +4,13 @@ import logging
 import math
 import os
 import socket
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ import rich
 import typer
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -196,6 +198,43 @@ class LiveStatus:
 
 
 @contextmanager
+def lines_without_terminal(progress: Progress) -> Iterator[None]:
+    """Where no terminal shows the bars, print a line for each every 5 s, with the time that is left at the mean speed.
+
+    A bar that has begun before this run counts from its field `begun`.
+    """
+    if progress.console.is_terminal and not progress.console.is_dumb_terminal:
+        yield
+        return
+    ended = threading.Event()
+
+    def print_lines() -> None:
+        while not ended.wait(SECONDS_BETWEEN_LINES):
+            for task in progress.tasks:
+                if not task.finished:
+                    with suppress(OSError):
+                        print_line(progress.console, _progress_line(task))
+
+    thread = threading.Thread(target=print_lines, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _progress_line(task: Task) -> str:
+    seconds, made = task.elapsed or 0.0, task.completed - task.fields.get("begun", 0.0)
+    parts = [f"{task.completed:g}" if task.total is None else f"{task.completed:g} of {task.total:g}"]
+    parts += filter(None, [task.fields.get("state", "")])
+    parts.append(f"after {timedelta(seconds=round(seconds))}")
+    if task.remaining is not None and made > 0.0:
+        parts.append(f"{timedelta(seconds=round(seconds / made * task.remaining))} left")
+    return f"{task.description}: {', '.join(parts)}"
+
+
+@contextmanager
 def progress_bar(console: Console, session: Session, title: str) -> Iterator[Callable[[StepReport], None]]:
     """Show a progress bar; yields the function to call after every step.
 
@@ -207,7 +246,7 @@ def progress_bar(console: Console, session: Session, title: str) -> Iterator[Cal
         TextColumn("{task.fields[state]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as progress:
+    with Progress(*columns, console=console) as progress, lines_without_terminal(progress):
         total = session.step_count if math.isfinite(session.step_count) else None
         task = progress.add_task(printable(title), total=total, state="")
 

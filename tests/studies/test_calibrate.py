@@ -26,6 +26,7 @@ from taichisoft_studies.least_squares import (
     fit_parameters,
     misfits,
     read_measurement,
+    scaled_differences,
     statics,
 )
 from taichisoft_studies.run_job import read_curves
@@ -138,7 +139,8 @@ def test_rows_are_chosen_shifted_and_computed(tmp_path: Path) -> None:
     "text",
     [
         "t;d\n0,5;1\n1,5;2,25\n",
-        "t\td\n0,5\t1\n1.5\t2.25\n",
+        "t\td\n0,5\t1\n1,5\t2,25\n",
+        "Probe 3;27.11.2026\n\nd;t\nmm;s\n1;0,5\n2,25;1,5\n",
         "\ufefft ; d\r\n0.5;1.0\r\n\r\n1.5;2.25\r\n",
         't,d\n0.5,"1"\n1.5,2.25\n',
     ],
@@ -152,12 +154,15 @@ def test_semicolons_tabs_and_decimal_commas_are_read(tmp_path: Path, text: str) 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("t,d\n0,5,1\n1,5,2\n", r"d\.csv, line 2: needs 2 finite numbers"),
-        ("t;d\n0;1\n1;nan\n", r"line 3: needs 2 finite"),
-        ("t;d\n0;1\n1\n", r"line 3: needs 2 finite"),
-        ("t;d\n0;1.234,5\n1;2\n", r"line 2: needs 2 finite"),
-        ("t,d,d\n0,1,2\n1,2,3\n", "two columns are called 'd'"),
-        ("\n\n", "has no rows of numbers"),
+        (
+            "t,d\n0,5,1\n1,5,2\n",
+            r"d\.csv, line 2: has 3 cells for 2 columns; where commas are in the numbers, semicolons",
+        ),
+        ("t;d\n0;1\n1;nan\n", "line 3: a value is not finite"),
+        ("t;d\n0;1\n1\n", "line 3: '1' lacks a number, column 2 'd'"),
+        ("t;d\n0,5;1\n1.5;2\n", "line 2: '0,5;1' lacks a number, column 1 't'"),
+        ("t,d,d\n0,1,2\n1,2,3\n", "two columns are called 'd'; give the number of one"),
+        ("\n\n", "no numbers follow the names"),
     ],
 )
 def test_data_without_numbers_are_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -171,6 +176,60 @@ def test_data_beyond_the_run_are_refused(tmp_path: Path) -> None:
     data = Measurement(np.array([0.0, 5.0]), np.array([[0.0, 1.0]]), np.ones(1), np.zeros(1))
     with pytest.raises(StudyError, match=r"experiments.0: the data lie from 0 to 5, and the run from 0.01 to 0.02"):
         fit_parameters(calibration_of(tmp_path, duration=0.02), [data], tmp_path, Here(), lambda values, cost: None)
+
+
+def test_tension_and_shear_give_one_modulus(tmp_path: Path) -> None:
+    """A neo-Hookean body of mu = 60 kPa, both in one fit: tension mu (l - l^-2), as a force on 10 mm^2; shear mu g."""
+    stretch, shear = np.linspace(1.0, 2.0, 20).tolist(), np.linspace(0.0, 1.0, 20).tolist()
+    rows = [f"{one - 1.0:.6f};{0.6 * (one - one**-2):.6f}".replace(".", ",") for one in stretch]
+    (tmp_path / "pull.csv").write_text("Dehnung;Kraft (N)\n" + "\n".join(rows))
+    (tmp_path / "shear.csv").write_text("".join(f"{one}\t{60.0 * one}\n" for one in shear))
+    scene = PAD.replace("MESH", str(TINY_GRIPPER.parent / "pad.msh"))
+    scene = scene.replace("poisson_ratio = 0.3", 'poisson_ratio = 0.4999\nlaw = "neo-hookean"')
+    (tmp_path / "pad.toml").write_text(scene + 'anchors = [{ group = "base" }]')
+    tests = [
+        {"test": "tension", "columns": {"force": "Kraft"}, "area": 10.0},
+        {"test": "shear", "columns": {"strain": "1", "stress": "2 (kPa)"}},
+    ]
+    key = "soft_bodies.left.young_modulus"
+    study = check_study(
+        Calibration,
+        {
+            "scene": str(tmp_path / "pad.toml"),
+            "parameters": {key: {"start": 60.0, "low": 15.0, "high": 600.0, "log": True}},
+            "experiments": tests,
+        },
+        "study",
+    )
+    files = [tmp_path / "pull.csv", tmp_path / "shear.csv"]
+    data = [read_measurement(one, file, "study") for one, file in zip(study.experiments, files, strict=True)]
+    fit = fit_parameters(study, data, tmp_path, Here(), lambda values, cost: None)
+    assert fit.values[key] == pytest.approx(180.0, rel=2e-4)
+    low, high = fit.intervals[key]
+    assert low <= 1.0002 * 180.0 and 1.0002 * high >= 180.0 and high < 1.01 * low
+    compressible = study.model_copy(update={"set": ("soft_bodies.left.poisson_ratio=0.3",)})
+    with pytest.raises(StudyError, match=r"experiments.0.body: law 'neo-hookean' with poisson_ratio = 0.3"):
+        fit_parameters(compressible, data, tmp_path, Here(), lambda values, cost: None)
+
+
+def test_values_held_at_the_end_of_a_ramp_are_fitted(tmp_path: Path) -> None:
+    """What a curve is drawn over stays the same where a ramp has ended: its last row counts."""
+    study = calibration_of(
+        tmp_path,
+        experiments=[
+            {
+                "over": "min(time, 0.2)",
+                "over_column": "t",
+                "curves": [{"column": "x", "quantity": "min(time, 0.2) * 3"}],
+            }
+        ],
+        duration=0.3,
+    )
+    (tmp_path / "d.csv").write_text("t;x\n0,05;0,15\n0,1;0,3\n0,2;0,6\n")
+    data = read_measurement(study.experiments[0], tmp_path / "d.csv", "study")
+    job = experiment_job(study, 0, TRUE, tmp_path)
+    (record,) = make_missing([job], Here())
+    np.testing.assert_allclose(scaled_differences(job, record, data, study, 0), 0.0, atol=1e-9)
 
 
 PAD = """

@@ -44,6 +44,39 @@ def test_finger_bends_and_presses(found):
     assert np.isnan(curves.stiffness[0])
 
 
+def test_syringe_obeys_boyles_law(found):
+    """p V of the air in chamber and syringe, absolute, is the same before and after."""
+    curves, _, _ = found
+    before = 101.325 * (curves.volumes[0] + curves.air)
+    np.testing.assert_allclose((101.325 + curves.pressures) * curves.volumes, before)
+    assert curves.air[0] == 0.0 and curves.air[2] > curves.volumes[2] - curves.volumes[0]
+
+
+def test_interrupted_search_goes_on(found, tmp_path, monkeypatch):
+    """Killed after four of six equilibria, and one file damaged: the curves have the same bits."""
+    curves, count, scene = found
+    ended = []
+
+    def killed(line):
+        ended.append(line)
+        if len(ended) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        find_characteristics(scene, None, PRESSURES, 2, killed, tmp_path)
+    kept = sorted(tmp_path.glob("*.npz"), key=lambda path: path.stat().st_mtime_ns)
+    assert len(kept) == 4
+    kept[1].write_bytes(kept[1].read_bytes()[:100])
+    searched, equilibrium = [], taichisoft.equilibrium
+    monkeypatch.setattr(taichisoft, "equilibrium", lambda *given: searched.append(given) or equilibrium(*given))
+    again = find_characteristics(scene, None, PRESSURES, 2, folder=tmp_path)
+    assert len(searched) == count - 3
+    np.testing.assert_array_equal(again.forces, curves.forces)
+    np.testing.assert_array_equal(again.bending, curves.bending)
+    find_characteristics(scene, None, [*PRESSURES[:2], 25.0], 1, folder=tmp_path)
+    assert len(searched) == count - 3 + 2  # another last pressure alone, free and held
+
+
 def test_free_bend_is_the_equilibrium(found):
     curves, _, scene = found
     rest = taichisoft.equilibrium(taichisoft.Simulation(scene), taichisoft.Control(pressure={"finger.cavity": 24.0}))
@@ -53,7 +86,13 @@ def test_free_bend_is_the_equilibrium(found):
 def test_datasheet_has_table_picture_and_page(found, tmp_path):
     curves, _, scene = found
     finer = Characteristics(
-        curves.pressures, 1.1 * curves.bending, curves.travel, curves.volumes, curves.blocked, 0.8 * curves.forces
+        curves.pressures,
+        1.1 * curves.bending,
+        curves.travel,
+        curves.volumes,
+        curves.blocked,
+        0.8 * curves.forces,
+        curves.atmosphere,
     )
     table, picture, page = write_datasheet(tmp_path / "new", scene, curves, finer, "a finer mesh")
     with table.open(encoding="utf-8", newline="") as file:
@@ -63,7 +102,8 @@ def test_datasheet_has_table_picture_and_page(found, tmp_path):
     assert rows[0]["bending [degrees]"] == "0" and rows[0]["force held at 12 kPa [mN]"] == ""
     said = trust_line(curves, finer, "a finer mesh")
     assert said == "With a finer mesh, bending differs by up to 9.1 % of its largest value, and forces by up to 25.0 %."
-    assert said in page.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    assert said in text and "growth of the chambers" in text and "air from a syringe at 101.3 kPa" in text
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "nothing is known of the error" in trust_line(curves, None, "")
 

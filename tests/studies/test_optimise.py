@@ -20,6 +20,7 @@ from taichisoft_studies.optimiser import (
 )
 from taichisoft_studies.study_file import check_study
 from taichisoft_studies.trials import (
+    STRETCH,
     figures,
     make_winners,
     run_trials,
@@ -124,9 +125,18 @@ def test_constraints_hold_across_runs(tmp_path: Path) -> None:
     workers = FewAtATime()
     lines: list[str] = []
     make_winners(study, trials, tmp_path, workers, lines.append)
-    assert "made again: miss" in lines[0]
-    _, values = (tmp_path / "winners.csv").read_text().splitlines()
-    assert len(values.split(",")[-1].split()) == 2
+    assert lines[0].startswith(f"best: trial {best.number}: miss ") and "near missed by -" in lines[0]
+    assert not any("finer" in line for line in lines)
+    header, values = (line.split(",") for line in (tmp_path / "winners.csv").read_text().splitlines())
+    assert header == ["trial", PRESSURE, "miss", "near missed by", STRETCH, "status", "folder"]
+    assert float(values[3]) == pytest.approx(best.params[PRESSURE] - 4.5) and float(values[4]) > 0.0
+    assert len(values[-1].split()) == 2
+    finer = study.model_copy(update={"finer": ("limits.highest_pressure=2.0",)})
+    make_winners(finer, trials, tmp_path, workers, lines.append)
+    (line,) = (line for line in lines if "finer" in line)
+    assert line == "  on the finer mesh: miss 4, near missed by -2.5"
+    header = (tmp_path / "winners.csv").read_text().split(",")
+    assert header[4:6] == ["miss finer", "near missed by finer"]
 
 
 def test_failed_run_names_its_scene(tmp_path: Path) -> None:
