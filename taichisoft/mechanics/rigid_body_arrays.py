@@ -157,8 +157,8 @@ class MovingFrames:
 
     def pivots(self, places: FramePlaces) -> np.ndarray:
         """Where the pivots are [mm], shape (frame_count, 3)."""
-        found: np.ndarray = np.einsum("fij,fj->fi", places.turn, self.pivot) + places.shift
-        return found
+        pivots: np.ndarray = np.einsum("fij,fj->fi", places.turn, self.pivot) + places.shift
+        return pivots
 
 
 @dataclass(frozen=True)
