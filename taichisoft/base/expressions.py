@@ -161,12 +161,12 @@ def evaluate(node: ast.expr, names: Mapping[str, Any]) -> Any:
 
 
 def _chain_holds(left: ast.expr, signs: list[ast.cmpop], others: list[ast.expr], names: Mapping[str, Any]) -> bool:
-    one = evaluate(left, names)
+    value = evaluate(left, names)
     for sign, part in zip(signs, others, strict=True):
         other = evaluate(part, names)
-        if not COMPARISONS[type(sign)](one, other):
+        if not COMPARISONS[type(sign)](value, other):
             return False
-        one = other
+        value = other
     return True
 
 

@@ -68,8 +68,8 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError("it has an integer of thousands of digits" if LONG_INTEGER.search(text) else error) from None
     level: list[Any] = [tables]
     for _ in range(DEEPEST):
-        level = [inner for one in level for inner in (one.values() if isinstance(one, dict) else one)]
-        level = [one for one in level if isinstance(one, dict | list)]
+        level = [inner for entry in level for inner in (entry.values() if isinstance(entry, dict) else entry)]
+        level = [entry for entry in level if isinstance(entry, dict | list)]
         if not level:
             return tables
     raise ValueError(f"it is nested deeper than {DEEPEST} tables or lists")
@@ -151,9 +151,9 @@ def temporary_cache() -> Path:
     folder = Path(tempfile.gettempdir()) / f"taichisoft-cache-{user}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
         # Its content is executed: no other user may own it or write to it.
-        own = stat.S_ISDIR(found.st_mode) and found.st_uid == user and not found.st_mode & 0o022
+        own = stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022
         if own and _can_be_written(folder):
             return folder
     except OSError:

@@ -71,7 +71,7 @@ def printable(text: str) -> str:
 
     Characters that change the direction of writing are escaped too, since they make one name look like another.
     """
-    return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
+    return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
 
 
 def plain(text: object) -> "Text":

@@ -352,11 +352,11 @@ class ContactSolver:
 @functools.cache
 def load_stages() -> None:
     """Launch all stages once on two contacts, so that no kernel is compiled or loaded in the middle of a run."""
-    room, contacts = 6, 2
+    row_count, contacts = 6, 2
     size, friction = np.array([contacts, 0, 0], dtype=np.int32), np.full(contacts, 0.5)
     bounds = np.zeros((0, BOUND_COLUMNS))
     free = np.tile([-1.0, 0.1, 0.0], contacts)
-    solver = ContactSolver(Problem.without_moments(size, np.eye(room).reshape(-1), free, friction, bounds))
+    solver = ContactSolver(Problem.without_moments(size, np.eye(row_count).reshape(-1), free, friction, bounds))
     solver.solve(tolerance=0.0, max_iterations=1000)
     solver.residual = 0.0
     solver.choose_smallest(np.arange(contacts), 1.0)

@@ -115,17 +115,17 @@ class ContactPatches:
         """
         names, pairs = self._model.body_names, state.contact_body_pair
         rows = np.flatnonzero((self._pressing(state) > 0.0) & (pairs < len(self._model.soft_bodies)).any(axis=1))
-        found: dict[Pair, ContactPatch] = {}
+        patches: dict[Pair, ContactPatch] = {}
         for first, second in np.unique(pairs[rows], axis=0).tolist():
             sides = self._sides(state, (first, second), rows[(pairs[rows] == (first, second)).all(axis=1)])
             best = min(sides.values(), key=lambda side: side.area_error / side.area)
-            found[names[first], names[second]] = best
-        return found
+            patches[names[first], names[second]] = best
+        return patches
 
     def tactile(self, state: State) -> dict[str, np.ndarray]:
         """Normal force on each patch of the tactile arrays [mN], by their names, of the shape of `patches`."""
         arrays = {body.name: body.settings.tactile for body in self._model.soft_bodies}
-        felt = {f"{body}.{name}": np.zeros(one.patches) for body in arrays for name, one in arrays[body].items()}
+        felt = {f"{body}.{name}": np.zeros(array.patches) for body in arrays for name, array in arrays[body].items()}
         force, pairs = self._pressing(state), state.contact_body_pair
         for number, body in enumerate(self._model.soft_bodies):
             touching = (pairs == number).any(axis=1) & (force > 0.0) & bool(arrays[body.name])
@@ -162,7 +162,7 @@ class ContactPatches:
         """The patch of a pair of bodies on each of its soft bodies, by its number; of self-contact, both sides."""
         before, now = self._surfaces_of(state)
         force = self._pressing(state)[rows, None] * state.contact_normal[rows]
-        found: dict[int, ContactPatch] = {}
+        patches: dict[int, ContactPatch] = {}
         points, normals, (first, second) = state.contact_point[rows], state.contact_normal[rows], pair
         if first == second:
             below, weights = self._below((before, now), np.vstack([points] * 2), first, np.vstack([normals, -normals]))
@@ -172,8 +172,8 @@ class ContactPatches:
         for body, other, sign in ((first, second, 1.0), (second, first, -1.0)):
             if body < len(self._model.soft_bodies):
                 triangle, weights = self._below((before, now), points, body)
-                found[body] = self._patch(now, body, self._facing(state, other, now), triangle, weights, sign * force)
-        return found
+                patches[body] = self._patch(now, body, self._facing(state, other, now), triangle, weights, sign * force)
+        return patches
 
     def _surfaces_of(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """The joined surfaces at the start and at the end of the step [mm], once for all pairs of a state."""
@@ -266,7 +266,7 @@ class ContactPatches:
             is_seen[new] = True
             new = self._around(self._triangles[new[touching.any(axis=1)]])
             new = new[~is_seen[new]]
-        seen, cells, whole, unresolved = (np.concatenate(some) for some in zip(*parts, strict=True))
+        seen, cells, whole, unresolved = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return seen, cells, whole, unresolved
 
     def _holding(self, corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -279,8 +279,8 @@ class ContactPatches:
     def _around(self, vertices: np.ndarray) -> np.ndarray:
         """Numbers of the triangles at any of the vertices."""
         around = self._fans[np.unique(vertices)]
-        found: np.ndarray = np.unique(around[around >= 0])
-        return found
+        triangles: np.ndarray = np.unique(around[around >= 0])
+        return triangles
 
     def _touching(
         self,
@@ -364,8 +364,8 @@ class ContactPatches:
         """
         row, choices = np.arange(len(points)), []
         for position in placed:
-            some = position[self._start[body] : self._start[body + 1]]
-            squared = ((points[:, None] - some) ** 2).sum(axis=2)
+            vertices = position[self._start[body] : self._start[body + 1]]
+            squared = ((points[:, None] - vertices) ** 2).sum(axis=2)
             if outward is not None:
                 fans = self._fans[self._start[body] : self._start[body + 1]]
                 normals = _cross_of(position[self._triangles])[fans] * (fans >= 0)[..., None]
@@ -402,10 +402,10 @@ def _spread(load: np.ndarray, area: np.ndarray, corners: np.ndarray, reach: np.n
     """
     cells, places = np.unique(corners, return_inverse=True)
     places, count = places.reshape(corners.shape), len(cells)
-    one, other = places[:, [0, 1, 2]].ravel(), places[:, [1, 2, 0]].ravel()
+    start, end = places[:, [0, 1, 2]].ravel(), places[:, [1, 2, 0]].ravel()
     conductance, alone = np.repeat(reach / np.sqrt(12.0), 3), np.arange(count)
     entries = np.concatenate([area[cells], *(sign * conductance for sign in (1.0, 1.0, -1.0, -1.0))])
-    rows, columns = (np.concatenate(x) for x in ((alone, one, other, one, other), (alone, one, other, other, one)))
+    rows, columns = (np.concatenate(x) for x in ((alone, start, end, start, end), (alone, start, end, end, start)))
     pressure = np.zeros(len(area))
     if count > DENSE:
         pressure[cells] = spsolve(csc_array((entries, (rows, columns)), shape=(count, count)), load[cells])
@@ -511,13 +511,13 @@ def _integrals(polygons: np.ndarray) -> np.ndarray:
 
 def _small_triangles(parts: int) -> np.ndarray:
     """Triangles of equal size in barycentric coordinates of one that they fill, shape (parts^2, 3, 3)."""
-    found = []
+    triangles = []
     for i in range(parts):
         for j in range(parts - i):
-            found.append([(i, j), (i + 1, j), (i, j + 1)])
+            triangles.append([(i, j), (i + 1, j), (i, j + 1)])
             if i + j < parts - 1:
-                found.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
-    two = np.array(found) / parts
+                triangles.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
+    two = np.array(triangles) / parts
     return np.concatenate([two, 1.0 - two.sum(axis=2, keepdims=True)], axis=2)
 
 
@@ -539,6 +539,6 @@ def _barycentric(point: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray)
     uu, uv, vv, uw, vw = (np.einsum("...d,...d->...", *two) for two in ((u, u), (u, v), (v, v), (u, w), (v, w)))
     determinant = np.maximum(uu * vv - uv * uv, np.finfo(float).tiny)
     second, third = (vv * uw - uv * vw) / determinant, (uu * vw - uv * uw) / determinant
-    found = np.maximum(np.stack([1.0 - second - third, second, third], axis=-1), 0.0)
-    weights: np.ndarray = found / found.sum(axis=-1, keepdims=True)
+    positive = np.maximum(np.stack([1.0 - second - third, second, third], axis=-1), 0.0)
+    weights: np.ndarray = positive / positive.sum(axis=-1, keepdims=True)
     return weights

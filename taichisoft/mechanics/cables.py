@@ -109,7 +109,7 @@ def make_cable(
     key = f"soft_bodies.{body.name}.cables.{name}"
     listed = read_points(cable.points) if isinstance(cable.points, str) else cable.points
     count = len(listed)
-    places = [_place(one, body.name) for one in listed]
+    places = [_place(point, body.name) for point in listed]
     owner = np.full(count, STATIC, dtype=np.int32)
     carried = [(np.zeros((1, 0)), np.zeros((1, 0)))] * count
     place, rest_point = np.zeros((count, 3)), np.zeros((count, 3))

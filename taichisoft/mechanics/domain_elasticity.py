@@ -45,12 +45,12 @@ class DomainElasticity:
             stage: s, from the start of a step to where forces are taken [s].
         """
         first_element = np.cumsum([0, *(len(body.elements) for body in bodies)])
-        found = [
+        parts = [
             replace(body.domains, node=body.domains.node + body.nodes.start, element=body.domains.element + first)
             for body, first in zip(bodies, first_element[:-1], strict=True)
             if body.domains is not None and body.modes is None
         ]
-        self.domains = IntegrationDomains.joined(found)
+        self.domains = IntegrationDomains.joined(parts)
         laws = ElasticLaws.joined([body.laws for body in bodies])
         self._arrays = (laws, lag, factor, stage)
         self.data = domain_data(self.domains, *self._arrays)
@@ -64,12 +64,12 @@ class DomainElasticity:
         """Find which domains add to which block; nodes at rest are at positions [mm], shape (node_count, 3)."""
         hooke = self.data.law == HOOKE
         if hooke.any():
-            some = self.domains.select(np.flatnonzero(hooke))
-            self.hooke = HookeDomains(some, domain_data(some, *self._arrays), block_pairs)
+            domains = self.domains.select(np.flatnonzero(hooke))
+            self.hooke = HookeDomains(domains, domain_data(domains, *self._arrays), block_pairs)
         if not hooke.all():
-            some = self.domains.select(np.flatnonzero(~hooke))
-            some = some.select(along_curve(some.centres(rest_position)))
-            self.rubber = RubberDomains(some, domain_data(some, *self._arrays), block_pairs)
+            domains = self.domains.select(np.flatnonzero(~hooke))
+            domains = domains.select(along_curve(domains.centres(rest_position)))
+            self.rubber = RubberDomains(domains, domain_data(domains, *self._arrays), block_pairs)
 
 
 class HookeDomains:

@@ -115,8 +115,8 @@ def _cuts(part: sparse.csr_matrix, key: np.ndarray) -> list[Cut]:
         (size + last, np.full(len(last), sink), UNLIMITED),
     ]
     tail, head = (np.concatenate([arc[i] for arc in arcs]) for i in range(2))
-    room = np.concatenate([np.full(len(arc[0]), arc[2], dtype=np.int32) for arc in arcs])
-    network = sparse.csr_matrix((room, (tail, head)), (2 * size + 2, 2 * size + 2))
+    capacity = np.concatenate([np.full(len(arc[0]), arc[2], dtype=np.int32) for arc in arcs])
+    network = sparse.csr_matrix((capacity, (tail, head)), (2 * size + 2, 2 * size + 2))
     left = network - csgraph.maximum_flow(network, source, sink).flow
     left.eliminate_zeros()
     reached, reaching = _reached(left, source), _reached(left.T.tocsr(), sink)

@@ -141,11 +141,11 @@ class ReducedElasticity:
 
     def slope_products(self, number: int, data: Domains) -> np.ndarray:
         """The sum of 2 w mu B_k : B_l, times the factor of K in A, over a body's domains under Hooke's law."""
-        some, tiles = slice(*self.domains.body_start[number : number + 2]), int(self.modes.tiles[number])
-        first = int(self.domains.slope_start[some.start])
-        count = some.stop - some.start
+        own, tiles = slice(*self.domains.body_start[number : number + 2]), int(self.modes.tiles[number])
+        first = int(self.domains.slope_start[own.start])
+        count = own.stop - own.start
         slope = self.domains.slope[first : first + 9 * tiles * count].reshape(count, tiles, 9, TILE)
-        weight = 2.0 * (data.factor * data.volume[:, SHAPE] * data.modulus[:, MU] * (data.law == HOOKE))[some]
+        weight = 2.0 * (data.factor * data.volume[:, SHAPE] * data.modulus[:, MU] * (data.law == HOOKE))[own]
         rows = (np.sqrt(weight)[:, None, None, None] * slope).transpose(0, 2, 1, 3).reshape(9 * count, TILE * tiles)
         return np.asarray(rows.T @ rows)
 
@@ -368,11 +368,11 @@ class ReducedSystem:
     @property
     def elastic(self) -> np.ndarray:
         """Elastic forces on the unknowns, as `assemble` found them, shape (node_count, 3); 0 for full bodies."""
-        found = np.zeros((self._elasticity.node_count, 3))
+        force = np.zeros((self._elasticity.node_count, 3))
         for place, start in zip(self._places, self._amplitudes.start[:-1].tolist(), strict=True):
             count = 3 * (place.stop - place.start)
-            found[place] = self._stiffness.force[start : start + -(-count // TILE)].reshape(-1)[:count].reshape(-1, 3)
-        return found
+            force[place] = self._stiffness.force[start : start + -(-count // TILE)].reshape(-1)[:count].reshape(-1, 3)
+        return force
 
     def right_hand_side(self, node_impulse: np.ndarray, time_step: float) -> np.ndarray:
         """Impulses on the unknowns in a step, shape (node_count, 3): on the nodes of full bodies as they are.
@@ -388,10 +388,10 @@ class ReducedSystem:
 
     def on_unknowns(self, node_impulse: np.ndarray) -> np.ndarray:
         """Impulses on the unknowns by these on the nodes alone [mN s], shape (node_count, 3) each."""
-        found = self.right_hand_side(node_impulse, 0.0)
+        impulse = self.right_hand_side(node_impulse, 0.0)
         for body, place in zip(self._elasticity.bodies, self._places, strict=True):
-            found[place.stop : body.nodes.stop] = 0.0  # where no amplitude has its place
-        return found.copy()
+            impulse[place.stop : body.nodes.stop] = 0.0  # where no amplitude has its place
+        return impulse.copy()
 
     def rates(self, node_velocity: np.ndarray) -> np.ndarray:
         """Rates of the unknowns that are nearest to velocities of the nodes [mm/s], shape (node_count, 3) each."""

@@ -135,12 +135,12 @@ class MovingFrames:
         for known, places in self._last:
             if known is pose:
                 return places
-        found = self._find(pose)
+        places = self._find(pose)
         if not pose.flags.writeable:
-            found.turn.setflags(write=False)
-            found.shift.setflags(write=False)
-            self._last[:] = [(pose, found)]
-        return found
+            places.turn.setflags(write=False)
+            places.shift.setflags(write=False)
+            self._last[:] = [(pose, places)]
+        return places
 
     def _find(self, pose: np.ndarray) -> FramePlaces:
         count = len(self.names)
@@ -157,8 +157,8 @@ class MovingFrames:
 
     def pivots(self, places: FramePlaces) -> np.ndarray:
         """Where the pivots are [mm], shape (frame_count, 3)."""
-        found: np.ndarray = np.einsum("fij,fj->fi", places.turn, self.pivot) + places.shift
-        return found
+        pivots: np.ndarray = np.einsum("fij,fj->fi", places.turn, self.pivot) + places.shift
+        return pivots
 
 
 @dataclass(frozen=True)

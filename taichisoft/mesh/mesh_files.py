@@ -153,10 +153,10 @@ def _flagged_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str,
 
 def _one_of(content: Any, linear: str, quadratic: str) -> str:
     """The one of two types that the file has cells of; ValueError if it has both."""
-    found = [cell_type for cell_type in (linear, quadratic) if _blocks(content, cell_type)]
-    if len(found) == 2:
+    present = [cell_type for cell_type in (linear, quadratic) if _blocks(content, cell_type)]
+    if len(present) == 2:
         raise ValueError(f"it has cells of the types {linear} and {quadratic}; mesh again with one order of elements")
-    return found[0] if found else linear
+    return present[0] if present else linear
 
 
 def _blocks(content: Any, cell_type: str) -> list[int]:

@@ -84,16 +84,16 @@ def _read_msh1(text: str) -> MeshContent:
     rows = np.array(numbers, dtype=np.float64).reshape(-1, 4)
     order = np.argsort(rows[:, 0], kind="stable")
     values, place = np.array(elm[2:-1], dtype=np.int64), 0
-    found: dict[int, list[np.ndarray]] = {}
+    listed: dict[int, list[np.ndarray]] = {}
     for _ in range(int(elm[1])):
         _, kind, _, _, count = values[place : place + 5]
-        found.setdefault(int(kind), []).append(values[place + 5 : place + 5 + count])
+        listed.setdefault(int(kind), []).append(values[place + 5 : place + 5 + count])
         place += 5 + int(count)
     cells = {
-        kind: _indices(np.array(found.get(kind, np.empty((0, NODE_COUNTS[kind]))), dtype=np.int64), rows[order, 0])
+        kind: _indices(np.array(listed.get(kind, np.empty((0, NODE_COUNTS[kind]))), dtype=np.int64), rows[order, 0])
         for kind in (TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES, HEXAHEDRON)
     }
-    return _content(rows[order, 1:], cells, {kind: len(nodes) for kind, nodes in found.items()}, lambda *_: {})
+    return _content(rows[order, 1:], cells, {kind: len(nodes) for kind, nodes in listed.items()}, lambda *_: {})
 
 
 def _read_msh41(content: bytes) -> MeshContent:
@@ -201,10 +201,10 @@ def _nodes(numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
         tags.append(numbers.sizes(count))
         width = 3 + (int(dimension) if parametric else 0)
         positions.append(numbers.floats(count * width).reshape(count, width)[:, :3])
-    found, first = np.unique(np.concatenate(tags), return_index=True)
-    if len(found) != node_count:
-        raise ValueError(f"it has {len(found)} nodes with numbers of their own instead of {node_count}")
-    return found, np.concatenate(positions)[first]
+    distinct, first = np.unique(np.concatenate(tags), return_index=True)
+    if len(distinct) != node_count:
+        raise ValueError(f"it has {len(distinct)} nodes with numbers of their own instead of {node_count}")
+    return distinct, np.concatenate(positions)[first]
 
 
 def _cells(

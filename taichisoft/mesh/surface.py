@@ -97,21 +97,21 @@ def pairs_of_meeting_boxes(
     edge_lower, edge_upper = edges.min(axis=1) - near, edges.max(axis=1) + near
     lower, upper = triangles.min(axis=1), triangles.max(axis=1)
 
-    def search(some: np.ndarray, around: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def search(part: np.ndarray, around: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Halve the edges, and keep the triangles that meet the box of all of them, until few are left."""
         around = around[
-            boxes_meet(lower[around], upper[around], edge_lower[some].min(axis=0), edge_upper[some].max(axis=0))
+            boxes_meet(lower[around], upper[around], edge_lower[part].min(axis=0), edge_upper[part].max(axis=0))
         ]
         if not len(around):
             return
-        if len(some) > FEW_EDGES:
-            yield from search(some[: len(some) // 2], around)
-            yield from search(some[len(some) // 2 :], around)
+        if len(part) > FEW_EDGES:
+            yield from search(part[: len(part) // 2], around)
+            yield from search(part[len(part) // 2 :], around)
         else:
             edge, triangle = np.nonzero(
-                boxes_meet(edge_lower[some][:, None], edge_upper[some][:, None], lower[around], upper[around])
+                boxes_meet(edge_lower[part][:, None], edge_upper[part][:, None], lower[around], upper[around])
             )
-            yield some[edge], around[triangle]
+            yield part[edge], around[triangle]
 
     reached = np.flatnonzero(boxes_meet(edge_lower, edge_upper, lower.min(axis=0), upper.max(axis=0)))
     if not len(reached):
@@ -247,10 +247,10 @@ def split_triangles(corners: np.ndarray, height: np.ndarray) -> tuple[np.ndarray
     parts = {False: [corners[count == 0]], True: [corners[count == 3]]}
     sides = [corners[:0, :2]]
     for number, alone in ((1, True), (2, False)):
-        some = np.flatnonzero(count == number)
-        turn = (np.argmax(above[some] == alone, axis=1)[:, None] + np.arange(3)) % 3  # the corner that is alone first
-        a, b, c = np.moveaxis(corners[some[:, None], turn], 1, 0)
-        ha, hb, hc = height[some[:, None], turn].T
+        cut = np.flatnonzero(count == number)
+        turn = (np.argmax(above[cut] == alone, axis=1)[:, None] + np.arange(3)) % 3  # the corner that is alone first
+        a, b, c = np.moveaxis(corners[cut[:, None], turn], 1, 0)
+        ha, hb, hc = height[cut[:, None], turn].T
         ab, ac = a + (ha / (ha - hb))[:, None] * (b - a), a + (ha / (ha - hc))[:, None] * (c - a)
         parts[alone].append(np.stack([a, ab, ac], axis=1))
         parts[not alone] += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
@@ -277,19 +277,19 @@ def cut_tetrahedra(
     order = np.argsort(above[cut] == (count[cut] < 3)[:, None], axis=1, kind="stable")[:, ::-1]
     points, heights = corners[cut[:, None], order], height[cut[:, None], order]
 
-    def crossing(some: np.ndarray, first: int, second: int) -> np.ndarray:
-        share = heights[some, first] / (heights[some, first] - heights[some, second])
-        start: np.ndarray = points[some, first]
-        return start + share[:, None] * (points[some, second] - start)
+    def crossing(cells: np.ndarray, first: int, second: int) -> np.ndarray:
+        share = heights[cells, first] / (heights[cells, first] - heights[cells, second])
+        start: np.ndarray = points[cells, first]
+        return start + share[:, None] * (points[cells, second] - start)
 
     halves = count[cut] == 2  # two corners on either side: a quadrilateral; else the first one is alone
-    one, two = np.flatnonzero(~halves), np.flatnonzero(halves)
-    tips = [crossing(one, 0, second) for second in (1, 2, 3)]
-    ring = [crossing(two, *edge) for edge in ((0, 2), (0, 3), (1, 3), (1, 2))]
+    single, double = np.flatnonzero(~halves), np.flatnonzero(halves)
+    tips = [crossing(single, 0, second) for second in (1, 2, 3)]
+    ring = [crossing(double, *edge) for edge in ((0, 2), (0, 3), (1, 3), (1, 2))]
     triangles = np.concatenate(
         [np.stack(tips, axis=1), np.stack(ring[:3], axis=1), np.stack([ring[0], ring[2], ring[3]], axis=1)]
     )
-    return facing_triangles(triangles, normal), np.concatenate([cut[one], cut[two], cut[two]])
+    return facing_triangles(triangles, normal), np.concatenate([cut[single], cut[double], cut[double]])
 
 
 def closed_cap(sides: np.ndarray, normal: tuple[float, float, float]) -> np.ndarray:
@@ -314,10 +314,10 @@ def closed_cap(sides: np.ndarray, normal: tuple[float, float, float]) -> np.ndar
     levels = np.unique(np.round(y, 7))
     trapezoids = []
     for low, high in pairwise(levels):
-        some = np.flatnonzero((y.min(axis=1) < (low + high) / 2) & (y.max(axis=1) > (low + high) / 2))
-        slope = (x[some, 1] - x[some, 0]) / (y[some, 1] - y[some, 0])
-        at_low, at_high = (x[some, 0] + slope * (level - y[some, 0]) for level in (low, high))
-        order = np.argsort(at_low + at_high)[: len(some) // 2 * 2]
+        crossed = np.flatnonzero((y.min(axis=1) < (low + high) / 2) & (y.max(axis=1) > (low + high) / 2))
+        slope = (x[crossed, 1] - x[crossed, 0]) / (y[crossed, 1] - y[crossed, 0])
+        at_low, at_high = (x[crossed, 0] + slope * (level - y[crossed, 0]) for level in (low, high))
+        order = np.argsort(at_low + at_high)[: len(crossed) // 2 * 2]
         left, right = order[::2], order[1::2]
         for first, second, third in (
             ((at_low[left], low), (at_low[right], low), (at_high[right], high)),
@@ -467,14 +467,14 @@ def curved_walls(triangles: np.ndarray, elements: np.ndarray) -> MappedSurface:
     """
     used = np.isin(elements[:, 4:], triangles)
     ends = dict(zip(elements[:, 4:][used].tolist(), elements[:, volume_mesh.SIDES][used].tolist(), strict=True))
-    given = {_rolled(one) for one in triangles.tolist()}
+    given = {_rolled(triangle) for triangle in triangles.tolist()}
     whole, left = [], set(given)
-    for one in sorted(given):
-        corners = _corners(one, ends)
-        parts = {_rolled((corners[k], one[k], one[k - 1])) for k in range(3)} if corners else set()
+    for triangle in sorted(given):
+        corners = _corners(triangle, ends)
+        parts = {_rolled((corners[k], triangle[k], triangle[k - 1])) for k in range(3)} if corners else set()
         if corners and parts <= left:
-            whole.append([*corners, *one])
-            left -= {one, *parts}
+            whole.append([*corners, *triangle])
+            left -= {triangle, *parts}
     return _surface(whole, sorted(left), ends)
 
 
@@ -491,9 +491,9 @@ def _corners(middles: tuple[int, ...], ends: dict[int, list[int]]) -> tuple[int,
     """The corners 0, 1, 2 of a triangle whose sides 01, 12, 20 have these middle nodes, or None."""
     sides = [set(ends.get(node, ())) for node in middles]
     shared = [sides[k - 1] & sides[k] for k in range(3)]
-    if any(len(one) != 1 for one in shared):
+    if any(len(nodes) != 1 for nodes in shared):
         return None
-    corners = tuple(one.pop() for one in shared)
+    corners = tuple(nodes.pop() for nodes in shared)
     return corners if len(set(corners)) == 3 else None
 
 
@@ -505,7 +505,7 @@ def _rolled(triangle: Sequence[int]) -> tuple[int, ...]:
 
 def _surface(whole: list[list[int]], left: list[tuple[int, ...]], ends: dict[int, list[int]]) -> MappedSurface:
     """Six-node triangles of nodes, and triangles whose sides get points of their own."""
-    nodes = sorted({node for one in (*whole, *left) for node in one})
+    nodes = sorted({node for triangle in (*whole, *left) for node in triangle})
     place = {node: vertex for vertex, node in enumerate(nodes)}
     carried = [[node] * 3 for node in nodes]
     weights = [[1.0, 0.0, 0.0]] * len(nodes)
@@ -524,8 +524,8 @@ def _surface(whole: list[list[int]], left: list[tuple[int, ...]], ends: dict[int
                 weights.append([0.5, 0.5, 0.0])
         return points[a, b]
 
-    triangles = [[place[node] for node in one] for one in whole]
-    triangles += [[*(place[node] for node in one), *(between(one[a], one[b]) for a, b in SIDES)] for one in left]
+    triangles = [[place[node] for node in face] for face in whole]
+    triangles += [[*(place[node] for node in face), *(between(face[a], face[b]) for a, b in SIDES)] for face in left]
     columns = 3 if points else 1
     return MappedSurface(
         np.array(carried, dtype=np.int32)[:, :columns],

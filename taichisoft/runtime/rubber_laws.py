@@ -80,7 +80,8 @@ class RubberLaw(ABC):
 
     def term_names(self, term: int) -> tuple[str, ...]:
         """The names of the coefficients of a term, counted from 0."""
-        return tuple(f"{one.name}{term + 1}" if self.terms > 1 else one.name for one in self.coefficients)
+        names = [coefficient.name for coefficient in self.coefficients]
+        return tuple(f"{name}{term + 1}" for name in names) if self.terms > 1 else tuple(names)
 
     def given_terms(self, coefficients: Mapping[str, float]) -> list[tuple[float, ...]]:
         """Coefficients of the given terms, in the order of the arguments of `derivatives`; missing ones are 0."""
@@ -150,7 +151,7 @@ class StretchLaw(RubberLaw):
     def tension(self, coefficients: Mapping[str, float], stretch: "np.ndarray") -> "np.ndarray":
         """See `RubberLaw`."""
         across = stretch**-0.5
-        along_slope, across_slope = (self._sum(one, coefficients)[0] for one in (stretch, across))
+        along_slope, across_slope = (self._sum(s, coefficients)[0] for s in (stretch, across))
         stress: np.ndarray = along_slope - across_slope * across**3
         return stress
 

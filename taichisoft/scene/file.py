@@ -146,10 +146,10 @@ def with_patterns(bodies: Mapping[str, Any], key: str, source: str) -> dict[str,
         copies = {name: table}
         if isinstance(table, Mapping) and PATTERN in table:
             copies = _copies(name, table, PLACES[key], f"{source}: {key}.{name}.{PATTERN}")
-        for one in copies:
-            if one in expanded or (one != name and one in bodies):
+        for copy in copies:
+            if copy in expanded or (copy != name and copy in bodies):
                 raise SceneError(
-                    f"{source}: {key}.{name}.{PATTERN} makes a body called '{one}', which is there already"
+                    f"{source}: {key}.{name}.{PATTERN} makes a body called '{copy}', which is there already"
                 )
         expanded |= copies
     return expanded
@@ -187,7 +187,7 @@ def _turned(table: dict[str, Any], pattern: CircularPattern, place: str, number:
 
 
 def _is_vector(value: Any) -> bool:
-    return isinstance(value, list | tuple) and len(value) == 3 and all(type(one) in (int, float) for one in value)
+    return isinstance(value, list | tuple) and len(value) == 3 and all(type(part) in (int, float) for part in value)
 
 
 GEOMETRY_SUFFIX = ".toml"
@@ -224,8 +224,8 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     for key in PLACES:
         if isinstance(tables.get(key), dict):
             tables[key] = with_patterns(tables[key], key, source)
-    found = {key: _with_files(value, folder or Path(), f"{source}: {key}", key) for key, value in tables.items()}
-    return _validated(found, source)
+    resolved = {key: _with_files(value, folder or Path(), f"{source}: {key}", key) for key, value in tables.items()}
+    return _validated(resolved, source)
 
 
 def scene_from_toml(

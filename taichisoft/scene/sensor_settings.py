@@ -117,13 +117,13 @@ def sensed_names(scene: Any, quantity: SensedQuantity) -> list[tuple[str, ...] |
         return list(scene.tactile_arrays)
     moving, still = [*scene.soft_bodies, *scene.rigid_bodies], list(scene.obstacles)
     pairs: list[tuple[str, ...] | str] = list(combinations_with_replacement(moving, 2))
-    return [*pairs, *((one, other) for one in moving for other in still)]
+    return [*pairs, *((first, other) for first in moving for other in still)]
 
 
 def sensed_sizes(scene: Any, quantity: SensedQuantity) -> list[int]:
     """Number of numbers of each of the values that `sensed_names` names."""
     if quantity == "tactile":
-        return [one.patch_count for one in scene.tactile_arrays.values()]
+        return [array.patch_count for array in scene.tactile_arrays.values()]
     is_vector = quantity.startswith(("base_", "tip_", "object_"))
     return [3 if is_vector else 1] * len(sensed_names(scene, quantity))
 
@@ -138,5 +138,6 @@ def memory_size(scene: Any) -> int:
     """Length of `State.sensor_memory`: seed, whether there are samples, and these; 0 without sensors."""
     if not scene.sensors:
         return 0
-    kept = (sum(sensed_sizes(scene, name)) * samples_kept(one, scene.time.step) for name, one in scene.sensors.items())
+    step = scene.time.step
+    kept = (sum(sensed_sizes(scene, name)) * samples_kept(sensor, step) for name, sensor in scene.sensors.items())
     return 2 + sum(kept)

@@ -45,9 +45,9 @@ def find_file(
     if str(name) and any(is_folder(folder / path) for folder in own):
         raise error(f"{name}: is a folder; a file ({', '.join(suffixes)}) is needed")
     names = {shipped: _shipped_names(shipped, ends) for shipped, ends in places}
-    near = difflib.get_close_matches(path.stem, [one for some in names.values() for one in some], n=1)
+    near = difflib.get_close_matches(path.stem, [stem for stems in names.values() for stem in stems], n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""
-    listed = "; ".join(f"{shipped}: {', '.join(some) or 'none'}" for shipped, some in names.items())
+    listed = "; ".join(f"{shipped}: {', '.join(stems) or 'none'}" for shipped, stems in names.items())
     raise error(f"{name}: no such file, and none of the shipped {listed}{hint}")
 
 

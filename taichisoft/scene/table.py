@@ -45,7 +45,7 @@ def first_problem(error: ValidationError, table: type[BaseModel], prefix: str = 
     """
     problems = error.errors()
     # A misspelt key that must be there gives two problems, of which the unknown key is the cause.
-    problem = min(problems, key=lambda found: found["type"] != "extra_forbidden")
+    problem = min(problems, key=lambda candidate: candidate["type"] != "extra_forbidden")
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     return _describe(problem, problems, table, prefix) + more
 
@@ -72,7 +72,7 @@ def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], pre
             valid = [part.strip("' ") for part in re.split(", | or ", problem["ctx"]["expected"])]
             return f"{key}: unknown name; {nearest(problem['input'], valid, 'valid names')}"
         case "missing" if isinstance(location[-1], int):  # the entries that a list of fixed length lacks
-            absent = [found for found in problems if found["type"] == "missing" and found["loc"][:-1] == path[:-1]]
+            absent = [other for other in problems if other["type"] == "missing" and other["loc"][:-1] == path[:-1]]
             given = len(problem["input"])
             parent = key.rpartition(".")[0]
             return f"{parent} = {short_text(problem['input'])}: has {given} values; {given + len(absent)} are needed"
@@ -103,8 +103,8 @@ def _valid_keys(table: type[BaseModel], path: Sequence[Any]) -> list[str]:
     annotation: Any = table
     for part in path:
         annotation = _inside(annotation, part)
-    found = next((inner for inner in (annotation, *get_args(annotation)) if _is_table(inner)), None)
-    return list(found.model_fields) if found is not None else []
+    holder = next((inner for inner in (annotation, *get_args(annotation)) if _is_table(inner)), None)
+    return list(holder.model_fields) if holder is not None else []
 
 
 def _inside(annotation: Any, part: Any) -> Any:
@@ -115,7 +115,7 @@ def _inside(annotation: Any, part: Any) -> Any:
         return get_args(annotation)[0]
     if get_origin(annotation) in (dict, list):
         return get_args(annotation)[-1]
-    return next((found for inner in get_args(annotation) if (found := _inside(inner, part)) is not None), None)
+    return next((inside for inner in get_args(annotation) if (inside := _inside(inner, part)) is not None), None)
 
 
 def _is_table(annotation: Any) -> bool:

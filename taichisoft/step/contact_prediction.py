@@ -150,10 +150,10 @@ class ContactPrediction:
         self._passed[again] = 0.0
         self._sought = np.where(pairs, self._distance + AMPLE * self._bounds(), self._sought)
         self._is_at_the_end = not (self._passed < 1.0).any()
-        found = self._measure_all(self._passed.copy(), self._sought.copy())
-        if found[0].count[0] == count and not again.any():
+        measured = self._measure_all(self._passed.copy(), self._sought.copy())
+        if measured[0].count[0] == count and not again.any():
             return None
-        self._table = self._table.holding(*found)
+        self._table = self._table.holding(*measured)
         return self._table
 
     def _with_contacts_ahead(self) -> ContactTable:
