@@ -297,11 +297,13 @@ def _shapes(scene: Scene) -> list[BodyShape]:
             raise ReductionError(
                 f"soft_bodies.{shape.name}: a body with membranes, fibres or springs cannot be reduced"
             )
-        if any(anchor.follows not in (None, settings.follows) for anchor in settings.anchors):
-            raise ReductionError(
-                f"soft_bodies.{shape.name}: its anchors follow other frames than the body ('{settings.follows}'), and "
-                "modes follow that alone; remove their `follows`"
-            )
+        for name in shape.bodies:
+            frame, anchors = scene.soft_bodies[name].follows, scene.soft_bodies[name].anchors
+            if any(anchor.follows not in (None, frame) for anchor in anchors):
+                raise ReductionError(
+                    f"soft_bodies.{name}: its anchors follow other frames than the body ('{frame}'), and modes follow "
+                    "that alone; remove their `follows`"
+                )
         if getattr(settings, "reduced", None):
             raise ReductionError(f"soft_bodies.{shape.name}.reduced: the scene is reduced already; remove the key")
     return shapes

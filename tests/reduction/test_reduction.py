@@ -361,6 +361,18 @@ def test_scene_without_anchors_is_refused(block, tmp_path):
         reduce_scene(scene, tmp_path, Wishes(), Progress())
 
 
+def test_a_body_between_frames_is_refused(block, tmp_path):
+    """Of two copies that differ in what they follow, one would have its modes at another frame than its anchors."""
+    body = beam(block, young_modulus=100.0).soft_bodies["beam"].model_dump(exclude_unset=True)
+    held = {**body, "anchors": [{**anchor, "follows": "jaw"} for anchor in body["anchors"]]}
+    other = {**held, "translation": [0.0, 50.0, 0.0]}
+    scene = scene_from_dict(
+        {"frames": {"jaw": {}}, "soft_bodies": {"first": {**held, "follows": "jaw"}, "second": other}}
+    )
+    with pytest.raises(ReductionError, match=r"soft_bodies\.second: its anchors follow other frames .* \('base'\)"):
+        reduce_scene(scene, tmp_path, Wishes(), Progress())
+
+
 def test_unknown_actuator_is_refused(block, tmp_path):
     scene = beam(block, element="linear", young_modulus=100.0)
     with pytest.raises(ReductionError, match=r"--range beam\.air: the scene has no such actuator; it has: none"):
