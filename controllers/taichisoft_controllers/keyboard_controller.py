@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, create_model
 
 from taichisoft.base import right_of
-from taichisoft.control import Control, Controller, KeyEvent, Observation, Slider
+from taichisoft.control import Control, Controller, Force, KeyEvent, Observation, Slider
 from taichisoft.mechanics import ACTUATOR_KINDS, UNLIMITED, ActuatorKind, Drive, kind_of
 from taichisoft.scene import BASE, HingeSettings, Positive
 from taichisoft_controllers.model_names import finger_of
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 # On many keyboards "=" is "+" without shift.
 EFFORT_KEYS = {"+": 1.0, "=": 1.0, "-": -1.0}
 TURN_KEYS = {"a": 1, "q": -1}
-FRAME_KEY = "f"
+FRAME_KEY, PUSH_KEY = "f", "o"
+PUSH_TIME = 0.1
+"""How long a push lasts [s]."""
 # Numbers of steps to the right and upwards, in the gripper's own frame.
 MOVE_KEYS = {"up": (0.0, 1.0), "down": (0.0, -1.0), "left": (-1.0, 0.0), "right": (1.0, 0.0)}
 
@@ -54,6 +56,8 @@ class KeyboardSettings(ActuatorSteps):  # type: ignore[misc] # a table with the 
     """Way of the base, or of the frame that keys move, by one key press [mm]."""
     turn_step: Positive = 11.25
     """Turn of it by one key press [degrees]."""
+    push: Positive = 200.0
+    """Force on the object by one key press, to the right for 0.1 s [mN]."""
 
 
 @dataclass
@@ -73,7 +77,7 @@ class KeyboardController(Controller):
     as seen from above.
 
     "f" lets these keys move another frame: the base, then those of the scene one by one. A frame with a hinge
-    turns about that by "a" and "q", and has a slider.
+    turns about that by "a" and "q", and has a slider. "o" pushes the object to the right, as seen from the gripper.
 
     What it asks for depends on the keys alone. Motion is not smoothed here: `limits.base_speed`,
     `limits.pressure_rate` and `limits.pull_speed` of the scene spread a step over time.
@@ -97,6 +101,8 @@ class KeyboardController(Controller):
         self._hinges: list[str] = []
         self._frames: tuple[str, ...] = (BASE,)
         self._frame = BASE
+        self._object: str | None = None
+        self._pushes = False
         self.bindings = self._bindings()
 
     def reset(self, model: "Model") -> None:
@@ -122,6 +128,8 @@ class KeyboardController(Controller):
         self._poses = {name: KeyedPose(np.zeros(3)) for name in (BASE, *tables) if name not in self._hinges}
         self._frames = (BASE, *tables)
         self._frame = BASE
+        self._object, self._pushes = model.scene.main_object, False
+        self._push_steps = max(1, round(PUSH_TIME / model.scene.time.step))
         self.bindings = self._bindings()
         self._select(None)
         self._up = model.scene.up
@@ -143,6 +151,8 @@ class KeyboardController(Controller):
         elif key == FRAME_KEY:
             self._frame = self._frames[(self._frames.index(self._frame) + 1) % len(self._frames)]
             self._select(self._selected)
+        elif key == PUSH_KEY:
+            self._pushes = self._object is not None
         elif key == "0":
             self._select(None)
         elif key.isdecimal() and int(key) <= len(self._fingers):
@@ -154,12 +164,15 @@ class KeyboardController(Controller):
         for name, drive in self._drives.items():
             requests[drive.request][name] = self.sliders[name].value
         others = [name for name in self._poses if name != BASE]
+        force = Force(self._steps.push * self._rightward(BASE), steps=self._push_steps)
+        pushed, self._pushes = self._pushes, False
         return Control(
             base_translation=self._poses[BASE].translation.copy(),
             base_rotation=self._turn(BASE) * self._up,
             frame_translation={name: self._poses[name].translation.copy() for name in others},
             frame_rotation={name: self._turn(name) * self._up for name in others},
             frame_angle={name: math.radians(self.sliders[name].value) for name in self._hinges},
+            forces={str(self._object): force} if pushed else {},
             **requests,  # type: ignore[arg-type] # keys of actuators alone
         )
 
@@ -210,6 +223,7 @@ class KeyboardController(Controller):
             "q": f"turn right {turn}",
             "1 2 3 ...": f"select one finger, whose {quantity} + and - change",
             "0": "select all fingers",
+            **({PUSH_KEY: f"push {self._object} to the right by {steps.push:g} mN"} if self._object else {}),
             **({FRAME_KEY: f"let keys move another of {', '.join(self._frames)}"} if len(self._frames) > 1 else {}),
         }
 
@@ -233,11 +247,15 @@ class KeyboardController(Controller):
     def _move(self, to_the_right: float, upward: float) -> None:
         if self._frame in self._hinges:
             return
-        turn = self._turn(self._frame)
-        right = math.cos(turn) * self._right + math.sin(turn) * np.cross(self._up, self._right)
         self._poses[self._frame].translation += self._steps.translation_step * (
-            to_the_right * right + upward * self._up
+            to_the_right * self._rightward(self._frame) + upward * self._up
         )
+
+    def _rightward(self, frame: str) -> np.ndarray:
+        """The direction to the right of a frame, which turns with it."""
+        turn = self._turn(frame)
+        right: np.ndarray = math.cos(turn) * self._right + math.sin(turn) * np.cross(self._up, self._right)
+        return right
 
 
 def _chosen(kind: ActuatorKind, settings: KeyboardSettings) -> Drive:

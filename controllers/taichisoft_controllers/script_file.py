@@ -177,6 +177,19 @@ class FrameAim(FramePlace):
     """Turning speed of the frame on its way [degrees/s]."""
 
 
+class ForceTable(Table):
+    """A force from outside, and a torque."""
+
+    force: Vector = (0.0, 0.0, 0.0)
+    """Force [mN]."""
+    torque: Vector = (0.0, 0.0, 0.0)
+    """Torque about the point [mN mm]; a soft body takes none."""
+    point: Vector | None = None
+    """Where it acts, as a place at rest [mm]: the centre of mass or the pivot when not given; soft bodies need one."""
+    axes: Literal["world", "own"] = "world"
+    """Axes of the world, or "own", which turn with what is pushed."""
+
+
 class Keyframe(Driven):  # type: ignore[misc] # a table with the keys of the drives
     """The values at a time; between two keyframes they are interpolated."""
 
@@ -188,6 +201,8 @@ class Keyframe(Driven):  # type: ignore[misc] # a table with the keys of the dri
     """Rotation vector about the base pivot [degrees]; zero when it is not given."""
     frames: dict[str, FramePlace] = Field(default_factory=dict)
     """Poses of other frames by name, with translation and rotation or angle; zero where it is not given."""
+    forces: dict[str, ForceTable] = Field(default_factory=dict)
+    """Forces from outside by body or frame, with force, torque, point and axes; zero where it is not given."""
 
     @model_validator(mode="after")
     def _check_efforts(self) -> "Keyframe":
@@ -208,6 +223,8 @@ class Step(Moved):  # type: ignore[misc] # as above
     """Target of the base, rotation vector about the base pivot [degrees]; the base stays when it is not given."""
     frames: dict[str, FrameAim] = Field(default_factory=dict)
     """Targets of other frames by name, with translation, rotation or angle, and speeds; what is not named stays."""
+    forces: dict[str, ForceTable] = Field(default_factory=dict)
+    """Forces from outside by body or frame, with force, torque, point and axes, which end with the step."""
     duration: Positive | None = None
     """Duration of the way to all targets [s]; either this or a rate for each thing that moves."""
     base_speed: Positive | None = None

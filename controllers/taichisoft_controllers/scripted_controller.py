@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.control import Control, Controller, Observation
-from taichisoft.errors import ControllerFailed, SceneError, StateError
+from taichisoft.control import Control, Controller, Force, Observation, checked_force
+from taichisoft.errors import ControlError, ControllerFailed, SceneError, StateError, nearest
 from taichisoft.mechanics import ActuatorKind, Drive, kind_of
 from taichisoft.scene import Number, Positive, find_file
 from taichisoft_controllers.script_file import SUFFIXES, Interpolation, Keyframe, Script, Step, read_script
@@ -18,6 +19,24 @@ from taichisoft_controllers.step_in_progress import StepInProgress, Waiting
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
+
+# Forces from outside in keyframes and steps.
+
+
+def read_forces(entry: Keyframe | Step, model: "Model", where: str) -> dict[str, Force]:
+    """What a keyframe or step pushes with, by body or frame; `where` begins errors."""
+    forces = {name: Force(**dict(table)) for name, table in entry.forces.items()}
+    for name, force in forces.items():
+        places = model.external_forces
+        if name not in places.names:
+            known = nearest(name, list(places.names), "there are")
+            raise SceneError(f"{where}.forces: no body or frame is called '{name}'; {known}")
+        try:
+            checked_force(places, name, force, f"{where}.forces.{name}")
+        except ControlError as error:
+            raise SceneError(str(error)) from error
+    return forces
+
 
 # A controller that follows keyframes: values at given times, interpolated between them.
 
@@ -50,10 +69,13 @@ class KeyframeController(Controller):
             for name, pose in targets.read_frames(keyframe, where).items():
                 poses[name][index] = np.nan_to_num(pose)
         self._values = np.column_stack([table, *poses.values(), translations, rotations])
+        self._read_forces(model, entries)
 
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
-        return self._targets.control(self._at(observation.time), self._driven)
+        control = self._targets.control(self._at(self._values, observation.time), self._driven)
+        rows = zip(self._pushed.items(), self._at(self._pushes, observation.time), strict=True)
+        return replace(control, forces={name: replace(like, force=f, torque=t) for (name, like), (f, t) in rows})
 
     def save(self) -> dict[str, Any]:
         """Nothing: the time says it all."""
@@ -67,6 +89,21 @@ class KeyframeController(Controller):
         base = self._values[:, self._targets.base]
         moved = np.flatnonzero((base[1:] != base[:-1]).any(axis=1))
         return max(observation.time, float(self._times[moved[-1] + 1])) if len(moved) else observation.time
+
+    def _read_forces(self, model: "Model", entries: Sequence[tuple[Keyframe, str]]) -> None:
+        self._pushed: dict[str, Force] = {}
+        each = [read_forces(keyframe, model, where) for keyframe, where in entries]
+        for forces, (_, where) in zip(each, entries, strict=True):
+            for name, force in forces.items():
+                first = self._pushed.setdefault(name, force)
+                if (first.point, first.axes) != (force.point, force.axes):
+                    raise SceneError(
+                        f"{where}.forces.{name}: point and axes must be those of the keyframe that has it first"
+                    )
+        none = Force()
+        of_each = [[forces.get(name, none) for name in self._pushed] for forces in each]
+        rows = [[(force.force, force.torque) for force in forces] for forces in of_each]
+        self._pushes = np.array(rows, dtype=np.float64).reshape(len(each), len(self._pushed), 2, 3)
 
     def _check_complete(self, efforts: Sequence[Mapping[int, float]]) -> None:
         """Refuse keyframes between which something would be undefined."""
@@ -85,15 +122,15 @@ class KeyframeController(Controller):
                     where = f"{self._path}: keyframes.{index}.{drive.name}"
                     raise SceneError(f"{where}: does not name '{actuator}'; a keyframe has {every}")
 
-    def _at(self, time: float) -> np.ndarray:
+    def _at(self, values: np.ndarray, time: float) -> np.ndarray:
         after = int(np.searchsorted(self._times, time, side="right"))
         if after == 0 or after == len(self._times):
-            return self._values[min(after, len(self._times) - 1)]
+            return values[min(after, len(self._times) - 1)]
         start, end = self._times[after - 1], self._times[after]
         share = (time - start) / (end - start)
         if self._smooth:
             share = smoothed(share)
-        return (1.0 - share) * self._values[after - 1] + share * self._values[after]
+        return (1.0 - share) * values[after - 1] + share * values[after]
 
 
 # A controller that follows steps one after the other, each until its way is done or its condition is true.
@@ -139,6 +176,9 @@ class StepController(Controller):
         """Check all names; the first step begins with the first observation."""
         self._targets = Targets(model, self._base)
         self._driven = self._targets.driven_first
+        self._pushes = [
+            read_forces(step, model, f"{self._path}: steps.{index}") for index, step in enumerate(self._steps)
+        ]
         for index, waiting in enumerate(self._waiting):
             self._efforts(index)
             self._frames(index)
@@ -149,7 +189,10 @@ class StepController(Controller):
     def control(self, observation: Observation) -> Control:
         """The values that the present step asks for."""
         values = self._values(observation)
-        return self._targets.control(values, self._driven, {SIGNAL: float(len(self._begun) - 1)})
+        index = len(self._begun) - 1
+        acting = self._pushes[index] if index < len(self._steps) else {}
+        control = self._targets.control(values, self._driven, {SIGNAL: float(index)})
+        return replace(control, forces={name: acting.get(name) for pushes in self._pushes for name in pushes})
 
     def save(self) -> dict[str, Any]:
         """When the steps began, what they drive, and how far the present one is."""

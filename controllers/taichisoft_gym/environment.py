@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from math import inf
 from pathlib import Path
@@ -13,7 +14,7 @@ import gymnasium
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.control import Control, Controller, Observation
+from taichisoft.control import Control, Controller, Force, Observation
 from taichisoft.errors import SceneError, SimulationDiverged, nearest
 from taichisoft.mechanics import State
 from taichisoft.running import Session, load_scene, make_output, notify, with_reduced_bodies
@@ -256,6 +257,8 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         self.control_period = control_period
         self.difficulty = share("difficulty", difficulty)
         self.randomisation = Randomisation.from_mapping(randomisation)
+        if self.randomisation.push is not None and self.scene.main_object is None:
+            raise SceneError("randomisation['push']: the scene has no rigid body")
         self.actuation = Actuation(self.scene, (low, high), self.travel, self.actions)
         self.action_channels = self.actuation.channels
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
@@ -294,6 +297,13 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """
         drawn = self.randomisation.draw(self.np_random, self.difficulty, self.scene.contact.friction)
         return drawn if len(self.scenes) == 1 else {**drawn, "object": str(self.np_random.choice(list(self.scenes)))}
+
+    def pushes(self) -> Mapping[str, Force | None]:
+        """Forces from outside from the next control period on, by body or frame, as of `Control.forces`; by default
+        pushes on the object that the argument `randomisation` draws.
+        """
+        force = self.randomisation.draw_push(self.np_random, self.difficulty)
+        return {} if force is None else {self.object: Force(force, steps=self._steps)}
 
     def update(self, seen: Observation) -> None:
         """Note what the task needs to know of a control period that is over; called before `reward`."""
@@ -377,10 +387,10 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         self._refuse_before_reset()
         request = action_values(action, len(self.action_channels))
         control = self.actuation.control(request, self.simulation, self.control_period)
-        diverged = {}
+        pushed, diverged = replace(control, forces=self.pushes()), {}
         try:
-            for _ in range(self._steps):
-                self.simulation.step(control)
+            for number in range(self._steps):
+                self.simulation.step(control if number else pushed)
         except SimulationDiverged as error:
             diverged = {"diverged": str(error)}
         seen = self.simulation.observe()

@@ -15,6 +15,7 @@ from taichisoft.mechanics import State
 from taichisoft.running import Simulation
 from taichisoft.scene import scene_from_toml, scene_to_toml
 from taichisoft_gym.actuation import scene_axes
+from taichisoft_gym.channels import share
 
 # Places where the object of a task can start: not within another body.
 
@@ -66,12 +67,16 @@ class Randomisation:
         modulus: lowest and highest Young's modulus of all soft bodies, relative to the scene's [-].
         place: largest shift of the object in each horizontal direction [mm]; places within another body are drawn
             again.
+        push: lowest and highest amount of a push on the object [mN], in any direction, for a control period.
+        push_chance: probability of a push in each control period [-].
     """
 
     friction: Range | None = None
     mass: Range | None = None
     modulus: Range | None = None
     place: float = 0.0
+    push: Range | None = None
+    push_chance: float = 0.1
 
     @classmethod
     def from_mapping(cls, ranges: "Randomisation | Mapping[str, Any] | None") -> Self:
@@ -86,13 +91,15 @@ class Randomisation:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name, range_ in (("friction", self.friction), ("mass", self.mass), ("modulus", self.modulus)):
-            if range_ is not None and not _is_range(range_, zero_is_valid=name == "friction"):
+        for name in ("friction", "mass", "modulus", "push"):
+            range_ = getattr(self, name)
+            if range_ is not None and not _is_range(range_, zero_is_valid=name in ("friction", "push")):
                 raise SceneError(
                     f"randomisation['{name}'] = {range_!r}: must be a lowest and a highest positive number"
                 )
         if not _is_range((0.0, self.place), zero_is_valid=True):
             raise SceneError(f"randomisation['place'] = {self.place!r}: must be a distance [mm], not negative")
+        share("randomisation['push_chance']", self.push_chance)
 
     def draw(self, random: np.random.Generator, difficulty: float = 1.0, scene_friction: float = 0.0) -> Drawn:
         """Draw a value for each given range; "place right" and "place front" [mm] for the place.
@@ -117,6 +124,14 @@ class Randomisation:
             return {}
         furthest = difficulty * self.place
         return {f"place {axis}": random.uniform(-furthest, furthest) for axis in ("right", "front")}
+
+    def draw_push(self, random: np.random.Generator, difficulty: float = 1.0) -> np.ndarray | None:
+        """Draw whether a push begins, and its force [mN], shape (3,); None: there is none."""
+        if self.push is None or random.random() >= self.push_chance:
+            return None
+        direction = random.standard_normal(3)
+        force: np.ndarray = difficulty * random.uniform(*self.push) / np.linalg.norm(direction) * direction
+        return force
 
 
 def _is_range(value: Any, zero_is_valid: bool) -> bool:

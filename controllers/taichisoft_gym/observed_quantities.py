@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.control import BASE, FIGURES, OBJECTS, PAIRS, Figure, Observation
+from taichisoft.control import BASE, FIGURES, OBJECTS, PAIRS, PUSHED, Figure, Observation
 from taichisoft.errors import SceneError, nearest
 from taichisoft_gym.actuation import AXES, Travel
 from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
@@ -20,13 +20,14 @@ Quantity = str | Callable[[Any], ChannelGroup]
 def _of_figure(env: Any, figure: Figure, name: str, highest: float | None = None) -> ChannelGroup:
     """A figure of each finger, on the object if it is one of pairs, or of each actuator.
 
-    A vector of the first finger or of the object has the directions right, front and up, one of the base its axes.
+    A vector of the first finger or of the object, as forces from outside are, has the directions right, front and up,
+    one of the base its axes.
     """
     reach, unit = figure.reach if highest is None else highest, "rad" if figure.unit == "degrees" else figure.unit
     if figure.per is BASE:
         return ChannelGroup(symmetric(name, unit, reach, figure.axes), lambda seen: figure.values(seen)[""])
     if figure.axes:
-        owner = env.object if figure.per is OBJECTS else env.finger
+        owner = env.object if figure.per in (OBJECTS, PUSHED) else env.finger
         return ChannelGroup(symmetric(name, unit, reach, AXES), lambda seen: env.axes @ figure.values(seen)[owner])
     kind = figure.per.kind
     names: Sequence[str] = env.fingers if kind is None else tuple(env.scene.actuators(kind.plural))

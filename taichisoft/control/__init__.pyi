@@ -7,6 +7,7 @@ from .figures import BASE as BASE
 from .figures import FIGURES as FIGURES
 from .figures import OBJECTS as OBJECTS
 from .figures import PAIRS as PAIRS
+from .figures import PUSHED as PUSHED
 from .figures import Figure as Figure
 from .figures import In as In
 from .figures import Pair as Pair
@@ -17,3 +18,4 @@ from .observation import find_figure as find_figure
 from .observer import Fingertips as Fingertips
 from .observer import Observer as Observer
 from .observer import SensorChain as SensorChain
+from .requests import checked_force as checked_force

@@ -21,21 +21,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeyEvent:
-    """A key that was pressed, or repeats because it is held; or a slider of the controller that was moved.
+    """A key that was pressed, or repeats because it is held; a slider that was moved; a body that a pointer pulls.
 
     Attributes:
         key: character that the key types ("a", "+", "?"), or one of "up", "down", "left", "right", "space", "enter",
-            "escape", "tab", "backspace"; the name of a slider.
+            "escape", "tab", "backspace"; the name of a slider or of a body.
         ctrl: whether Ctrl was held; most terminals cannot tell for most keys.
         value: number to which a slider was moved; None for a key.
+        pointer: place [mm], 3 numbers: the first is picked on the body, later ones pull what was there; none let go.
+            None for keys and sliders. The run itself pulls; controllers do not get it.
     """
 
     key: str
     ctrl: bool = False
     value: float | None = None
+    pointer: tuple[float, ...] | None = None
 
     def __str__(self) -> str:
-        """The event as people write it: "Ctrl+a", "finger1.cavity=20"."""
+        """The event as people write it: "Ctrl+a", "finger1.cavity=20", "cube at 1, 2, 3"."""
+        if self.pointer is not None:
+            return f"{self.key} at {', '.join(f'{one:g}' for one in self.pointer)}"
         if self.value is not None:
             return f"{self.key}={self.value:g}"
         return f"Ctrl+{self.key}" if self.ctrl else self.key

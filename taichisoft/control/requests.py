@@ -427,29 +427,50 @@ MOST_STEPS = 2**31 - 1
 
 def _external_forces(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
     """The forces of the step: those of the last one that go on, and what is asked for."""
-    force, places = state.external_force.copy(), model.external_forces
+    places, force = model.external_forces, state.external_force.copy()
     own, steps = state.external_force_own_axes.copy(), state.external_force_steps.copy()
     steps[steps > 0] -= 1
     for name, value in control.forces.items():
-        number, key = index_of(name, places.names, "body or frame", "forces"), f"control.forces['{name}']"
-        if places.names.count(name) > 1:
-            raise ControlError(f"{key}: both a body and a frame are called so; rename one of them in the scene")
+        key = f"control.forces['{name}']"
+        number = index_of(name, places.names, "body or frame", "forces")
         if value is None:
             steps[number] = 0
-            continue
-        if not isinstance(value, Force):
-            raise ControlError(
-                f"{key} = {_shown(value)}: must be None or a taichisoft.Force, such as Force([0.0, 0.0, 10.0])"
-            )
-        if not (isinstance(value.axes, str) and value.axes in ("world", "own")):
-            raise ControlError(f"{key}.axes = {_shown(value.axes)}: must be 'world' or 'own'")
-        point = places.middle[number] if value.point is None else value.point
-        rows = {"force": value.force, "torque": value.torque, "point": point}
-        force[number] = [finite(row, f"{key}.{part}", (3,)) for part, row in rows.items()]
-        own[number], steps[number] = value.axes == "own", _step_count(value.steps, f"{key}.steps")
-        if places.is_soft(number):
-            _check_place(places, number, key, value, force[number])
+        else:
+            force[number] = checked_force(places, name, value, key)
+            own[number], steps[number] = value.axes == "own", _step_count(value.steps, f"{key}.steps")
     return {"external_force": force, "external_force_steps": steps, "external_force_own_axes": own}
+
+
+def checked_force(places: ExternalForces, name: str, value: object, key: str) -> list[np.ndarray | float]:
+    """Force, torque and point at rest of what is asked for on a body or frame; `key` begins errors.
+
+    Raises:
+        ControlError: it cannot act there.
+    """
+    number = places.names.index(name)
+    if places.names.count(name) > 1:
+        raise ControlError(f"{key}: both a body and a frame are called so; rename one of them in the scene")
+    if not isinstance(value, Force):
+        raise ControlError(
+            f"{key} = {_shown(value)}: must be None or a taichisoft.Force, such as Force([0.0, 0.0, 10.0])"
+        )
+    if not (isinstance(value.axes, str) and value.axes in ("world", "own")):
+        raise ControlError(f"{key}.axes = {_shown(value.axes)}: must be 'world' or 'own'")
+    if places.is_soft(number) and value.point is None:
+        near = np.round(places.middle[number], 2).tolist()
+        raise ControlError(f"{key}.point: a soft body needs one, a place at rest [mm] such as {near}")
+    given = {
+        "force": value.force,
+        "torque": value.torque,
+        "point": places.middle[number] if value.point is None else value.point,
+    }
+    rows = [finite(row, f"{key}.{part}", (3,)) for part, row in given.items()]
+    if places.is_soft(number):
+        if np.any(rows[1]):
+            raise ControlError(f"{key}.torque: a point of a soft body takes none; give two forces, or turn its frame")
+        if problem := places.outside(number, np.asarray(rows[2])):
+            raise ControlError(f"{key}.point = {np.asarray(rows[2]).tolist()}: {problem}")
+    return rows
 
 
 def _step_count(value: object, key: str) -> int:
@@ -458,17 +479,6 @@ def _step_count(value: object, key: str) -> int:
     if isinstance(value, Integral) and not isinstance(value, bool) and 1 <= int(value) <= MOST_STEPS:
         return int(value)
     raise ControlError(f"{key} = {_shown(value)}: must be a whole number of time steps from 1 to {MOST_STEPS}, or None")
-
-
-def _check_place(places: ExternalForces, number: int, key: str, value: Force, rows: np.ndarray) -> None:
-    """Refuse what a point of a soft body cannot take."""
-    if value.point is None:
-        near = np.round(places.middle[number], 2).tolist()
-        raise ControlError(f"{key}.point: a soft body needs one, a place at rest [mm] such as {near}")
-    if rows[1].any():
-        raise ControlError(f"{key}.torque: a point of a soft body takes none; give two forces, or turn its frame")
-    if problem := places.outside(number, rows[2]):
-        raise ControlError(f"{key}.point = {rows[2].tolist()}: {problem}")
 
 
 def _young_modulus(model: Model, state: State, control: Control) -> np.ndarray:

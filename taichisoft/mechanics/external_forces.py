@@ -51,6 +51,7 @@ class ExternalForces:
 
     Attributes:
         names: soft bodies, rigid bodies and frames, which a state has forces on in this order.
+        movable: soft bodies, and rigid bodies that no frame carries.
         middle: centres of mass of rigid bodies and pivots of frames at rest [mm], and a place in each soft body, shape
             (len(names), 3).
     """
@@ -63,6 +64,8 @@ class ExternalForces:
         # What carries the force on each: a frame, or -1 for the body itself.
         carriers = [*frames.numbers([None] * len(soft)), *frames.numbers(body.follows for body in rigid)]
         self._carrier = np.array([*carriers, *range(len(frames.names))], dtype=np.int32)
+        free = [name for name, carrier in zip(self.names, self._carrier.tolist(), strict=True) if carrier < 0]
+        self.movable = tuple(free)
         middles = [*(body.rest_position[0] for body in soft), *(body.start_position for body in rigid)]
         self.middle = np.vstack([*middles, frames.pivot])
         self._places: dict[tuple[int, bytes], tuple[np.ndarray, np.ndarray]] = {}
@@ -123,6 +126,35 @@ class ExternalForces:
         for number, force, _ in self._wrenches(state, state.step - 1):
             seen[number] += force
         return seen
+
+    def rest_of(self, state: State, number: int, place: np.ndarray) -> np.ndarray:
+        """Where at rest is what is now at a place on a movable body [mm]; of a soft body its nearest node."""
+        if not self.is_soft(number):
+            centre = state.rigid_position[number - len(self._soft)]
+            rest: np.ndarray = self.middle[number] + self._turn(state, number).T @ (place - centre)
+            return rest
+        body = self._soft[number]
+        away = np.linalg.norm(state.position[body.nodes] - place, axis=1)
+        return body.rest_position[away.argmin()].copy()
+
+    def motion(self, state: State, number: int, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where a point at rest is now [mm], and its velocity [mm/s], 0 of frames and what they carry."""
+        if self.is_soft(number):
+            node, weight = self.place(number, point)
+            return weight @ state.position[node], weight @ state.velocity[node]
+        if (frame := int(self._carrier[number])) >= 0:
+            return self._frames.places(state.frame_pose).moved(point[None], frame)[0], np.zeros(3)
+        body, arm = number - len(self._soft), self._turn(state, number) @ (point - self.middle[number])
+        velocity = state.rigid_velocity[body] + np.cross(state.rigid_angular_velocity[body], arm)
+        return state.rigid_position[body] + arm, velocity
+
+    def arrows(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Points [mm] and forces [mN] of what acted in the step that led to a state, shape (acting_count, 3) each."""
+        seen = self.seen(state)
+        pushed, acting = np.flatnonzero(seen.any(axis=1)).tolist(), self._acting(state)
+        at = [state.external_force[number, 2] if number in acting else self.middle[number] for number in pushed]
+        points = [self.motion(state, number, point)[0] for number, point in zip(pushed, at, strict=True)]
+        return np.array(points).reshape(-1, 3), seen[pushed]
 
     def _acting(self, state: State) -> list[int]:
         numbers: list[int] = np.flatnonzero(state.external_force_steps).tolist()

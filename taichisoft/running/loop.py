@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
+import numpy as np
+
 from taichisoft.base.processes import deferred_signals, stop_if_asked
 from taichisoft.base.text import warn_caller
 from taichisoft.control.control import Control, Controller, KeyEvent
 from taichisoft.errors import ControlError, GoalMissed, PluginError, TaichisoftError
 from taichisoft.running.hooks import notify
 from taichisoft.running.plugins import failures_of
-from taichisoft.running.session import BINDINGS, FILE_NAME, KeyLog, Output, Session
+from taichisoft.running.session import BINDINGS, FILE_NAME, KeyLog, Output, Pull, Session
 from taichisoft.running.simulation import Simulation
 from taichisoft.running.training_watch import TrainingWatch
 from taichisoft.scene.scene import Scene
@@ -49,6 +51,9 @@ class KeyHandling:
     def handle_keys(self) -> None:
         """Handle the keys since the last call."""
         for event in self._new_events():
+            if event.pointer is not None:
+                self._pull(event.key, event.pointer)
+                continue
             self._session.recent_keys.append(event)
             action = self._actions.get(event.key) if event.value is None else None
             if action is not None:
@@ -72,9 +77,9 @@ class KeyHandling:
             return
         for event in session.replay.take(session.steps_made):
             self._write(event)
-            if event.value is not None or event.key not in WAITING_KEYS:
+            if not (_is_key(event) and event.key in WAITING_KEYS):
                 yield event
-        yield from (event for event in pressed if event.value is None and event.key in BINDINGS and event.key != "r")
+        yield from (event for event in pressed if _is_key(event) and event.key in BINDINGS and event.key != "r")
 
     def _write(self, event: KeyEvent) -> None:
         if self._log is None:
@@ -86,6 +91,16 @@ class KeyHandling:
         if self._session.folder is not None:
             self._log = KeyLog(self._session.folder / FILE_NAME)
 
+    def _pull(self, body: str, pointer: Sequence[float]) -> None:
+        """Pick, pull or let go a body."""
+        session = self._session
+        if not pointer:
+            session.pull = None
+        elif session.pull is None or session.pull.body != body:
+            session.pull = Pull(session.simulation.model, session.simulation.state, body, pointer)
+        else:
+            session.pull.pointer = np.array(pointer)
+
     def _toggle_pause(self) -> None:
         self._session.paused = not self._session.paused
 
@@ -95,6 +110,10 @@ class KeyHandling:
 
     def _show_help(self) -> None:
         self._session.shows_help = not self._session.shows_help
+
+
+def _is_key(event: KeyEvent) -> bool:
+    return event.value is None and event.pointer is None
 
 
 # A controller's memory as JSON: outputs keep it, and a run that resumes gives it back.
@@ -379,6 +398,8 @@ def _step(session: Session) -> StepReport:
     """Controller, step, outputs, hooks."""
     simulation = session.simulation
     control = _next_control(session)
+    if session.pull is not None and isinstance(control, Control) and isinstance(control.forces, Mapping):
+        control = session.pull.added_to(control, simulation.state)
     try:
         report = simulation.step(control)
     except ControlError as error:
@@ -423,6 +444,7 @@ def _take_key(session: Session, event: KeyEvent) -> None:
 def _restart(session: Session) -> None:
     session.simulation.strain_watch.restart()
     session.simulation.restore(session.first_state)
+    session.pull = None
     _begin_controller(session)
     for output in session.outputs:
         _call(output, output.restart, session.first_state)

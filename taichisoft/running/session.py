@@ -10,9 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from taichisoft.base.files import named_os_errors
-from taichisoft.control.control import Controller, KeyEvent, KeyStream, Slider
-from taichisoft.errors import PluginError, TaichisoftError
+from taichisoft.control.control import Control, Controller, Force, KeyEvent, KeyStream, Slider
+from taichisoft.errors import PluginError, TaichisoftError, nearest
 from taichisoft.step.time_stepper import TimeStepper
 
 if TYPE_CHECKING:
@@ -153,6 +155,8 @@ class KeyLog:
         more: dict[str, Any] = {"ctrl": True} if event.ctrl else {}
         if event.value is not None:
             more["value"] = event.value
+        if event.pointer is not None:
+            more["pointer"] = event.pointer
         self._write({"step": step, "key": event.key, **more})
 
     def end(self, step: int) -> None:
@@ -211,7 +215,57 @@ def _parse(line: str, where: str) -> tuple[int, KeyEvent | None]:
     value = content.get("value")
     if value is not None and (type(value) not in (int, float) or not math.isfinite(value)):
         raise KeyLogError(f"{where}: value = {value!r}: must be a finite number")
-    return content["step"], KeyEvent(content["key"], content.get("ctrl", False), value)
+    pointer = content.get("pointer")
+    if pointer is not None and not (
+        isinstance(pointer, list)
+        and len(pointer) in (0, 3)
+        and all(type(one) in (int, float) and math.isfinite(one) for one in pointer)
+    ):
+        raise KeyLogError(f"{where}: pointer = {pointer!r}: must be 3 finite numbers, or []")
+    pulled = None if pointer is None else tuple(map(float, pointer))
+    return content["step"], KeyEvent(content["key"], content.get("ctrl", False), value, pulled)
+
+
+# A body that a person pulls by a spring, from a point of it to a pointer.
+
+SWING = 20.0
+"""Angular frequency of the body's mass on the spring [rad/s]: strong enough to lift it by a few centimetres."""
+LARGEST_TURN = 0.2
+"""Most of a swing in a time step, beyond which the spring is weaker [rad]: it acts explicitly."""
+
+
+class Pull:
+    """A spring between a point of a body and a pointer; it damps rigid bodies, since soft ones have their own damping.
+
+    Attributes:
+        body: its name.
+        pointer: where the spring ends [mm], shape (3,).
+    """
+
+    def __init__(self, model: "Model", state: "State", body: str, picked: Sequence[float]):
+        """Hold what is at a place of a body in a state [mm].
+
+        Raises:
+            TaichisoftError: no body is called so, or a frame carries it.
+        """
+        places = model.external_forces
+        if body not in places.movable:
+            known = nearest(body, list(places.movable), "there are")
+            raise TaichisoftError(f"no body that can be pulled is called '{body}'; {known}")
+        self.body, self.pointer = body, np.array(picked)
+        self._places, self._number = places, places.names.index(body)
+        self._point = places.rest_of(state, self._number, self.pointer)
+        swing = min(SWING, LARGEST_TURN / model.scene.time.step)
+        soft = {one.name: float(one.node_mass.sum()) for one in model.soft_bodies}
+        rigid = {one.name: one.mass for one in model.rigid_bodies}
+        self._stiffness = (soft | rigid)[body] * swing**2
+        self._damping = rigid.get(body, 0.0) * swing
+
+    def added_to(self, control: Control, state: "State") -> Control:
+        """A controller's request with the force of the spring in place of its own on the body."""
+        place, velocity = self._places.motion(state, self._number, self._point)
+        force = self._stiffness * (self.pointer - place) - self._damping * velocity
+        return replace(control, forces={**control.forces, self.body: Force(force, point=self._point, steps=1)})
 
 
 # A run in progress, for life-cycle hooks, key sources and displays.
@@ -253,6 +307,7 @@ class Session:
         saved: the controller's memory then, as `Controller.save` gave it; None: `reset` alone.
         make_controller: makes the controller anew with changed settings; None: it cannot be made anew.
         tuned: settings of the controller that were changed since, by name.
+        pull: what a person pulls, or None.
         notice: text for displays about the session itself, such as why a setting was not tuned.
         stops: whether the run ends before the next step.
     """
@@ -298,6 +353,7 @@ class Session:
         self.saved = saved
         self.make_controller = make_controller
         self.tuned: dict[str, float] = {}
+        self.pull: Pull | None = None
         self.notice = ""
         self.stops = False
 

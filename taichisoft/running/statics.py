@@ -64,7 +64,7 @@ class Equilibrium:
         As `Simulation.linearise`, of the equilibrium from here. A contact at the limit of its friction slides on in
         the direction in which friction opposes it, which is where increasing loads have driven it; where they decrease
         it would stick. Contacts do not turn with bodies, which is exact on flat obstacles, and some percent between
-        pads and a rigid body.
+        pads and a rigid body; nor do forces from outside on rigid bodies.
 
         Args:
             controls: names of the controls by which to derive, see `Linearisation`; None: by all that can be varied.

@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 
 import taichisoft
 import taichisoft_gym.episode_start
+from taichisoft import Force, Observation, load_scene
 from taichisoft.errors import SceneError, StateError
 from taichisoft.mechanics import Modes
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -280,6 +281,18 @@ def test_argument_object_replaces_the_object() -> None:
         ("Grasp", {"randomisation": {"fiction": (0.1, 0.2)}}, "there is no 'fiction'; did you mean 'friction'"),
         ("Grasp", {"randomisation": {"mass": (2.0, 1.0)}}, "randomisation['mass']"),
         ("Grasp", {"randomisation": {"friction": 0.5}}, "randomisation['friction'] = 0.5: must be"),
+        (
+            "Grasp",
+            {"randomisation": {"push": (5.0, 1.0)}},
+            "randomisation['push'] = (5.0, 1.0): must be",
+        ),
+        ("Grasp", {"randomisation": {"push": (-5.0, 1.0)}}, "randomisation['push'] = (-5.0, 1.0): must be"),
+        (
+            "Grasp",
+            {"randomisation": {"push_chance": 2.0}},
+            "randomisation['push_chance'] = 2.0: must be",
+        ),
+        ("Reach", {"randomisation": {"push": (0.0, 9.0)}}, "randomisation['push']: the scene has no rigid body"),
         ("Grasp", {"object": {"weight": 1.0}}, "rigid_bodies.cube.weight"),
         ("Grasp", {"objects": {"cube": 3}}, "object = 3: must be a dictionary of keys of a rigid body"),
         ("Grasp", {"objects": {}}, "objects: must be changed keys"),
@@ -477,6 +490,50 @@ def test_a_difficulty_is_the_share_of_all_ranges() -> None:
     whole = env.reset(seed=0, options={"difficulty": 1.0})[1]["randomised"]
     for name, value in whole.items():
         assert half[name] - easy[name] == pytest.approx(0.5 * (value - easy[name]))
+
+
+def test_pushes_are_drawn_and_last_a_control_period() -> None:
+    """Half of the periods, amounts within the range, in all directions; the same seed repeats them, none is at 0."""
+    env = make("Grasp", randomisation={"push": (1.0, 2.0), "push_chance": 0.5})
+    still = np.zeros(env.action_space.shape)
+    runs = []
+    for difficulty in (1.0, 1.0, 0.0):
+        env.reset(seed=3, options={"difficulty": difficulty})
+        seen = []
+        for _ in range(40):
+            env.step(still)
+            seen.append(env.get_wrapper_attr("simulation").observe().external_forces["cube"])
+        runs.append(np.array(seen))
+    first, again, easy = runs
+    np.testing.assert_array_equal(first, again)
+    amounts = np.linalg.norm(first, axis=1)
+    assert not easy.any() and 10 < (amounts > 0.0).sum() < 30
+    assert 1.0 <= amounts[amounts > 0.0].min() < 1.3 and 1.7 < amounts.max() <= 2.0
+    assert (first.min(axis=0) < 0.0).all() and (first.max(axis=0) > 0.0).all()
+
+
+class Pushed(SoftRobotEnvironment):
+    """The cube is pushed for two steps of each control period, and observed."""
+
+    usual_scene = str(TINY_GRIPPER)
+    usual_pressure = (0.0, 15.0)
+    observations = ("external force",)
+
+    def pushes(self) -> dict[str, Force | None]:
+        return {self.object: Force([3.0, 0.0, 0.0], steps=2)}
+
+    def reward(self, seen: Observation) -> float:
+        return float(seen.object_velocities[self.object][0])
+
+
+def test_own_pushes_act_for_their_steps() -> None:
+    env = Pushed(scene=load_scene(TINY_GRIPPER, ("gravity=[0,0,0]", "rigid_bodies.cube.position=[0,0,60]")))
+    env.reset(seed=0)
+    for number in range(1, 4):
+        readings, speed, *_ = env.step(np.full(2, -1.0))
+        assert speed == pytest.approx(number * 2 * 0.01 * 3.0 / 0.001)
+        assert not readings.any()  # it was over
+    assert env.channels[0].name == "external force right"
 
 
 class Pull(SoftRobotEnvironment):

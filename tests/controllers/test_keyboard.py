@@ -47,6 +47,19 @@ def test_plus_and_minus_change_all_pressures_by_a_kilopascal() -> None:
     assert press(controller, "-").pressure == dict.fromkeys(CAVITIES, 2.0)
 
 
+def test_key_pushes_the_object_once() -> None:
+    """To the right, which is y where x is up, and turns with the gripper; for 0.1 s of ten steps."""
+    controller = ready(push=50.0)
+    assert controller.bindings["o"] == "push cube to the right by 50 mN"
+    force = press(controller, "o").forces["cube"]
+    assert force is not None and force.steps == 10
+    np.testing.assert_allclose(force.force, [0.0, 50.0, 0.0])
+    assert press(controller).forces == {}
+    turned = press(controller, *8 * "a", "o").forces["cube"]
+    assert turned is not None
+    np.testing.assert_allclose(turned.force, [0.0, 0.0, 50.0], atol=1e-9)
+
+
 def test_digit_selects_a_finger_and_zero_selects_all() -> None:
     controller = ready()
     assert controller.status == "all fingers selected"

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up import CAVITIES, controller_of, follow, made_up_model, pressures, refusal, write
 
-from taichisoft import Control, Controller, Observation
+from taichisoft import Control, Controller, Observation, Simulation, load_scene
 from taichisoft.errors import SceneError
+from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_controllers.script_file import read_keyframes
 from taichisoft_controllers.scripted_controller import scripted_controller
 
@@ -377,3 +378,71 @@ def test_steps_without_pressure_cannot_be_scaled(tmp_path: Path) -> None:
     path = write(tmp_path, "steps = [{ hold = 1.0 }]")
     with pytest.raises(SceneError, match="has no pressure above 0"):
         scripted_controller(path, pressure=50.0)
+
+
+# Forces from outside.
+
+FREE = ("gravity=[0,0,0]", "rigid_bodies.cube.position=[0,0,60]")
+"""Nothing touches or moves the cube of the tiny gripper, of 1 g."""
+PUSHES = """
+keyframes = [
+    {time = 0.0, pressure = 0.0},
+    {time = 0.1, pressure = 0.0, forces.cube = {force = [2.0, 0.0, 0.0], torque = [0.0, 0.0, 1.0]}},
+    {time = 0.2, pressure = 0.0, forces = {cube.force = [2.0, 0.0, 0.0], left = {force = [0.0, 1.0, 0.0], POINT}}},
+    {time = 0.3, pressure = 0.0},
+]
+""".replace("POINT", "point = [-9.0, 6.0, 16.0], axes = 'own'")
+
+
+def test_forces_of_keyframes_are_interpolated(tmp_path: Path) -> None:
+    """F t of a trapezium, with the force at the start of each step; a torque and a soft body's push between two."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, FREE))
+    controller = scripted_controller(write(tmp_path, PUSHES))
+    controller.reset(simulation.model)
+    seen = []
+    for _ in range(35):
+        simulation.step(controller.control(simulation.observe()))
+        seen.append(simulation.observe().external_forces)
+    along = np.interp(0.01 * np.arange(35), [0.0, 0.1, 0.2, 0.3], [0.0, 2.0, 2.0, 0.0])
+    np.testing.assert_allclose([forces["cube"][0] for forces in seen], along, atol=1e-9)
+    assert simulation.state.rigid_velocity[0, 0] == pytest.approx(0.01 * along.sum() / 0.001)
+    assert simulation.state.rigid_angular_velocity[0, 2] > 0.1
+    assert [forces["left"].any() for forces in seen] == [10 < number < 30 for number in range(35)]
+
+
+def test_forces_of_a_step_end_with_it(tmp_path: Path) -> None:
+    simulation = Simulation(load_scene(TINY_GRIPPER, FREE))
+    steps = "steps = [{hold=0.05}, {hold=0.1, forces.cube.force=[3.0, 0.0, 0.0]}, {hold=0.05}]"
+    controller = scripted_controller(write(tmp_path, steps))
+    controller.reset(simulation.model)
+    speeds = []
+    for _ in range(25):
+        simulation.step(controller.control(simulation.observe()))
+        speeds.append(simulation.state.rigid_velocity[0, 0])
+    np.testing.assert_allclose(speeds, 30.0 * np.clip(np.arange(1, 26) - 5, 0, 10), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("forces", "message"),
+    [
+        ("forces.cub.force=[1,0,0]", "0.forces: no body or frame is called 'cub'; did you mean 'cube'?"),
+        ("forces.cube=[1,0,0]", "0.forces.cube = [1, 0, 0]: "),
+        ("forces.cube.forse=[1,0,0]", "0.forces.cube.forse: unknown key; did you mean 'force'?"),
+        ("forces.cube.force=[1,0]", "0.forces.cube.force = [1, 0]: has 2 values; 3 are needed"),
+        ("forces.cube.force=[1,nan,0]", "0.forces.cube.force.1 = nan: input should be a finite number"),
+        ("forces.cube.axes='body'", "0.forces.cube.axes = 'body': input should be 'world' or 'own'"),
+        ("forces.left.force=[1,0,0]", "0.forces.left.point: a soft body needs one, a place at rest [mm] such as ["),
+        ("forces.left.point=[0,0,99]", "0.forces.left.point = [0.0, 0.0, 99.0]: lies "),
+    ],
+)
+@pytest.mark.parametrize("entry", ["keyframes = [{{time=0.0, pressure=0.0, {}}}]", "steps = [{{hold=1.0, {}}}]"])
+def test_forces_that_cannot_act_are_refused(tmp_path: Path, entry: str, forces: str, message: str) -> None:
+    path, model = write(tmp_path, entry.format(forces)), Simulation(load_scene(TINY_GRIPPER)).model
+    assert refusal(path, lambda file: scripted_controller(file).reset(model)).partition(".")[2].startswith(message)
+
+
+def test_point_of_a_force_stays_in_keyframes(tmp_path: Path) -> None:
+    later = PUSHES.replace("{force = [2.0, 0.0, 0.0], torque", "{point = [0, 0, 1], force = [2.0, 0.0, 0.0], torque")
+    path, model = write(tmp_path, later), Simulation(load_scene(TINY_GRIPPER)).model
+    message = refusal(path, lambda file: scripted_controller(file).reset(model))
+    assert message == "keyframes.2.forces.cube: point and axes must be those of the keyframe that has it first"

@@ -12,7 +12,8 @@ from taichisoft.running.session import KeyLog, KeyLogError, KeyReplay
 
 # Some library that Taichi loads lets this process round subnormal numbers to 0.
 values = st.none() | st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)
-events = st.builds(KeyEvent, st.text(min_size=1, max_size=8), st.booleans(), values)
+places = st.none() | st.just(()) | st.tuples(*3 * [values.filter(lambda value: value is not None)])
+events = st.builds(KeyEvent, st.text(min_size=1, max_size=8), st.booleans(), values, places)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -48,6 +49,9 @@ def test_killed_session_leaves_its_keys(tmp_path: Path) -> None:
         ('{"step": 4, "key": "a", "ctrl": "yes"}', 'must look like {"step": 12, '),
         ('{"step": 4, "key": "a", "value": NaN}', "line 2: value = nan: must be a finite number"),
         ('{"step": 4, "key": "a", "value": true}', "line 2: value = True: must be a finite number"),
+        ('{"step": 4, "key": "a", "pointer": [1, 2]}', "line 2: pointer = [1, 2]: must be 3 finite numbers, or []"),
+        ('{"step": 4, "key": "a", "pointer": [1, 2, NaN]}', "line 2: pointer = [1, 2, nan]: must be 3 finite numbers"),
+        ('{"step": 4, "key": "a", "pointer": "up"}', "line 2: pointer = 'up': must be 3 finite numbers"),
         ('{"step": 2, "key": "a"}', "line 2: step = 2: must not be below 3"),
     ],
 )
@@ -79,3 +83,4 @@ def test_stream_gives_each_key_once_and_in_order() -> None:
 def test_keys_are_written_as_people_write_them() -> None:
     assert [str(KeyEvent("up")), str(KeyEvent("+", ctrl=True))] == ["up", "Ctrl++"]
     assert str(KeyEvent("left.air", value=12.5)) == "left.air=12.5"
+    assert str(KeyEvent("cube", pointer=(1.0, 2.5, 3.0))) == "cube at 1, 2.5, 3"

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -103,6 +103,22 @@ class PanelViewer:
     def press(self, key: str) -> None:
         """Press a hotkey ("arrowup")."""
         self.send({"type": "CommandTriggerMessage", "uuid": self.commands[key]})
+
+    def drag(self, body: str, phase: str, start: Sequence[float], end: Sequence[float]) -> None:
+        """Drag a body with the left button and shift, from a place of it to another [mm]; "start", "update", "end"."""
+        message = {
+            "type": "SceneNodeDragMessage",
+            "phase": phase,
+            "name": f"/{body}",
+            "instance_index": None,
+            "start_position": [0.01 * float(one) for one in start],
+            "start_screen_pos": [0.5, 0.5],
+            "end_position": [0.01 * float(one) for one in end],
+            "end_screen_pos": [0.5, 0.5],
+            "button": "left",
+            "modifier": "shift",
+        }
+        self.send(message)
 
     def value(self, label: str) -> Any:
         """Value of the element with a label."""

@@ -112,3 +112,27 @@ def test_keys_and_buttons_inflate_what_the_page_shows(browser: Any, session: Ses
     assert np.abs(still - before).mean() < 0.001, "the camera moved, or the run was not paused"
     # The page says "paused" from the start, so that the text does not tell when the last state has been drawn.
     wait_for(lambda: np.abs(drawn(tab) - before).mean() > 0.002)
+
+
+def silicone(tab: Any) -> np.ndarray:
+    """Rows and columns of the pixels of silicone, which is greener than red, shape (count, 2)."""
+    picture = _screenshot(tab)
+    return np.argwhere(picture[..., 1] - picture[..., 0] > 0.08)
+
+
+def test_dragging_with_shift_pulls_a_pad(browser: Any, session: Session) -> None:
+    """Until the button is released."""
+    tab = opened(browser, session)
+    wait_for(lambda: len(silicone(tab)) > 500)
+    row, column = np.median(silicone(tab), axis=0)
+    tab.keyboard.down("Shift")
+    tab.mouse.move(column, row)
+    tab.mouse.down()
+    for step in range(1, 6):
+        tab.mouse.move(column, row - 4 * step)
+    wait_for(lambda: session.pull is not None)
+    pull = session.pull
+    assert pull is not None and pull.body in ("left", "right")
+    tab.mouse.up()
+    tab.keyboard.up("Shift")
+    wait_for(lambda: session.pull is None)

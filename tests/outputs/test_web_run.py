@@ -117,6 +117,36 @@ def test_controls_steer_the_run_and_their_log_replays(
     assert again.simulation.state == run.session.simulation.state
 
 
+def test_dragged_bodies_are_pulled_and_the_log_replays(
+    running: Callable[..., Any], tmp_path: Path, taichisoft_scene: Scene
+) -> None:
+    """The cube to the side until it is let go, beside a controller; its force is drawn and written; to the last bit."""
+    with running(tmp_path, controller=Constant()) as run, PanelViewer(run.url) as viewer:
+        simulation, along, up = run.session.simulation, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+        external, place = simulation.model.external_forces, simulation.state.rigid_position[0]
+
+        def force(body: str) -> Any:
+            return external.seen(simulation.state)[external.names.index(body)]
+
+        corner = place + 5.0 * (along + up)
+        viewer.drag("cube", "start", corner, corner + 20.0 * along)
+        run.wait_for(lambda: force("cube")[1] > 1.0)
+        viewer.drag("cube", "update", corner, corner + 40.0 * along)
+        run.wait_for(lambda: simulation.state.rigid_position[0, 1] > place[1] + 2.0)
+        text = r"cube pulled by \d+ mN"
+        run.wait_for(lambda: any(re.search(text, str(one)) for one in [*viewer.elements.values()]))
+        viewer.drag("cube", "end", corner, corner)
+        run.wait_for(lambda: not force("cube").any())
+        tip = simulation.model.soft_bodies[0].rest_position[-1]
+        viewer.drag("left", "start", tip, tip + 9.0 * up)
+        run.wait_for(lambda: force("left")[2] > 0.1)
+        viewer.drag("left", "end", tip, tip)
+        run.wait_for(lambda: run.session.pull is None)
+    again = Session(Simulation(taichisoft_scene), Constant(), replay=KeyReplay(tmp_path / "keys.jsonl"))
+    run_session(again)
+    assert again.simulation.state == run.session.simulation.state
+
+
 def test_sliders_follow_keys_and_other_viewers(running: Callable[..., Any]) -> None:
     with running() as run, PanelViewer(run.url) as one, PanelViewer(run.url) as other:
         one.find("left [kPa]")

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from scenes import silicone, simulate
 from test_laws_reduced import chamber, write_modes
 
-from taichisoft import Control, Force, Simulation, equilibrium
+from taichisoft import Control, Controller, Force, KeyEvent, Session, Simulation, equilibrium
 from taichisoft.base import matrices_from_quaternions
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, TaichisoftError
+from taichisoft.running.loop import run_session
 from taichisoft.scene import scene_from_dict
 
 SCENE = {
@@ -226,6 +227,38 @@ def test_what_drives_a_frame_holds_against_a_push() -> None:
         np.testing.assert_allclose(more[1], [acting, torque], atol=1e-9)
         np.testing.assert_allclose(more[0, 0], acting, atol=1e-9)
         np.testing.assert_allclose(simulation.observe().external_forces[name], acting)
+
+
+class Idle(Controller):
+    def control(self, observation: Any) -> Control:
+        return Control()
+
+
+def test_pointer_holds_a_body_by_a_spring() -> None:
+    """Of 400 / s^2 times its mass: it hangs 9810 / 400 mm below, under the point where it was picked, and not longer.
+
+    Later places move the spring's end; a body of another name cannot be pulled.
+    """
+    cube = {"box": [10, 10, 10], "mass": 0.002, "position": [1.0, 2.0, 3.0], "rotation": [0, 0, 20]}
+    simulation = simulate(
+        gravity=(0.0, 0.0, -9810.0), rigid_bodies={"cube": cube, "other": {**cube, "position": [50, 0, 0]}}
+    )
+    session = Session(simulation, Idle(), duration=6.0)
+    picked, last = np.array([2.0, 3.0, 8.0]), np.array([2.0, 23.0, 18.0])
+    for place in (picked, 0.5 * (picked + last), last):
+        session.keys.put(KeyEvent("cube", pointer=tuple(place.tolist())))
+    run_session(session)
+    state = simulation.state
+    turned = matrices_from_quaternions(
+        np.vstack([state.rigid_rotation[0], simulation.model.rigid_bodies[0].start_rotation])
+    )
+    held = state.rigid_position[0] + turned[0] @ turned[1].T @ (picked - cube["position"])
+    np.testing.assert_allclose(held, last - np.array([0.0, 0.0, 9810.0 / 400.0]), atol=0.05)
+    assert state.rigid_position[0, :2] == pytest.approx(held[:2], abs=0.2)
+    after = Session(simulation, Idle(), duration=0.1)
+    after.keys.put(KeyEvent("cub", pointer=(0.0, 0.0, 0.0)))
+    with pytest.raises(TaichisoftError, match="no body that can be pulled is called 'cub'; did you mean 'cube'"):
+        run_session(after)
 
 
 def test_equilibrium_takes_no_step_of_a_push(block: Callable[..., str]) -> None:

@@ -6,8 +6,9 @@ import ipaddress
 import logging
 import socket
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -16,6 +17,7 @@ import numpy as np
 
 from taichisoft import Scene
 from taichisoft.base import quaternion_from_matrix
+from taichisoft.control import KeyEvent
 from taichisoft.mechanics import ACTUATOR_KINDS, kind_called
 from taichisoft.mesh import split_triangles
 from taichisoft.scene import red_green_blue
@@ -322,6 +324,12 @@ class SceneView:
                 handle.position = origin * LENGTH_UNIT
                 handle.wxyz = quaternion_from_matrix(np.transpose(directions))
 
+    def let_pull(self, names: Collection[str], send: Callable[[KeyEvent], None]) -> None:
+        """Have bodies pulled by a pointer with the shift key, which sends where it is."""
+        for surface, mesh in zip(self._surfaces, self._meshes, strict=True):
+            if surface.kind in ("soft", "rigid") and surface.name in names:
+                mesh.on_drag("left", modifier="shift")(partial(_send_pointer, surface.name, send))
+
     def put_scales(self, handle: Any) -> None:
         """Keep an HTML element of the panel up to date with what colours and arrows mean."""
         self._scales_shown = handle
@@ -443,6 +451,16 @@ class SceneView:
         initial.look_at = camera.target * LENGTH_UNIT
         initial.up = camera.up
         initial.fov = float(np.radians(VERTICAL_ANGLE))
+
+
+async def _send_pointer(body: str, send: Callable[[KeyEvent], None], event: Any) -> None:
+    if event.phase == "start":
+        send(KeyEvent(body, pointer=_millimetres(event.start_position)))
+    send(KeyEvent(body, pointer=() if event.phase == "end" else _millimetres(event.end_position)))
+
+
+def _millimetres(place: Sequence[float]) -> tuple[float, ...]:
+    return tuple(float(one) / LENGTH_UNIT for one in place)
 
 
 def _opacity(kind: str) -> float | None:

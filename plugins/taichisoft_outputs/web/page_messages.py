@@ -57,8 +57,8 @@ class PageInstant:
         time: time of the run [s].
         poses: where everything is, by fields of `State`.
         lines: of each kind of actuators drawn as lines, by its name.
-        contact_points: points of contact [mm], shape (contact_count, 3).
-        contact_forces: forces on the second body of each contact [mN], shape (contact_count, 3).
+        contact_points: points of contact, and of a live run of forces from outside [mm], shape (force_count, 3).
+        contact_forces: forces on the second body of each contact, and from outside [mN], shape (force_count, 3).
         plotted: a row of `curves.plotted_row`, which begins with the efforts of all actuators.
         signals: numbers of the controller by name.
     """
@@ -115,6 +115,7 @@ class PageSetup:
         first: the state before the first step.
         run_bindings: what keys of the run itself do.
         controller_bindings: what keys of the controller do; empty where it has none.
+        pullable: names of the bodies that viewers can pull.
     """
 
     host: str
@@ -124,6 +125,7 @@ class PageSetup:
     first: Snapshot
     run_bindings: Mapping[str, str]
     controller_bindings: Mapping[str, str]
+    pullable: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,8 @@ class Controls:
                         self._add_group(effect, named)
                     self._add_hotkeys(effect, _all_keys(keys))
         with self._gui.add_folder("run", order=3.0):
+            if setup.pullable:
+                self._gui.add_markdown("Drag a body with shift to pull it.")
             self._add_speed(first)
             for key, effect in setup.run_bindings.items():
                 if key in HOTKEYS or key.isalnum():  # "?" is for terminals, which have no buttons
@@ -220,6 +222,7 @@ class LivePage:
         self._history = History(setup.first.instant)
         self.page = Page(setup.host, setup.port, setup.token, setup.content, setup.first.instant)
         self.page.server.gui.add_html(KEEP_KEYS_FROM_CAMERA)
+        self.page.view.let_pull(setup.pullable, tell)
         self.page.server.on_client_connect(self._arrived)
         self.page.server.on_client_disconnect(self._left)
 

@@ -135,6 +135,7 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
         first=first,
         run_bindings=BINDINGS,
         controller_bindings={} if session.replaying else dict(controller.bindings),
+        pullable=() if session.replaying else model.external_forces.movable,
     )
 
 
@@ -144,14 +145,17 @@ def snapshot(session: "Session", state: "State", observer: Observer | None = Non
     seen, report = (observer or Observer(model)).truth(state), session.simulation.report
     values = {figure.name: figure.values(seen) for figure in ON_PAGE}
     figures = {name: (list(of), np.array([*of.values()])) for name, of in values.items()}
+    points, forces = model.external_forces.arrows(state)
+    pull = session.pull
+    pulled = "" if pull is None else f"{pull.body} pulled by {np.linalg.norm(seen.external_forces[pull.body]):.0f} mN"
     lines = {kind.name: _lines(model, kind, state) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
     return Snapshot(
         PageInstant(
             state.time,
             ShownPoses(state.position.astype(np.float32), state.rigid_position, state.rigid_rotation),
             lines,
-            state.contact_point,
-            state.contact_impulse / model.scene.time.step,
+            np.concatenate([state.contact_point, points]),
+            np.concatenate([state.contact_impulse / model.scene.time.step, forces]),
             plotted_row(model.scene, state.actuator_effort, figures, state.rigid_position),
             dict(report.signals) if report is not None else {},
         ),
@@ -159,7 +163,7 @@ def snapshot(session: "Session", state: "State", observer: Observer | None = Non
         paused=session.paused,
         speed=session.pace.speed,
         real_time_factor=session.pace.real_time_factor,
-        status=" · ".join(filter(None, (session.controller.status, session.notice))),
+        status=" · ".join(filter(None, (session.controller.status, pulled, session.notice))),
     )
 
 
