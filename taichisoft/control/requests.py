@@ -342,6 +342,7 @@ def _example(model: Model, key: str, value: object) -> str:
         names |= dict.fromkeys((kind.effort.request, kind.coordinate.request), model.actuators.names_of(kind))
     names |= {VALVE.request: model.cavities.names, "pull_points": model.cables.names}
     names |= {"anchor_positions": [body.name for body in model.soft_bodies], "young_modulus": model.material_names}
+    names["forces"] = model.external_forces.names
     written = repr(value) if isinstance(value, Real) else "..."
     return f", such as {{'{names[key][0]}': {written}}}" if names.get(key) else ""
 

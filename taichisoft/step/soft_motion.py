@@ -198,8 +198,9 @@ class SoftMotion:
     def _sum_impulses(self, state: State, load: np.ndarray, anchors: kernels.Anchors) -> None:
         self.nodes.gravity[0] = state.gravity
         self.anchors.position[:] = state.anchor_position
-        self.nodes.impulse[self._pushed] = 0.0  # of reduced bodies, where nothing else acts
-        self._pushed = np.array([one.node for one in self.external], dtype=np.int32)
+        if self.external or self._pushed.size:
+            self.nodes.impulse[self._pushed] = 0.0  # of reduced bodies, where nothing else acts
+            self._pushed = np.array([one.node for one in self.external], dtype=np.int32)
         self._load[:] = load
         kernels.sum_impulses(
             self._time_step,

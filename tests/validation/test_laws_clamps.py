@@ -11,7 +11,7 @@ from conftest import Figures
 from scenes import silicone
 from scipy.spatial.transform import Rotation
 
-from taichisoft import Control, Simulation, equilibrium, rollouts
+from taichisoft import Control, Force, Simulation, equilibrium, rollouts
 from taichisoft.errors import SceneError
 from taichisoft.scene import scene_from_dict
 from taichisoft_outputs import read_recording
@@ -109,6 +109,16 @@ def test_frames_at_rest_feel_equal_and_opposite_forces(block: Block, figures: Fi
     assert seen.frame_forces["left"][0] > 1000.0
     figures.at_most("sum of the forces [mN]", np.abs(forces(bar).sum(axis=0)).max(), 1e-9)
     figures.at_most("sum of the torques [mN mm]", np.abs(about).max(), 1e-6)
+
+
+@pytest.mark.parametrize("newton", [1, 30])
+def test_frames_share_a_force_on_the_bar(block: Block, figures: Figures, newton: int) -> None:
+    """In its middle each bears half, at a held corner that frame bears all."""
+    bar = clamped(block((8, 2, 2), BAR), time={"dynamics": "static", "newton": newton})
+    for where, share in ((0.0, 3.0), (LENGTH / 2, 6.0)):
+        bar.step(Control(forces={"bar": Force([0.0, 0.0, 6.0], point=[where, 0.0, 0.0])}))
+        figures.close(f"force on the right frame, pushed at x = {where:g} mm [mN]", forces(bar)[1, 2], share, 1e-3)
+        figures.close("sum of both [mN]", forces(bar)[:, 2].sum(), 6.0, 1e-9)
 
 
 def test_what_carries_both_frames_feels_nothing_of_the_pull(block: Block, figures: Figures) -> None:
