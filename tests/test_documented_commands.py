@@ -288,9 +288,12 @@ def write_files_of_a_user(folder: Path) -> None:
         (folder / name).write_text(SOFA_SCENE)
     (folder / "keys.jsonl").write_text("")
     (folder / "my-script.csv").write_text("time,pressure\n0.0,0.0\n0.5,5.0\n")
-    stretch = np.linspace(1.0, 3.0, 40)
-    rows = (f"{one - 1.0:.4f},{0.05 * (one - one**-2.0):.6f}" for one in stretch)
+    strain = np.linspace(0.0, 2.0, 40)
+    stress = 0.05 * ((1.0 + strain) - (1.0 + strain) ** -2.0)
+    rows = [f"{one:.4f},{value:.6f}" for one, value in zip(strain, stress, strict=True)]
     (folder / "test.csv").write_text("\n".join(["strain,stress [MPa]", *rows]) + "\n")
+    rows = [f"Probe 1;{100 * one:.2f};{12.5 * value:.6f}" for one, value in zip(strain, stress, strict=True)]
+    (folder / "machine.csv").write_text("\n".join(["Probe;Dehnung;Zugkraft", *rows]).replace(".", ",") + "\n")
     for name in ("tube.py", "tube.toml"):
         shutil.copy(ROOT / "data" / "plugins" / name, folder / name)
     pages = {name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("plugins", "studies")}

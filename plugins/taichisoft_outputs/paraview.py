@@ -1,4 +1,4 @@
-"""A recording as VTU files for ParaView.
+"""A recording as VTU files for ParaView, or its surfaces as glTF.
 
 `body` numbers the bodies in the order of the scene: soft bodies, rigid bodies, obstacles. Quantities have units in
 their names, as columns of `run.csv` have.
@@ -17,6 +17,7 @@ from taichisoft.base import atomic_file
 from taichisoft.control import FIGURES, In
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, ActuatorKind, Plane, Stretches
+from taichisoft_outputs.drawing.colouring import PLAIN, body_colours
 from taichisoft_outputs.drawing.stage import square_of_plane
 from taichisoft_outputs.recording.reader import RecordedSurface, Recording
 from taichisoft_outputs.stress import recorded_stress, von_mises
@@ -275,6 +276,46 @@ def export_vtu(recording: Recording, instants: Iterable[int], folder: Path) -> l
         for name, files in written.items():
             write_pvd(folder / f"{name}.pvd", files)
     return [folder / f"{name}.pvd" for name in makers]
+
+
+def export_glb(recording: Recording, instants: Iterable[int], folder: Path) -> list[Path]:
+    """Write the surfaces of each instant as a binary glTF file, in metres and with the scene's up as y, as glTF wants.
+
+    Each surface is a mesh with its name and its colour in the scene.
+
+    Args:
+        instants: indices in the order of time; an iterator may show progress.
+        folder: gets "00000.glb" and so on.
+    """
+    from trimesh import Scene, Trimesh, transform_points
+    from trimesh.geometry import align_vectors
+    from trimesh.visual import TextureVisuals
+    from trimesh.visual.material import PBRMaterial
+
+    own = body_colours(recording.scene)
+    to_metres = align_vectors(recording.scene.up, [0.0, 1.0, 0.0])
+    to_metres[:3] *= 1e-3
+    surfaces = [*recording.surfaces, *(_square(plane, recording) for plane in recording.planes)]
+    written = []
+    for instant in instants:
+        drawn = Scene()
+        for surface in surfaces:
+            colour = [*own.get(surface.name, np.array(PLAIN[surface.kind])), 1.0]
+            material = PBRMaterial(name=surface.name, baseColorFactor=colour, roughnessFactor=0.8, doubleSided=True)
+            vertices = transform_points(surface.vertices(instant), to_metres)
+            mesh = Trimesh(vertices, surface.triangles, process=False)
+            mesh.visual = TextureVisuals(material=material)
+            drawn.add_geometry(mesh, node_name=surface.name, geom_name=surface.name)
+        path = folder / f"{instant:05d}.glb"
+        with atomic_file(path) as partial:
+            folder.mkdir(parents=True, exist_ok=True)
+            partial.write_bytes(drawn.export(file_type="glb"))
+        written.append(path)
+    return written
+
+
+EXPORTS: Mapping[str, Callable[[Recording, Iterable[int], Path], list[Path]]] = {"vtu": export_vtu, "glb": export_glb}
+"""By the name of the format."""
 
 
 def chosen_instants(recording: Recording, every: int | None, times: Sequence[float] | None) -> list[int]:

@@ -9,7 +9,7 @@ import typer
 from taichisoft.base import extra, require, say
 from taichisoft.errors import TaichisoftError
 from taichisoft.running import GoalOption, OutputsOption, SpeedOption, requested, takes_run_options
-from taichisoft_outputs.drawing.style import COLOURINGS, FPS, VIEWS, Style, parse_point, parse_size
+from taichisoft_outputs.drawing.style import COLOURINGS, FPS, VIEWS, Style, parse_point, parse_range, parse_size
 
 if TYPE_CHECKING:
     from taichisoft_outputs.recording.reader import Recording
@@ -20,24 +20,29 @@ if TYPE_CHECKING:
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder of the files  \\[default: vtu, beside RUN]")
+        Path | None, typer.Option("--output", "-o", help="Folder of the files  \\[default: vtu or glb, beside RUN]")
     ] = None,
     every: Annotated[int | None, typer.Option(metavar="N", help="Each N-th recorded instant  \\[default: 1]")] = None,
     time: Annotated[list[float] | None, typer.Option(help="The instant nearest to it \\[s] (repeatable).")] = None,
+    format: Annotated[
+        str, typer.Option(help="vtu: all quantities, for ParaView; glb: coloured surfaces, for Blender and slides.")
+    ] = "vtu",
 ) -> None:
-    """Write the instants of a recording for ParaView."""
+    """Write the instants of a recording for ParaView, or as glTF."""
     from rich.console import Console  # --help need not wait for any of these
     from rich.progress import track
 
-    from taichisoft_outputs.paraview import chosen_instants, export_vtu
+    from taichisoft_outputs.paraview import EXPORTS, ExportError, chosen_instants
     from taichisoft_outputs.recording.reader import read_recording
 
+    if format not in EXPORTS:
+        raise ExportError(f"--format {format}: must be {' or '.join(EXPORTS)}")
     with read_recording(run) as recording:
         instants = chosen_instants(recording, every, time)
         if recording.last_start and not time:
             typer.echo(f"the run was restarted; only the {len(instants)} instants after the last start are exported")
         shown = track(instants, description=f"exporting {len(instants)} instants", console=Console(stderr=True))
-        for path in export_vtu(recording, shown, output or run.parent / "vtu"):
+        for path in EXPORTS[format](recording, shown, output or run.parent / format):
             say(path)
 
 
@@ -162,6 +167,13 @@ def render(
     colour_by: Annotated[
         str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")
     ] = STYLE.colour_by,
+    colour_range: Annotated[
+        str | None,
+        typer.Option(metavar="LOW:HIGH", help="Values of the first and last of them  \\[default: what is reached]"),
+    ] = None,
+    colour_map: Annotated[
+        str, typer.Option(metavar="NAME", help="Map of Matplotlib for them, such as viridis.")
+    ] = STYLE.colour_map,
     cavity_pressure: Annotated[bool, typer.Option(help="Colour cavities by their pressure.")] = STYLE.cavity_pressure,
     cable_tension: Annotated[bool, typer.Option(help="Colour cables by their tension.")] = STYLE.cable_tension,
     arrows: Annotated[bool, typer.Option(help="Draw contact forces as arrows.")] = STYLE.arrows,
@@ -213,6 +225,8 @@ def render(
             background=background,
             transparent=transparent,
             colour_by=colour_by,
+            colour_range=parse_range(colour_range),
+            colour_map=colour_map,
             cavity_pressure=cavity_pressure,
             cable_tension=cable_tension,
             arrows=arrows,

@@ -183,9 +183,9 @@ def read_specimens(
     """
     for name, value in (("area", area), ("length", length)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise MaterialError(f"--{name} {value:g}: must be above 0")
+            raise MaterialError(f"{name} {value:g}: must be above 0")
     if unknown := next((quantity for quantity in columns if quantity not in QUANTITIES), None):
-        raise MaterialError(f"--columns {unknown}: must be one of {', '.join(QUANTITIES)}")
+        raise MaterialError(f"columns {unknown}: must be one of {', '.join(QUANTITIES)}")
     table = read_measured_table(path, MaterialError)
     pulled = "force" if area is not None or "force" in columns else "stress"
     kinds = ["extension"] if length is not None or "extension" in columns else ["stretch", "strain"]
@@ -196,7 +196,7 @@ def read_specimens(
         raise MaterialError(_missing(table, "extension" if length is not None else "", pulled))
     for given, key, kind in ((area, "area", pulled), (length, "length", along[0][0])):
         if given is None and kind in ("force", "extension"):
-            raise MaterialError(f"--columns {kind}: needs --{key}, that of the specimen at rest")
+            raise MaterialError(f"columns {kind}: needs {key}, that of the specimen at rest")
     count = len(along) if len(along) == len(across) else 1
     return [
         _specimen(table, *pair, area or 1.0, length or 1.0) for pair in zip(along[:count], across[:count], strict=True)
@@ -235,7 +235,7 @@ def _columns(table: MeasuredTable, kind: str, given: Mapping[str, str]) -> list[
         place = table.place(bare) if place is None else place
         if place is None:
             known = ", ".join(f"{number} '{name}'" for number, name in enumerate(table.names, 1))
-            raise MaterialError(f"--columns {kind}={given[kind]}: {table.path} has no such column; there are: {known}")
+            raise MaterialError(f"columns {kind}={given[kind]}: {table.path} has no such column; there are: {known}")
         return [(kind, place, UNIT.sub("", table.names[place]) + f" ({unit[1]})" if unit else table.names[place])]
     names = [name.lower() for name in table.names]
     for word in QUANTITIES[kind][0]:
@@ -254,17 +254,17 @@ def _missing(table: MeasuredTable, along: str, across: str) -> str:
     wanted = f"a column '{along}'" if along else "a column 'strain' or 'stretch'"
     message = f"{table.path}: no line names {wanted} and one '{across} ({'N' if across == 'force' else 'MPa'})'"
     if not any(table.names):
-        return f"{message}; its columns have no names; name them by their numbers, --columns 'strain=1 (%)'"
+        return f"{message}; its columns have no names; name them by their numbers, columns 'strain=1 (%)'"
     message += f"; line {table.header} has {', '.join(f'{name!r}' for name in table.names)}"
     lower = [name.lower() for name in table.names]
     machine = (*QUANTITIES["extension"][0], *QUANTITIES["force"][0])
     if any(name.startswith(machine) for name in lower):
-        message += ": --length and --area of the specimen at rest divide the extension and the force"
+        message += ": length and area of the specimen at rest divide the extension and the force"
     if any(re.search(r"(true|cauchy|wahre).*(stress|spannung)", name) for name in lower):
         message += ": true stress is over the area of the moment; divide it by the stretch"
     if any(re.search(r"(true|logarithmic|wahre).*(strain|dehnung)", name) for name in lower):
         message += ": a true strain is the logarithm of the stretch; give exp of it"
-    return f"{message}; --columns strain=NAME names others"
+    return f"{message}; columns strain=NAME names others"
 
 
 def _units(name: str) -> list[str]:

@@ -284,15 +284,16 @@ def _columns(curves: Characteristics) -> dict[str, np.ndarray]:
     }
     free = {
         "bending [degrees]": curves.bending,
-        "way of the tip [mm]": curves.travel,
+        "travel of the tip [mm]": curves.travel,
         "volume of the chambers [cm³]": curves.volumes / 1e3,
         f"air let in, at {curves.atmosphere:.4g} kPa [cm³]": curves.air / 1e3,
     }
     return {PRESSURE: curves.pressures, **free, **held, "stiffness [mN/mm]": curves.stiffness}
 
 
-def _text(value: float) -> str:
-    return "" if np.isnan(value) else f"{round(float(value), 6) + 0.0:.5g}"
+def _text(value: float, digits: int = 5) -> str:
+    """A number without what solvers leave over, and nothing where it is not known."""
+    return "" if np.isnan(value) else f"{round(float(value), 6) + 0.0:.{digits}g}"
 
 
 def _panels(first: Characteristics, second: Characteristics | None) -> list[Panel]:
@@ -311,7 +312,7 @@ def _panels(first: Characteristics, second: Characteristics | None) -> list[Pane
             "force on the block [mN]",
             [
                 (
-                    f"held at {mesh.bending[number]:.3g} degrees, {mesh.pressures[number]:g} kPa{of}",
+                    f"held at {_text(mesh.bending[number], 3)} degrees, {mesh.pressures[number]:g} kPa{of}",
                     mesh.pressures,
                     forces,
                 )

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from taichisoft.errors import SceneError
 from taichisoft.runtime import RUBBER_LAWS
 from taichisoft.scene import NotNegative, Number, Positive, Table
+from taichisoft_outputs.material_files import MaterialError
 from taichisoft_outputs.measured_table import MeasuredRow, MeasuredTable, read_measured_table
 from taichisoft_outputs.tension_test import (
     half_widths,
@@ -106,6 +107,9 @@ class Experiment(Table):
     curves: tuple[MeasuredCurve, ...] = ()
     """The measured quantities."""
 
+    no_effect_beside: ClassVar = {"test": ("duration", "quasi_static", "over", "over_column")}
+    own_keys: ClassVar = {"test": ("body", "columns", "area", "length")}
+
     @model_validator(mode="after")
     def _check_kind(self) -> Self:
         if (self.test is None) != bool(self.curves):
@@ -156,7 +160,10 @@ class Measurement:
 def read_measurement(experiment: Experiment, file: Path, key: str) -> Measurement:
     """Read the rows of an experiment; `key` is its place in the study, which begins errors."""
     if experiment.test is not None:
-        test = joined(read_specimens(file, experiment.columns, experiment.area, experiment.length))
+        try:
+            test = joined(read_specimens(file, experiment.columns, experiment.area, experiment.length))
+        except MaterialError as error:
+            raise StudyError(f"{key}: {error}") from error
         over, values = test.stretch - (experiment.test == "shear"), test.stress[None]
     else:
         table = read_measured_table(file, StudyError)

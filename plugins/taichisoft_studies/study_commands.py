@@ -180,7 +180,10 @@ def optimise(
         table = write_table(rows, output)
         _draw_curve(made, [figure.label(name) for name, figure in search.objectives.items()], output)
         print_statuses(console, Counter(row["status"] for row in rows), table)
-        winners = make_winners(search, made, output, workers, lambda line: print_line(console, line))
+        with progress_bar(console, "runs of winners", search.winners * len(search.by_scene())) as advance:
+            winners = make_winners(
+                search, made, output, workers, lambda line: print_line(console, line), lambda *_: advance("")
+            )
     for line in (f"winners in {output / WINNERS}", *draw_winner(winners[0], output / "winner")):
         print_line(console, line)
 

@@ -315,7 +315,12 @@ def _nearest(study: Optimisation, trials: Any) -> str:
 
 
 def make_winners(
-    study: Optimisation, trials: Any, output: Path, workers: Workers, say: Callable[[str], None]
+    study: Optimisation,
+    trials: Any,
+    output: Path,
+    workers: Workers,
+    say: Callable[[str], None],
+    made: Callable[[RunJob, Mapping[str, Any]], None] = lambda *_: None,
 ) -> list[RunJob]:
     """Run the best trials again with the changes of `finer`, recorded, and write `winners.csv`.
 
@@ -328,6 +333,7 @@ def make_winners(
         output: folder of the optimisation.
         workers: make the runs.
         say: called with each line about a winner.
+        made: called with each run that was made, and its record.
 
     Returns:
         The run of each winner, of several scenes the first; the best winner first.
@@ -343,7 +349,7 @@ def make_winners(
         assert record is not None
         winners.append(trial_runs(again, record["parameters"], output))
     unique = {job.name: job for runs in winners for job in runs.jobs.values()}
-    records = {record["run"]: record for record in make_missing(list(unique.values()), workers)}
+    records = {record["run"]: record for record in make_missing(list(unique.values()), workers, made)}
     known = {**figures(study), **{f"{name} missed by": figure for name, figure in violations(study).items()}}
     finer = [f"{name} finer" for name in known] if study.finer else []
     rows: list[list[Any]] = [["trial", *study.variables, *known, *finer, STRETCH, "status", "folder"]]
@@ -351,13 +357,13 @@ def make_winners(
         runs.records.update({scene: records[job.name] for scene, job in runs.jobs.items()})
         record, first = runs.record, next(iter(runs.jobs.values()))
         coarse: list[Any] = [*trial.values, *trial.user_attrs[VIOLATIONS]]
-        say(f"best: trial {trial.number}: {value_line(known, coarse)}")
+        say(f"best: trial {trial.number}: {_result_line(study, coarse)}")
         values: list[Any] = [""] * len(finer)
         if not accepted(study, record):
             say(f"  made again: {record['status']}: {record['message']}")
         elif finer:
             values = [figure(record, runs.place) for figure in known.values()]
-            say(f"  on the finer mesh: {value_line(known, values)}")
+            say(f"  on the finer mesh: {_result_line(study, values)}")
         over = stretch_over_law(runs)
         if over > 1.0:
             say(f"  stretched to {over:.3g} times that up to which its law holds: beyond it, forces are not realistic")
@@ -399,6 +405,14 @@ def draw_winner(job: RunJob, folder: Path) -> list[str]:
             except MeshError as error:
                 lines.append(f"{name}: no mould: {error}")
     return lines
+
+
+def _result_line(study: Optimisation, values: Sequence[float]) -> str:
+    """The objectives of a trial, then by how much each constraint holds."""
+    count = len(study.objectives)
+    margins = zip(study.constraints, values[count:], strict=True)
+    held = (f"{name} {'missed' if value > 0.0 else 'holds'} by {abs(value):.4g}" for name, value in margins)
+    return "; ".join([value_line(study.objectives, values[:count]), *held])
 
 
 def value_line(names: Mapping[str, Any], values: Sequence[float]) -> str:

@@ -142,6 +142,17 @@ def test_values_are_drawn_opaque_unless_asked_otherwise(gripper, style, opacity,
     assert [scale.title for scale in Colouring(gripper, style, FRAMES, gripper.surfaces).scales] == scales
 
 
+def test_range_and_map_are_those_chosen(gripper):
+    """The ends and the middle of viridis; values beyond an end have its colour."""
+    import matplotlib
+
+    style = Style(colour_by="displacement", colour_range=(2.0, 12.0), colour_map="viridis")
+    (scale,) = Colouring(gripper, style, FRAMES, gripper.surfaces).scales
+    assert (scale.low, scale.high, scale.top) == (2.0, 12.0, f"12 to {scale.highest:.3g}")
+    expected = matplotlib.colormaps["viridis"]([0.0, 0.0, 0.5, 1.0, 1.0])[:, :3]
+    np.testing.assert_allclose(scale.colours(np.array([0.0, 2.0, 7.0, 12.0, 99.0])), expected, atol=2e-3)
+
+
 def test_colours_mean_what_the_bars_say(gripper):
     colouring = Colouring(gripper, Style(colour_by="displacement", section="z=0"), FRAMES, gripper.surfaces)
     first, second = colouring.scales

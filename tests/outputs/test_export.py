@@ -7,12 +7,21 @@ import numpy as np
 import pytest
 import pyvista
 import tiny_run
+import trimesh
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import Stretches
 from taichisoft.mesh import SIDES
 from taichisoft_outputs import Recording, RecordingError, read_recording
-from taichisoft_outputs.paraview import ExportError, chosen_instants, export_vtu, make_grid, write_pvd, write_vtu
+from taichisoft_outputs.paraview import (
+    ExportError,
+    chosen_instants,
+    export_glb,
+    export_vtu,
+    make_grid,
+    write_pvd,
+    write_vtu,
+)
 from taichisoft_outputs.stress import StressLaw, von_mises
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,6 +67,20 @@ def test_every_list_has_the_times_of_the_frames(exported: Path, recording: Recor
         assert reader.time_values == pytest.approx(recording.times[[0, FRAME, tiny_run.STEPS]])
         reader.set_active_time_point(1)
         np.testing.assert_array_equal(reader.read()[0].points, grid(exported, name, FRAME).points)
+
+
+def test_surfaces_are_gltf_in_metres(recording: Recording, tmp_path: Path) -> None:
+    """Areas and heights are those of the scene, whose up is y in glTF."""
+    (path,) = export_glb(recording, [FRAME], tmp_path)
+    drawn = trimesh.load(path)
+    assert set(drawn.geometry) >= {surface.name for surface in recording.surfaces}
+    for surface in recording.surfaces:
+        vertices = surface.vertices(FRAME)
+        mesh = drawn.geometry[surface.name]
+        assert mesh.area == pytest.approx(trimesh.Trimesh(vertices, surface.triangles).area / 1e6, rel=1e-4)
+        np.testing.assert_allclose(
+            np.sort(mesh.vertices[:, 1]), np.sort(vertices @ recording.scene.up) / 1e3, atol=1e-6
+        )
 
 
 def test_points_are_those_of_the_deformed_bodies(exported: Path, recording: Recording) -> None:

@@ -109,16 +109,16 @@ def test_force_of_several_specimens_is_read_by_columns(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "sizes", "expected"),
     [
-        ({"strian": "1"}, {}, "--columns strian: must be one of stretch, strain"),
-        ({"strain": "3 (%)"}, {}, "--columns strain=3 (%): "),
-        ({"strain": ""}, {}, "--columns strain=: "),
+        ({"strian": "1"}, {}, "columns strian: must be one of stretch, strain"),
+        ({"strain": "3 (%)"}, {}, "columns strain=3 (%): "),
+        ({"strain": ""}, {}, "columns strain=: "),
         ({"strain": "1 (mm)", "stress": "2 (kPa)"}, {}, "'A (mm)' needs a unit: %"),
-        ({"strain": "1 (%)", "force": "2 (N)"}, {}, "--columns force: needs --area"),
-        ({"strain": "1 (%)", "force": "2 (N)"}, {"area": 0.0}, "--area 0: must be above 0"),
+        ({"strain": "1 (%)", "force": "2 (N)"}, {}, "columns force: needs area"),
+        ({"strain": "1 (%)", "force": "2 (N)"}, {"area": 0.0}, "area 0: must be above 0"),
         (
             {"extension": "1 (mm)", "force": "2 (N)"},
             {"area": 1.0, "length": float("nan")},
-            "--length nan: must be above 0",
+            "length nan: must be above 0",
         ),
     ],
 )
@@ -253,9 +253,9 @@ def test_too_few_points_for_the_coefficients_are_warned_of(tmp_path: Path, count
         ("time,force\n1,2\n", "no line names a column 'strain' or 'stretch' and one 'stress (MPa)'"),
         (
             "Results\n\nTime,Extension,Load\n(s),(mm),(N)\n0,0.1,2\n",
-            "has 'Time (s)', 'Extension (mm)', 'Load (N)': --length and --area of the specimen at rest divide the",
+            "has 'Time (s)', 'Extension (mm)', 'Load (N)': length and area of the specimen at rest divide the",
         ),
-        ("Weg (mm);Kraft (N)\n0,1;2,0\n", "line 1 has 'Weg (mm)', 'Kraft (N)': --length and --area"),
+        ("Weg (mm);Kraft (N)\n0,1;2,0\n", "line 1 has 'Weg (mm)', 'Kraft (N)': length and area"),
         ("strain,true stress (kPa)\n0.1,2\n", "'true stress (kPa)': true stress is over the area of the moment"),
         ("true strain,stress (kPa)\n0.1,2\n", "a true strain is the logarithm of the stretch"),
         ("0.1,2\n0.2,3\n", "its columns have no names"),
@@ -285,6 +285,24 @@ def test_the_command_writes_a_material_that_a_scene_can_name(tmp_path: Path) -> 
     assert found.coefficients == pytest.approx({"c10": 40.0, "c20": 1.0, "c30": 0.1}, rel=1e-3)
     assert (found.law, found.highest_stretch, found.source) == ("yeoh", 3.0, "test.csv")
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_specimens_of_two_files_are_fitted_together(tmp_path: Path) -> None:
+    """One rubber, 10 and 20 mm^2 thick: each file has its own area, and the modulus has an interval."""
+    stress = nominal_stress("neo-hookean", {"mu": 50.0}, STRETCH)
+    for name, area in (("a", 10.0), ("b", 20.0)):
+        pairs = zip(STRETCH.tolist(), (area * stress / 1e3).tolist(), strict=True)
+        text = "".join(f"{100.0 * (one - 1.0):.5f};{force:.6f}\n" for one, force in pairs).replace(".", ",")
+        (tmp_path / f"{name}.csv").write_text("Dehnung (%);Prüfkraft\n" + text, encoding="cp1252")
+    command = ["fit", str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), "--law", "neo-hookean"]
+    command += ["--columns", "force=Prüfkraft (N)", "--area", "10"]
+    result = CliRunner().invoke(materials, [*command, "--area", "20"])
+    assert result.exit_code == 0, result.output
+    assert "mu = 50 (95 %: 5" in result.output or "mu = 50 (95 %: 49.99" in result.output
+    refused = CliRunner().invoke(materials, [*command, "--area", "20", "--area", "30"])
+    assert refused.exit_code == 2 and "3 given for 2 files" in refused.output
+    twice = CliRunner().invoke(materials, [*command, "--columns", "force=2"])
+    assert isinstance(twice.exception, MaterialError) and "names a quantity twice" in str(twice.exception)
 
 
 def test_shipped_materials_name_their_source() -> None:

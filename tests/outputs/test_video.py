@@ -400,6 +400,8 @@ def test_every_choice_of_a_style_has_an_option(short_run: Path, monkeypatch: pyt
         "background": ("--background", "#000000"),
         "transparent": ("--transparent",),
         "colour_by": ("--colour-by", "stress"),
+        "colour_range": ("--colour-range", "0:120"),
+        "colour_map": ("--colour-map", "viridis"),
         "cavity_pressure": ("--no-cavity-pressure",),
         "cable_tension": ("--no-cable-tension",),
         "arrows": ("--no-arrows",),

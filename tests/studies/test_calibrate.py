@@ -38,6 +38,7 @@ pytestmark = pytest.mark.usefixtures("taichisoft_plugins")
 MODULUS, DAMPING = "soft_bodies.left.young_modulus", "soft_bodies.left.rayleigh_stiffness"
 TIP = "tip_positions['left'][0]"
 TRUE = {MODULUS: 130.0, DAMPING: 0.05}
+OVER_PRESSURE = {"over": "pressures['left.cavity']", "curves": [{"column": "x", "quantity": TIP}]}
 BEND = Experiment(over_column="t", curves=({"column": "d", "quantity": TIP},))  # type: ignore[arg-type]
 
 
@@ -208,8 +209,25 @@ def test_tension_and_shear_give_one_modulus(tmp_path: Path) -> None:
     low, high = fit.intervals[key]
     assert low <= 1.0002 * 180.0 and 1.0002 * high >= 180.0 and high < 1.01 * low
     compressible = study.model_copy(update={"set": ("soft_bodies.left.poisson_ratio=0.3",)})
+    with pytest.raises(StudyError, match=r"study: columns strain=3: .* has no such column; there are: 1 'Dehnung', 2"):
+        read_measurement(study.experiments[0].model_copy(update={"columns": {"strain": "3"}}), files[0], "study")
     with pytest.raises(StudyError, match=r"experiments.0.body: law 'neo-hookean' with poisson_ratio = 0.3"):
         fit_parameters(compressible, data, tmp_path, Here(), lambda values, cost: None)
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"test": "tension", "quasi_static": True}, "quasi_static would have no effect beside test"),
+        ({**OVER_PRESSURE, "area": 2.0}, "area would have no effect unless test"),
+        ({"curves": OVER_PRESSURE["curves"], "test": "shear"}, "either curves of a run, or a test of a specimen"),
+        ({}, "either curves of a run, or a test of a specimen"),
+        ({"test": "bending"}, "tension"),
+    ],
+)
+def test_keys_of_other_experiments_are_refused(keys: dict[str, Any], expected: str) -> None:
+    with pytest.raises(ValueError, match=expected):
+        Experiment.model_validate(keys)
 
 
 def test_values_held_at_the_end_of_a_ramp_are_fitted(tmp_path: Path) -> None:
@@ -243,7 +261,6 @@ poisson_ratio = 0.3
 tip = { box = [[-1000.0, -1000.0, -1000.0], [1000.0, 1000.0, 1000.0]] }
 cavities = { cavity = { group = "cavity" } }
 """
-OVER_PRESSURE = {"over": "pressures['left.cavity']", "curves": [{"column": "x", "quantity": TIP}]}
 
 
 @pytest.mark.parametrize(

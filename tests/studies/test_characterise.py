@@ -103,6 +103,7 @@ def test_datasheet_has_table_picture_and_page(found, tmp_path):
     said = trust_line(curves, finer, "a finer mesh")
     assert said == "With a finer mesh, bending differs by up to 9.1 % of its largest value, and forces by up to 25.0 %."
     text = page.read_text(encoding="utf-8")
+    assert "held at 0 degrees, 0 kPa" in text
     assert said in text and "growth of the chambers" in text and "air from a syringe at 101.3 kPa" in text
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "nothing is known of the error" in trust_line(curves, None, "")

@@ -125,7 +125,7 @@ def test_constraints_hold_across_runs(tmp_path: Path) -> None:
     workers = FewAtATime()
     lines: list[str] = []
     make_winners(study, trials, tmp_path, workers, lines.append)
-    assert lines[0].startswith(f"best: trial {best.number}: miss ") and "near missed by -" in lines[0]
+    assert lines[0].startswith(f"best: trial {best.number}: miss ") and "; near holds by " in lines[0]
     assert not any("finer" in line for line in lines)
     header, values = (line.split(",") for line in (tmp_path / "winners.csv").read_text().splitlines())
     assert header == ["trial", PRESSURE, "miss", "near missed by", STRETCH, "status", "folder"]
@@ -134,7 +134,7 @@ def test_constraints_hold_across_runs(tmp_path: Path) -> None:
     finer = study.model_copy(update={"finer": ("limits.highest_pressure=2.0",)})
     make_winners(finer, trials, tmp_path, workers, lines.append)
     (line,) = (line for line in lines if "finer" in line)
-    assert line == "  on the finer mesh: miss 4, near missed by -2.5"
+    assert line == "  on the finer mesh: miss 4; near holds by 2.5"
     header = (tmp_path / "winners.csv").read_text().split(",")
     assert header[4:6] == ["miss finer", "near missed by finer"]
 

@@ -265,6 +265,8 @@ PLAIN = {
 
 WALLS = frozenset(kind.name for kind in ACTUATOR_KINDS if kind.drawn == "walls")
 """Kinds of actuators whose effort the walls of cavities show."""
+MAP_STEPS = 17
+"""Colours that stand for a map of Matplotlib, with straight lines between them."""
 SAMPLES = 40
 """Number of instants, at most, in which the range of a quantity is looked for."""
 COVERED_SHARE = 0.995
@@ -365,10 +367,21 @@ class Colouring:
         else:
             shown = [sample[np.isfinite(sample)] for sample in samples]
         highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
-        scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, SOFT)
-        return with_ranges(
+        scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, _steps(style.colour_map))
+        scale = with_ranges(
             replace(scale, highest=max(float(np.max(some, initial=0.0)) for some in shown)), style.ranges
         )
+        low, high = style.colour_range or (scale.low, scale.high)
+        return replace(scale, low=low, high=high)
+
+
+def _steps(colour_map: str) -> Sequence[tuple[float, float, float]]:
+    """Colours of evenly spaced values: those of a map of Matplotlib, or our own."""
+    if not colour_map:
+        return SOFT
+    from matplotlib import colormaps
+
+    return [(red, green, blue) for red, green, blue, _ in colormaps[colour_map](np.linspace(0.0, 1.0, MAP_STEPS))]
 
 
 def at_corners(surface: RecordedSurface, values: np.ndarray) -> np.ndarray:

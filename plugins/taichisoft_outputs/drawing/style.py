@@ -50,6 +50,8 @@ class Style:
         transparent: whether pictures have no background, but for shadows: they have a fourth number, the opacity.
         colour_by: what the colours of soft bodies mean: "none", "displacement" [mm], "stress" (von Mises) [kPa]
             or "strain" (the largest principal one) [-].
+        colour_range: values of the first and the last of these colours; None for what the drawn instants reach.
+        colour_map: name of Matplotlib's that has these colours; "" for our own.
         cavity_pressure: whether cavities have the colour of their pressure.
         cable_tension: whether cables have the colour of their tension.
         arrows: whether contact forces are drawn as arrows.
@@ -76,6 +78,8 @@ class Style:
     background: tuple[float, float, float] | str | None = None
     transparent: bool = False
     colour_by: str = "none"
+    colour_range: tuple[float, float] | None = None
+    colour_map: str = ""
     cavity_pressure: bool = True
     cable_tension: bool = True
     arrows: bool = True
@@ -104,6 +108,16 @@ class Style:
             raise StyleError(
                 f"soft bodies cannot be coloured by '{self.colour_by}'; there are: {', '.join(COLOURINGS)}"
             )
+        if self.colour_by == "none" and (self.colour_range is not None or self.colour_map):
+            known = " or ".join(COLOURINGS[1:])
+            raise StyleError(f"a colour range or map needs colours that mean something: colour by {known}")
+        if self.colour_range is not None:
+            low, high = _numbers("colour range", self.colour_range, 2)
+            if not low < high:
+                raise StyleError(f"colour range {low:g}:{high:g}: the first must be below the second")
+            self._set("colour_range", (low, high))
+        if self.colour_map:
+            _check_colour_map(self.colour_map)
         if self.font_size is not None and not SMALLEST_LETTERS <= self.font_size <= 200.0:
             raise StyleError(f"font size {self.font_size:g}: letters must be {SMALLEST_LETTERS:g} to 200 pixels high")
         if self.section is not None:
@@ -188,6 +202,29 @@ def parse_point(name: str, text: str | None) -> tuple[float, float, float] | Non
     except ValueError:
         raise StyleError(f"{name} '{text}' must be three numbers in mm, as 300,-200,150") from None
     return x, y, z
+
+
+def parse_range(text: str | None) -> tuple[float, float] | None:
+    """Lowest and highest value from "0:120", or None from None."""
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise StyleError(f"colour range '{text}' must be two numbers, as 0:120") from None
+    return low, high
+
+
+def _check_colour_map(name: str) -> None:
+    from taichisoft.base import require
+
+    require("--colour-map", "matplotlib")
+    from matplotlib import colormaps
+
+    if name not in colormaps:
+        raise StyleError(
+            f"no colour map of Matplotlib is called '{name}'; there are viridis, cividis, inferno and more"
+        )
 
 
 def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
