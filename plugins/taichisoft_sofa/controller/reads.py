@@ -8,13 +8,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from taichisoft.base import matrices_from_quaternions
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.mechanics import State, embed
 from taichisoft_sofa.components.contact import CONSTRAINT_SOLVERS
 from taichisoft_sofa.components.reading import STATE, independent_state, inputs_of, mapping_of, node_of
-from taichisoft_sofa.components.states import base_frames, composed, index_pairs, is_rigid, relative, start_position
+from taichisoft_sofa.components.states import (
+    NO_POSE,
+    base_frames,
+    composed,
+    index_pairs,
+    is_rigid,
+    local_position,
+    relative,
+    rigid_indices,
+    start_position,
+)
 from taichisoft_sofa.controller.writes import DrivenFrames
 from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import SoftPart, Translation
@@ -159,15 +168,21 @@ class RunValues:
 
             self._provide(state.findData("position"), lambda: points(self._state.position, fixed))
             self._provide(state.findData("velocity"), lambda: points(self._state.velocity, np.zeros_like(fixed)))
-        elif name in rigid and name is not None:
-            number = rigid[name]
-            if mapping_of(state) is None:
-                point, turning = (7, 6) if is_rigid(state) else (3, 3)
-                self._provide(state.findData("position"), lambda: _pose(self._state, number)[:, :point])
-                self._provide(state.findData("velocity"), lambda: _twist(self._state, number)[:, :turning])
-            else:
-                local = start_position(state)[:, :3]
-                self._provide(state.findData("position"), lambda: _carried(self._state, number, local))
+        elif numbers := {one.index: rigid[key] for key, one in translation.rigid.items() if one.state is body}:
+            assert body is not None
+            start, mapping = start_position(body), mapping_of(state)
+            if mapping is not None:
+                local = local_position(state)[:, :3]
+                own = rigid_indices(mapping, len(local))
+                self._provide(
+                    state.findData("position"), lambda: composed(_poses(self._state, start, numbers)[own], local)
+                )
+                return
+            width, turning = (7, 6) if is_rigid(state) else (3, 3)
+            self._provide(state.findData("position"), lambda: _poses(self._state, start, numbers)[:, :width])
+            self._provide(
+                state.findData("velocity"), lambda: _velocities(self._state, len(start), numbers)[:, :turning]
+            )
 
     def _provide_parts(self, part: SoftPart, nodes: slice) -> None:
         """Provide the mechanical objects of which the scene puts a body together."""
@@ -233,15 +248,18 @@ def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]
     return nodes, weights
 
 
-def _pose(state: State, number: int) -> np.ndarray:
-    w, x, y, z = state.rigid_rotation[number]
-    return np.array([[*state.rigid_position[number], x, y, z, w]])
+def _poses(state: State, start: np.ndarray, numbers: dict[int, int]) -> np.ndarray:
+    """Poses of frames, shape (count, 7), of rigid bodies by their frames; others are where they are at the start."""
+    poses = np.tile(NO_POSE, (len(start), 1))
+    poses[:, : start.shape[1]] = start
+    for index, number in numbers.items():
+        w, x, y, z = state.rigid_rotation[number]
+        poses[index] = [*state.rigid_position[number], x, y, z, w]
+    return poses
 
 
-def _twist(state: State, number: int) -> np.ndarray:
-    return np.array([[*state.rigid_velocity[number], *state.rigid_angular_velocity[number]]])
-
-
-def _carried(state: State, number: int, local: np.ndarray) -> np.ndarray:
-    turn = matrices_from_quaternions(state.rigid_rotation[number : number + 1])[0]
-    return state.rigid_position[number] + local @ turn.T
+def _velocities(state: State, count: int, numbers: dict[int, int]) -> np.ndarray:
+    velocities = np.zeros((count, 6))
+    for index, number in numbers.items():
+        velocities[index] = [*state.rigid_velocity[number], *state.rigid_angular_velocity[number]]
+    return velocities

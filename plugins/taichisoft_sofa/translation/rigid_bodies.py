@@ -9,9 +9,17 @@ from scipy.spatial import Delaunay, QhullError
 from scipy.spatial.transform import Rotation
 
 from taichisoft.mesh import tetrahedron_volumes
-from taichisoft_sofa.components.draft import SPRING, DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
+from taichisoft_sofa.components.draft import (
+    SPRING,
+    DraftAnchor,
+    DraftBody,
+    DraftFrame,
+    DraftMaterial,
+    DraftSurface,
+    SceneDraft,
+)
 from taichisoft_sofa.components.dynamics import HELD
-from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of
+from taichisoft_sofa.components.reading import STATE, inputs_of, is_assembled, mapping_of, nearest, node_of
 from taichisoft_sofa.components.states import (
     DrivenFrameTarget,
     PointsTarget,
@@ -179,6 +187,60 @@ def _filled(position: np.ndarray, points: np.ndarray) -> np.ndarray:
     return corners[np.abs(volumes) > FLATTEST * longest**3]
 
 
+# The frames of one mechanical object, each a rigid body.
+
+
+def frames_apart(body: DraftBody) -> list[DraftBody]:
+    """The frames of a body as bodies; the body itself if it has one or is not rigid."""
+    count = len(body.position)
+    if not body.rigid or count == 1:
+        return [body]
+    mass = body.mass
+    if mass is not None and mass.total is not None:
+        mass = replace(mass, total=mass.total / count)
+    carriers = {path: _carriers(surface, body) for path, surface in body.surfaces.items()}
+    return [
+        replace(
+            body,
+            position=body.position[[index]],
+            index=index,
+            mass=mass,
+            anchors=[_at(anchor, index) for anchor in body.anchors if index in anchor.points],
+            forces=[replace(push, forces=push.forces[push.points == index]) for push in body.forces],
+            surfaces={
+                path: surface.on(carriers[path] == index)
+                for path, surface in body.surfaces.items()
+                if index in carriers[path]
+            },
+            shapes=[] if index else body.shapes,
+        )
+        for index in range(count)
+    ]
+
+
+def _at(anchor: DraftAnchor, index: int) -> DraftAnchor:
+    """What holds one frame of those that an anchor holds."""
+    target, rows = anchor.target, np.flatnonzero(anchor.points == index)
+    if isinstance(target, PointsTarget):
+        target = replace(target, indices=target.indices[rows])
+    return replace(anchor, points=np.zeros(1, dtype=np.int64), target=target)
+
+
+def _carriers(surface: DraftSurface, body: DraftBody) -> np.ndarray:
+    """The frame of each point of a surface, shape (point_count,)."""
+    state = nearest(node_of(surface.component), {STATE})
+    assert state is not None
+    count, mapping = len(start_position(state)), mapping_of(state)
+    if mapping is not None and (
+        canonical(mapping.type_name) != "RigidMapping" or inputs_of(mapping)[0] is not body.state
+    ):
+        raise surface.component.refused(
+            f"follows {len(body.position)} frames by {mapping.type_name}; use a RigidMapping"
+        )
+    carriers = np.arange(count) if mapping is None else rigid_indices(mapping, count)
+    return np.repeat(carriers, len(surface.points) // max(count, 1))
+
+
 LONGEST = 1e9
 """Duration of a force that never ends [s]."""
 UNIT_INERTIA = np.eye(3)
@@ -187,9 +249,6 @@ UNIT_INERTIA = np.eye(3)
 
 def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a rigid body to a translation."""
-    if len(body.position) != 1:
-        draft.refuse(body.state, f"has {len(body.position)} rigid frames; one is known")
-        return
     if body.mass is None:
         draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
         return
@@ -230,7 +289,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     if solver is not None and solver.read_number("rayleighMass", default=0.0) > 0.0:
         draft.depart(f"{body.node.getPathName()}: rayleighMass does not slow a rigid body down here; in SOFA it does")
     _add_springs(name, body, table, draft, translation)
-    for push in body.forces:
+    for push in (push for push in body.forces if len(push.forces)):
         one = {"body": name, "force": push.forces.sum(axis=0).tolist(), "start": 0.0, "duration": LONGEST}
         translation.tables.setdefault("external_forces", []).append(one)
     translation.tables.setdefault("rigid_bodies", {})[name] = table
@@ -260,7 +319,7 @@ def _add_springs(
         if isinstance(anchor.target, PointsTarget):
             translation.add_frame(name, *anchor.target.frame_of(0))
         else:
-            translation.add_frame(name, body.state, 0)
+            translation.add_frame(name, body.state, body.index)
             draft.sprung[body.state] = None
 
 

@@ -12,7 +12,7 @@ from taichisoft_sofa.components.draft import DraftBody, DraftFrame, DraftSprings
 from taichisoft_sofa.components.force_fields import add_weak_elements
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
 from taichisoft_sofa.components.mappings import held_joints
-from taichisoft_sofa.components.reading import described, independent_state, node_of
+from taichisoft_sofa.components.reading import described, independent_state, mapping_of, node_of
 from taichisoft_sofa.components.states import (
     FrameMotion,
     FramePoses,
@@ -20,6 +20,7 @@ from taichisoft_sofa.components.states import (
     base_frames,
     composed,
     local_position,
+    rigid_indices,
     start_position,
     start_values,
 )
@@ -31,6 +32,7 @@ from taichisoft_sofa.translation.rigid_bodies import (
     add_rigid_body,
     add_rigid_parts,
     degrees,
+    frames_apart,
     groups_of,
     is_driven,
     joined,
@@ -104,8 +106,11 @@ def _end(state: "Component", point: int, translation: "Translation") -> "tuple[s
     name = translation.names.get(base) if base is not None else None
     if name in translation.soft:
         return name, start_position(state)[point, :3].tolist()
-    if name in translation.rigid:
-        return name, ([0.0, 0.0, 0.0] if state is base else local_position(state)[point, :3].tolist())
+    mapping = mapping_of(state)
+    index = point if mapping is None else rigid_indices(mapping, len(start_position(state)))[point]
+    for name, body in translation.rigid.items():
+        if body.state is base and (body.index == index or not body.rigid):
+            return name, ([0.0, 0.0, 0.0] if state is base else local_position(state)[point, :3].tolist())
     return None, start_position(state)[point, :3].tolist()
 
 
@@ -165,8 +170,7 @@ def own_bodies(draft: SceneDraft) -> list[DraftBody]:
             draft.depart(f"{path}: has no mass, so that the scene alone moves it; its spheres touch nothing")
         elif body.mass is not None and moves:
             draft.depart(f"{path}: its points are not joined and touch nothing; they are left out")
-    kept = [body for body in bodies if id(body) not in left_out]
-    return kept
+    return [frame for body in bodies if id(body) not in left_out for frame in frames_apart(body)]
 
 
 def _is_mere_points(body: DraftBody) -> bool:
@@ -246,7 +250,7 @@ def _give_surfaces(frame: DraftFrame, body: DraftBody, draft: "SceneDraft") -> N
 
 def placed_frame(body: DraftBody, draft: "SceneDraft") -> DraftFrame:
     """The frame of a rigid body that the scene places; springs lead it to its rest pose."""
-    state, index = body.state, 0
+    state, index = body.state, body.index
     for anchor in body.anchors:
         if isinstance(anchor.target, PointsTarget):
             state, index = anchor.target.frame_of(0)
@@ -526,7 +530,7 @@ def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Transl
     elif is_placed(body, solver):
         add_driven_body(name, placed_frame(body, draft), draft, translation)
     elif solver is None and body.shapes and not (body.surfaces and collides(draft)):
-        add_driven_body(name, DraftFrame(body.state, 0, {}, body.colours, body.shapes), draft, translation)
+        add_driven_body(name, DraftFrame(body.state, body.index, {}, body.colours, body.shapes), draft, translation)
     elif solver is None:
         add_obstacle(name, body, draft, translation)
     elif body.rigid or (len(body.position) == 1 and only_sphere(body) is not None):
