@@ -1,6 +1,6 @@
 """Points and cells of topologies: containers, regular and sparse grids, and what mappings make of other cells."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import trimesh
@@ -272,8 +272,7 @@ def stiffness_factors(topology: "Component", count: int) -> np.ndarray:
 def _content(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if not hasattr(grid, "_sparse"):
         grid._sparse = _make(grid)
-    found: tuple[np.ndarray, np.ndarray, np.ndarray] = grid._sparse
-    return found
+    return cast(tuple[np.ndarray, np.ndarray, np.ndarray], grid._sparse)
 
 
 def _surface(grid: "Component") -> tuple[np.ndarray, np.ndarray]:

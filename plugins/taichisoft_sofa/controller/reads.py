@@ -87,8 +87,7 @@ def moved_pose(pose: np.ndarray, start: np.ndarray, now: np.ndarray) -> np.ndarr
     turn, _ = Rotation.align_vectors(now - now.mean(axis=0), start - start.mean(axis=0))
     before = np.array([[*start.mean(axis=0), 0.0, 0.0, 0.0, 1.0]])
     after = np.array([[*now.mean(axis=0), *turn.as_quat()]])
-    found: np.ndarray = composed(after, relative(before, pose[None]))[0]
-    return found
+    return np.asarray(composed(after, relative(before, pose[None]))[0])
 
 
 class RunValues:

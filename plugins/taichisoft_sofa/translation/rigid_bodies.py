@@ -250,8 +250,7 @@ UNIT_INERTIA = np.eye(3)
 def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a rigid body to a translation."""
     if body.mass is None:
-        draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
-        return
+        raise body.state.refused("moves, but has no mass; add a UniformMass")
     for surface in body.surfaces.values():
         if not len(surface.triangles):
             draft.refuse(surface.component, NO_TRIANGLES)
@@ -303,10 +302,9 @@ def _add_springs(
     """Springs of a rigid body, to its rest pose or to a frame of another mechanical object."""
     for anchor in body.anchors:
         if anchor.directions != "xyz" or "springs" in table:
-            draft.refuse(
-                anchor.component, "holds a rigid body in part, or twice; one spring field holds all of it here"
+            raise anchor.component.refused(
+                "holds a rigid body in part, or twice; one spring field holds all of it here"
             )
-            return
         solver = draft.above(body.node, draft.solvers)
         table["springs"] = {
             "stiffness": float(anchor.stiffness),

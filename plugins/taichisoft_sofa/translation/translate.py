@@ -87,8 +87,7 @@ def _add_between(name: str, springs: DraftSprings, draft: "SceneDraft", translat
             ends.reverse()
         (owner, first), (other, second) = ends
         if owner not in translation.soft:
-            draft.refuse(springs.component, "joins no soft body; springs between rigid bodies are not there")
-            return
+            raise springs.component.refused("joins no soft body; springs between rigid bodies are not there")
         distance = float(springs.distances[number])
         stiff = {"axial_stiffness": float(springs.stiffness[number]) * distance, "rod": bool(springs.pushes[number])}
         if other is None:  # a place that nothing moves
@@ -444,8 +443,9 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         if contact := contact_table(draft):
             translation.tables["contact"] = contact
     translation.joints = held_joints(draft)
-    _add_bodies(bodies, frames, draft, translation)
-    add_springs(draft, translation)
+    with draft.refusing():
+        _add_bodies(bodies, frames, draft, translation)
+        add_springs(draft, translation)
     add_planes(draft, translation)
     add_picture(draft, translation)
     translation.sprung = draft.sprung
@@ -503,8 +503,7 @@ def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
 
 def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneDraft, translation: Translation) -> None:
     if len(bodies) > MOST_BODIES:  # each has its own meshes and surfaces, which would be written first
-        draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
-        return
+        raise bodies[MOST_BODIES].state.refused(f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
     names = body_names([*(body.node for body in bodies), *(node_of(frame.state) for frame in frames)])
     for name, frame in zip(names[len(bodies) :], frames, strict=True):
         add_driven_body(name, frame, draft, translation)
