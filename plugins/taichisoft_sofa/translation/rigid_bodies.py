@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import Delaunay, QhullError
 from scipy.spatial.transform import Rotation
 
-from taichisoft.mesh import tetrahedron_volumes
 from taichisoft_sofa.components.draft import (
     SPRING,
     DraftAnchor,
@@ -31,6 +29,7 @@ from taichisoft_sofa.components.states import (
     start_velocity,
     width_of,
 )
+from taichisoft_sofa.components.topologies import filled
 from taichisoft_sofa.translation.parts import NO_TRIANGLES, Translation, collides
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
@@ -41,8 +40,6 @@ STIFFENING = 1e4
 """Young's modulus of a rigid part over that of the body [-]."""
 STIFF = 1e6
 """Stiffness of springs that hold a frame of a soft body as if it were fixed [mN/mm]."""
-FLATTEST = 1e-4
-"""Volume over the cube of the longest edge, below which a tetrahedron is left out of a rigid part [-]."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,7 @@ def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
         for base, _ in base_frames(part.state, part.index):
             if (own := draft.bodies.get(id(base))) is not None and own.mass is not None:
                 draft.refuse(own.mass.component, "gives mass to a frame of a soft body; give it to the body's points")
-        tetrahedra = _filled(body.position, part.points)
+        tetrahedra = filled(body.position, part.points)
         if len(np.unique(tetrahedra)) < len(part.points):
             draft.refuse(
                 part.state, f"frame {part.index} moves freely, and its {len(part.points)} points fill no volume"
@@ -172,19 +169,6 @@ def _take_anchors(body: "DraftBody", mapping: "Component", draft: "SceneDraft") 
                 draft.refuse(anchor.component, f"holds points that are not in {body.node.getPathName()}")
                 continue
             body.anchors.append(replace(anchor, points=points, follows_rest=False))
-
-
-def _filled(position: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Tetrahedra that fill the hull of points, as indices of points, shape (count, 4); none for points of a plane."""
-    try:
-        corners = points[Delaunay(position[points]).simplices] if len(points) > 3 else np.zeros((0, 4), dtype=np.int64)
-    except QhullError:
-        return np.zeros((0, 4), dtype=np.int64)
-    volumes = tetrahedron_volumes(position, corners)
-    corners[volumes < 0.0] = corners[volumes < 0.0][:, [1, 0, 2, 3]]
-    edges = position[corners[:, [0, 0, 0, 1, 1, 2]]] - position[corners[:, [1, 2, 3, 2, 3, 3]]]
-    longest = np.linalg.norm(edges, axis=2).max(axis=1, initial=0.0)
-    return corners[np.abs(volumes) > FLATTEST * longest**3]
 
 
 # The frames of one mechanical object, each a rigid body.
