@@ -301,8 +301,8 @@ def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     if body.rigid and len(body.position) > 1:
         raise component.refused(f"moves one of {len(body.position)} frames; give it a MechanicalObject with one")
     target = FrameMotion(start, times, shifts) if body.rigid else MotionTarget(start, times, shifts)
-    directions = "xyz" if body.rigid else axes_of(component, "movedDirections", axes)
-    body.anchors.append(DraftAnchor(component, points, HELD, False, directions, target))
+    if directions := "xyz" if body.rigid else axes_of(component, "movedDirections", axes):
+        body.anchors.append(DraftAnchor(component, points, HELD, False, directions, target))
 
 
 FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": False, "fixedDirections": (BOOLS, (True, True, True))}
