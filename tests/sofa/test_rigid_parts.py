@@ -524,3 +524,35 @@ def test_sphere_in_the_node_of_a_frame_is_about_its_origin(folder: Path) -> None
     (ball,) = translate(loaded(folder, create, BODY)).tables["rigid_bodies"].values()
     assert ball["sphere"] == {"radius": 2.0}
     assert ball["position"] == [1.0, 2.0, 8.0]
+
+
+PLACED = """
+import Sofa
+
+class Lift(Sofa.Core.Controller):
+    def onAnimateBeginEvent(self, event):
+        self.dofs.position = self.dofs.position.value + [[0] * 7, [0, 0, 2, 0, 0, 0, 0]]
+
+def createScene(root):
+    root.dt = 0.01
+    collisions(root)
+    jaws = root.addChild("jaws")
+    jaws.addObject("EulerImplicitSolver")
+    jaws.addObject("CGLinearSolver")
+    poses = [[20 * i, 0, 0, 0, 0, 0, 1] for i in range(2)]
+    jaws.addObject("MechanicalObject", name="dofs", template="Rigid3", position=poses)
+    jaws.addObject("UncoupledConstraintCorrection")
+    for index in range(2):
+        skin = surface(jaws, "mesh/cube.obj", name=f"skin{index}", mapping="RigidMapping")
+        skin.getObject("RigidMapping").index = index
+    root.addObject(Lift()).dofs = jaws.dofs
+"""
+
+
+def test_points_on_placed_frames_are_read(folder: Path) -> None:
+    run = Run(folder, PLACED)
+    run.steps(3)
+    run.controller._values.observe(run.simulation.observe())
+    assert run.simulation.state.rigid_position == pytest.approx(np.array([[0, 0, 0], [20, 0, 6]]), abs=1e-9)
+    points = [run.root.jaws[f"skin{index}"].MechanicalObject.position.value for index in range(2)]
+    assert points[1] == pytest.approx(points[0] + [20, 0, 6], abs=1e-9)

@@ -109,7 +109,10 @@ class RunValues:
         for joint in driven.joints:
             self._provide(joint.state.findData("position"), partial(lambda joint: joint.angle[:, None], joint))
             self._provide(joint.state.findData("velocity"), partial(lambda joint: joint.velocity[:, None], joint))
-        for frames in driven.frames:
+        placed = {id(state) for state, _ in translation.driven.values()}
+        on_frames = (state for state in tree.components() if canonical(state.type_name) == STATE and mapping_of(state))
+        followers = [state for state in on_frames if id(carrier_of(state)) in placed]
+        for frames in (*driven.frames, *followers):
             self._provide(frames.findData("position"), partial(driven.poses, frames))
         for component in tree.components():
             kind = canonical(component.type_name)
@@ -229,6 +232,13 @@ class RunValues:
             "force": lambda: self._seen.cable_tensions[name] / self._effort_of_value,
         }.items():
             self._provide(cable.findData(data), value)
+
+
+def carrier_of(state: Component) -> Component | None:
+    """The mechanical object whose frames points follow by a RigidMapping, or None."""
+    mapping = mapping_of(state)
+    follows = mapping is not None and canonical(mapping.type_name) == "RigidMapping" and inputs_of(mapping)
+    return inputs_of(mapping)[0] if mapping is not None and follows else None
 
 
 def _no_force(state: Component) -> np.ndarray:
