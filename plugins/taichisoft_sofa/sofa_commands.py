@@ -3,14 +3,11 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from taichisoft.base import say
-
-if TYPE_CHECKING:
-    pass
 
 sofa = typer.Typer(help="Check scenes of SOFA, and convert them to native scenes.", no_args_is_help=True)
 

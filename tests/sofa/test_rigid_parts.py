@@ -447,3 +447,112 @@ def test_points_of_a_subset_are_those_of_the_body(folder: Path) -> None:
     translate(tree)
     with pytest.raises(SceneError, match="names point 999; there are 112, from 0 on"):
         np.array(tree.root.body.part.dofs.position.value)
+
+
+FRAMES = """
+def createScene(root):
+    root.dt = 0.01
+    root.gravity = [0, 0, -1000]
+    collisions(root, mu=0.0)
+    node = root.addChild("balls")
+    node.addObject("EulerImplicitSolver")
+    node.addObject("CGLinearSolver", threshold=1e-30)
+    poses = [[20 * i, 0, 9, 0, 0, 0, 1] for i in range(4)]
+    node.addObject("MechanicalObject", name="dofs", template="Rigid3", position=poses)
+    node.addObject("UniformMass", totalMass=0.04)
+    node.addObject("FixedProjectiveConstraint", indices=[1])
+    node.addObject("RestShapeSpringsForceField", points=[2], stiffness=50, angularStiffness=50)
+    node.addObject("ConstantForceField", indices=[3], forces=[[20, 0, 10, 0, 0, 0]])
+    node.addObject("UncoupledConstraintCorrection")
+    spheres = node.addChild("spheres")
+    places = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 3]]
+    spheres.addObject("MechanicalObject", name="points", position=places)
+    spheres.addObject("SphereCollisionModel", radius=2)
+    spheres.addObject("RigidMapping", rigidIndexPerPoint=[3, 2, 1, 0, 0])
+    floor = root.addChild("floor")
+    floor.addObject("MechanicalObject", name="dofs", template="Rigid3",
+                    position=[[0, 0, -9, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, 1]])
+    below = floor.addChild("below")
+    below.addObject("MechanicalObject", position=[[0, 0, 0]])
+    below.addObject("SphereCollisionModel", radius=4)
+    below.addObject("RigidMapping", index=1)
+"""
+
+
+def test_frames_of_one_object_are_bodies(folder: Path) -> None:
+    """One rests on a sphere, one is fixed, one hangs m g / k lower, one has the acceleration g + F / m."""
+    run = Run(folder, FRAMES)
+    count = 100
+    run.steps(count)
+    run.controller.control(run.simulation.observe())
+    dofs = run.root.balls.dofs.position.value
+    time = 0.01 * count
+    assert dofs[0, :3] == pytest.approx([0, 0, 4 + 1 + 2], abs=0.05)
+    assert dofs[1, :3] == pytest.approx([20, 0, 9])
+    assert dofs[2, :3] == pytest.approx([40, 0, 9 - 0.01 * 1000 / 50], abs=0.02)
+    moved = 0.5 * time * (time + 0.01)  # of implicit Euler
+    assert dofs[3, :3] == pytest.approx([60 + 2000 * moved, 0, 9 + (1000 - 1000) * moved], abs=1e-6)
+    points = run.root.balls.spheres.points.position.value
+    assert points[:4] == pytest.approx(dofs[::-1, :3], abs=1e-9)
+    assert np.linalg.norm(points[4] - points[3]) == pytest.approx(3.0)
+    assert run.root.balls.dofs.velocity.value[3, 0] == pytest.approx(2000 * time)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ('node.addObject("LinearMovementConstraint", keyTimes=[0], movements=[[0] * 6])', "moves one of 2 frames"),
+        ('node.addObject("PlaneForceField")', "acts on 2 frames; give each a MechanicalObject"),
+    ],
+)
+def test_frames_that_cannot_be_bodies_are_refused(folder: Path, lines: str, message: str) -> None:
+    create = 'node = root.addChild("two")\n'
+    create += 'node.addObject("MechanicalObject", template="Rigid3", position=[[0] * 6 + [1]] * 2)\n'
+    assert message in " ".join(translate(loaded(folder, create + lines)).refused)
+
+
+def test_sphere_in_the_node_of_a_frame_is_about_its_origin(folder: Path) -> None:
+    create = """
+    collisions(root)
+    node = root.addChild("ball")
+    for kind in ("EulerImplicitSolver", "CGLinearSolver", "UncoupledConstraintCorrection"):
+        node.addObject(kind)
+    node.addObject("MechanicalObject", template="Rigid3", position=[1, 2, 8, 0, 0, 0, 1])
+    node.addObject("UniformMass", totalMass=0.01)
+    node.addObject("SphereCollisionModel", radius=2)
+    """
+    (ball,) = translate(loaded(folder, create, BODY)).tables["rigid_bodies"].values()
+    assert ball["sphere"] == {"radius": 2.0}
+    assert ball["position"] == [1.0, 2.0, 8.0]
+
+
+PLACED = """
+import Sofa
+
+class Lift(Sofa.Core.Controller):
+    def onAnimateBeginEvent(self, event):
+        self.dofs.position = self.dofs.position.value + [[0] * 7, [0, 0, 2, 0, 0, 0, 0]]
+
+def createScene(root):
+    root.dt = 0.01
+    collisions(root)
+    jaws = root.addChild("jaws")
+    jaws.addObject("EulerImplicitSolver")
+    jaws.addObject("CGLinearSolver")
+    poses = [[20 * i, 0, 0, 0, 0, 0, 1] for i in range(2)]
+    jaws.addObject("MechanicalObject", name="dofs", template="Rigid3", position=poses)
+    jaws.addObject("UncoupledConstraintCorrection")
+    for index in range(2):
+        skin = surface(jaws, "mesh/cube.obj", name=f"skin{index}", mapping="RigidMapping")
+        skin.getObject("RigidMapping").index = index
+    root.addObject(Lift()).dofs = jaws.dofs
+"""
+
+
+def test_points_on_placed_frames_are_read(folder: Path) -> None:
+    run = Run(folder, PLACED)
+    run.steps(3)
+    run.controller._values.observe(run.simulation.observe())
+    assert run.simulation.state.rigid_position == pytest.approx(np.array([[0, 0, 0], [20, 0, 6]]), abs=1e-9)
+    points = [run.root.jaws[f"skin{index}"].MechanicalObject.position.value for index in range(2)]
+    assert points[1] == pytest.approx(points[0] + [20, 0, 6], abs=1e-9)

@@ -367,6 +367,21 @@ def test_position_constraint_moves_points_along_its_axes(folder: Path) -> None:
     assert abs(moved[5, 0]) > 1e-3
 
 
+@pytest.mark.parametrize(
+    "component",
+    [
+        '"PositionConstraint", indices=[], value=1',
+        '"LinearMovementConstraint", indices=[], keyTimes=[0, 1], movements=[[0, 0, 0], [1, 1, 1]]',
+        '"PartialLinearMovementConstraint", keyTimes=[0, 1], movements=[[0] * 3, [1] * 3], movedDirections=[0, 0, 0]',
+    ],
+)
+def test_constraints_of_nothing_move_nothing(folder: Path, component: str) -> None:
+    run = Run(
+        folder, f"\ndef createScene(root):\n    root.gravity = [0, 0, 0]\n    body(root).addObject({component})\n"
+    )
+    np.testing.assert_allclose(run.steps(2), run.start, atol=1e-12)
+
+
 PARTLY = """
 def createScene(root):
     root.gravity = [0, 0, 0]

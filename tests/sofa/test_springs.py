@@ -1,11 +1,12 @@
 """Springs, planes and collision spheres, against m g / k."""
 
 from pathlib import Path
+from textwrap import dedent
 
 import numpy as np
 import pytest
 from blocks import make_block
-from scenes_of_sofa import BODY, loaded, written
+from scenes_of_sofa import BODY, Run, loaded, written
 from test_rigid_parts import SERVO, started
 from test_rigid_parts import folder as folder
 
@@ -87,6 +88,27 @@ def test_springs_alone_hold_a_body(folder: Path, length: float) -> None:
     low, top = rest[:, 2] == rest[:, 2].min(), rest[:, 2] == rest[:, 2].max()
     each = 0.05 / len(rest) * 9810 / 50
     assert position[top, 2].mean() - position[low, 2] == pytest.approx(np.full(low.sum(), length + each), rel=1e-3)
+
+
+def test_springs_hold_points_without_cells(folder: Path) -> None:
+    """Four points of 0.01 kg hang on four that are fixed, by m g / k; in a plane they are refused."""
+    create = """
+    root.gravity = [0, 0, -9810]
+    node = root.addChild("net")
+    node.addObject("EulerImplicitSolver", rayleighMass=5)
+    node.addObject("SparseLDLSolver")
+    corners = [[x, y, z] for z in (0, -20) for x, y in ((0, 0), (10, 0), (10, 10), (0, 10))]
+    node.addObject("MechanicalObject", position=corners[:count])
+    node.addObject("UniformMass", vertexMass=0.01)
+    node.addObject("FixedProjectiveConstraint", indices=[0, 1, 2, 3])
+    ends = [[0, 1, 2, 3], [4, 5, 6, 7]] if count == 8 else [[0, 1], [2, 3]]
+    node.addObject("SpringForceField", indices1=ends[0], indices2=ends[1], stiffness=50, damping=0, lengths=[20] * 4)
+    """
+    hung = Run(folder, f"\ndef createScene(root):\n    count = 8{create}")
+    shift = hung.steps(200) - hung.start
+    assert shift[4:] == pytest.approx(np.tile([0.0, 0.0, -0.01 * 9810 / 50], (4, 1)), abs=1e-3)
+    refused = translate(loaded(folder, f"count = 4{dedent(create)}", BODY)).refused
+    assert any("which fill no volume; give them a topology" in line for line in refused), refused
 
 
 @pytest.mark.parametrize(

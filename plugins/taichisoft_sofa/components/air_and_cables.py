@@ -217,7 +217,8 @@ def moved_points(component: "Component", draft: "SceneDraft") -> None:
         )
     axes = axes_of(component, "useDirections", component.read_numbers("useDirections"))
     target = ShiftedTarget(component, body.position[points])
-    body.anchors.append(DraftAnchor(component, points, HELD, False, axes, target))
+    # As in SOFA: without any axis, along all.
+    body.anchors.append(DraftAnchor(component, points, HELD, False, axes or "xyz", target))
 
 
 @component(

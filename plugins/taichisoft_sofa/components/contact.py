@@ -123,6 +123,8 @@ def friction_of(manager: "Component", draft: "SceneDraft") -> float:
 def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
     """Translate a plane that pushes the points of a body out of what is behind it."""
     body = draft.own_body_of(component)
+    if body.rigid and len(body.position) > 1:
+        raise component.refused(f"acts on {len(body.position)} frames; give each a MechanicalObject with one")
     normal = component.read_vector("normal", "planeNormal")
     length = float(np.linalg.norm(normal))
     if length == 0.0:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -147,6 +147,13 @@ class DraftSurface:
     is_carried: bool = False
     spheres: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
+    def on(self, points: np.ndarray) -> "DraftSurface":
+        """What is of it on some of its points, a mask of shape (count,); triangles with others are left out."""
+        spheres = self.spheres[points.reshape(len(self.spheres), -1).all(axis=1)] if len(self.spheres) else self.spheres
+        number = np.cumsum(points) - 1
+        triangles = number[self.triangles[points[self.triangles].all(axis=1)]]
+        return replace(self, points=self.points[points], triangles=triangles, spheres=spheres)
+
 
 @dataclass(frozen=True)
 class DraftCavity:
@@ -270,6 +277,7 @@ class DraftBody:
     Attributes:
         state: the mechanical object.
         position: initial points [mm] or poses, shape (count, 3) or (count, 7).
+        index: of the frame of a rigid body among those of the mechanical object.
         surfaces: collision surfaces by the path of their node.
         colours: colours of its visual models, "#rrggbb".
         shapes: points [mm] and triangles of the visual models of a rigid body, in its axes.
@@ -277,6 +285,7 @@ class DraftBody:
 
     state: "Component"
     position: np.ndarray
+    index: int = 0
     mass: Mass | None = None
     materials: list[DraftMaterial] = field(default_factory=list)
     anchors: list[DraftAnchor] = field(default_factory=list)
@@ -423,9 +432,12 @@ class SceneDraft:
         return self.joints.setdefault(id(state), DraftJoint(state))
 
     def points_of(self, component: "Component") -> np.ndarray:
-        """Points of the mechanical object in a component's node, mapped or independent [mm], shape (count, 3)."""
+        """Points of the mechanical object in a component's node, mapped or independent, and origins of frames in their
+        own axes [mm], shape (count, 3)."""
         state = nearest(node_of(component), {STATE})
-        return np.zeros((0, 3)) if state is None else local_position(state)[:, :3]
+        if state is None or is_rigid(state):
+            return np.zeros((0 if state is None else len(start_position(state)), 3))
+        return local_position(state)
 
     def points_in(self, component: "Component", body: DraftBody, *names: str) -> np.ndarray:
         """The points of a body that the first of these data names that the scene gives, shape (count,)."""

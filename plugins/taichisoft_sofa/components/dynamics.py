@@ -298,9 +298,11 @@ def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
         if body.rigid:
             raise component.refused("relativeMovements = false of a rigid body; give movements from its start")
         shifts = shifts - start[:1]
+    if body.rigid and len(body.position) > 1:
+        raise component.refused(f"moves one of {len(body.position)} frames; give it a MechanicalObject with one")
     target = FrameMotion(start, times, shifts) if body.rigid else MotionTarget(start, times, shifts)
-    directions = "xyz" if body.rigid else axes_of(component, "movedDirections", axes)
-    body.anchors.append(DraftAnchor(component, points, HELD, False, directions, target))
+    if directions := "xyz" if body.rigid else axes_of(component, "movedDirections", axes):
+        body.anchors.append(DraftAnchor(component, points, HELD, False, directions, target))
 
 
 FIXED = {"indices": (INDICES, (0,), FROM_0), "fixAll": False, "fixedDirections": (BOOLS, (True, True, True))}
@@ -318,8 +320,7 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
             raise component.refused("holds a rigid body along some axes; its place, its axes or both are held here")
         if place != axes:
             stiffness = HELD * held[[0, 3]]
-            own = DraftAnchor(component, np.zeros(1, dtype=np.int64), stiffness[0], True, angular=float(stiffness[1]))
-            body.anchors.append(own)
+            body.anchors.append(DraftAnchor(component, points, stiffness[0], True, angular=float(stiffness[1])))
             return
         held = held[:3]
     directions = axes_of(component, "fixedDirections", held)

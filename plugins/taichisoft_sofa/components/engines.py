@@ -207,8 +207,7 @@ def transformed_points(engine: "Component") -> np.ndarray:
         raise engine.refused(f"rotation has {len(turn)} numbers; three angles or a quaternion are needed")
     if not engine.read_flag("inverse"):
         return placed(points, scale.tolist(), turn.tolist(), shift.tolist())
-    back: np.ndarray = Rotation.from_euler("xyz", turn, degrees=True).inv().apply(points - shift) / scale
-    return back
+    return np.asarray(Rotation.from_euler("xyz", turn, degrees=True).inv().apply(points - shift) / scale)
 
 
 def mapped_values(engine: "Component") -> np.ndarray:

@@ -10,7 +10,7 @@ from taichisoft.errors import MeshError, SceneError
 from taichisoft.mesh import divided_hexahedra
 from taichisoft_sofa.components.draft import DraftMaterial, SceneDraft
 from taichisoft_sofa.components.reading import TOPOLOGIES, computed, described, nearest, node_of, topology_of
-from taichisoft_sofa.components.topologies import divided, hexahedra_of, stiffness_factors
+from taichisoft_sofa.components.topologies import divided, filled, hexahedra_of, stiffness_factors
 from taichisoft_sofa.tree.component import Component, component, live, unused
 from taichisoft_sofa.tree.value_kinds import FROM_0, LINK, RATIO
 
@@ -216,11 +216,17 @@ WEAK = 1e-12
 
 
 def add_weak_elements(draft: SceneDraft) -> None:
-    """Give bodies that springs alone hold the cells of their topologies as elements without stiffness to speak of."""
+    """Give bodies that springs alone hold elements without stiffness to speak of: the cells of their topologies, or
+    else of their hulls."""
     for springs in draft.springs:
         body = draft.body_of(springs.ends[0])
         if springs.is_inside and not body.materials:
-            tetrahedra = _tetrahedra_of(springs.component)
+            tetrahedra = _cells_of(springs.component)
+            tetrahedra = tetrahedra if len(tetrahedra) else filled(body.position, np.arange(len(body.position)))
+            if not len(tetrahedra):
+                raise springs.component.refused(
+                    "holds points without cells, which fill no volume; give them a topology"
+                )
             young = np.full(len(tetrahedra), WEAK)
             body.materials.append(DraftMaterial(springs.component, tetrahedra, young, 0.0 * young, "none"))
             draft.depart(f"{body.node.getPathName()}: its cells have {WEAK:g} kPa beside its springs")
@@ -269,14 +275,18 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
 
 def _tetrahedra_of(component: Component) -> np.ndarray:
     """Tetrahedra of the nearest topology with tetrahedra or hexahedra, shape (count, 4); without one, it is refused."""
+    if not len(tetrahedra := _cells_of(component)):
+        raise component.refused("finds no tetrahedra in a topology container of its node or above")
+    return tetrahedra
+
+
+def _cells_of(component: Component) -> np.ndarray:
     topology = topology_of(component, fits=_has_tetrahedra)
     tetrahedra = computed(topology, "tetrahedra", 4)
     if not len(tetrahedra):
         with_cells = topology or nearest(node_of(component), TOPOLOGIES, lambda one: len(hexahedra_of(one)[0]) > 0)
         if with_cells is not None:
             tetrahedra = divided(*hexahedra_of(with_cells), alternating=True)
-    if not len(tetrahedra):
-        raise component.refused("finds no tetrahedra in a topology container of its node or above")
     return tetrahedra
 
 

@@ -332,8 +332,7 @@ def _gid_rows(path: Path, text: str, block: str) -> np.ndarray:
     found = re.search(rf"^\s*{block}\s*$(.*?)^\s*End\s+{block}", text, re.IGNORECASE | re.MULTILINE | re.DOTALL)
     if found is None or not found[1].strip():
         raise MeshError(f"{path}: has no lines between '{block}' and 'End {block}'")
-    rows: np.ndarray = np.loadtxt(io.StringIO(found[1]), ndmin=2)
-    return rows
+    return np.asarray(np.loadtxt(io.StringIO(found[1]), ndmin=2))
 
 
 READERS: dict[str, Callable[[Path], LoadedMesh]] = {
@@ -401,8 +400,7 @@ def cells_by(compute: Callable[..., np.ndarray]) -> dict[str, Declared]:
 
 
 def _loader_cells(loader: "Component", kind: str) -> np.ndarray:
-    cells: np.ndarray = getattr(read_loader(loader), kind)
-    return cells
+    return np.asarray(getattr(read_loader(loader), kind))
 
 
 def _spheres(loader: "Component") -> np.ndarray:

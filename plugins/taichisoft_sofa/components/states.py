@@ -126,8 +126,7 @@ def start_velocity(state: "Component") -> np.ndarray:
             f"velocity has {len(rows)} rows, not all alike or not one for each of {count} points; "
             "a body here begins with one velocity of all its points",
         )
-    found: np.ndarray = rows[0]
-    return found
+    return np.asarray(rows[0])
 
 
 def state_position(state: "Component") -> np.ndarray:

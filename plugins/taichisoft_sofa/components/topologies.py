@@ -1,12 +1,13 @@
 """Points and cells of topologies: containers, regular and sparse grids, and what mappings make of other cells."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import trimesh
 from scipy import ndimage
+from scipy.spatial import Delaunay, QhullError
 
-from taichisoft.mesh import SIX_TETRAHEDRA, boundary_quads, boundary_triangles
+from taichisoft.mesh import SIX_TETRAHEDRA, boundary_quads, boundary_triangles, tetrahedron_volumes
 from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.components.meshes import (
     CORNERS,
@@ -145,6 +146,25 @@ def input_of(mapping: "Component") -> "Component":
     return found
 
 
+# Cells of points without any.
+
+FLATTEST = 1e-4
+"""Volume over the cube of the longest edge, below which a tetrahedron is left out [-]."""
+
+
+def filled(position: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Tetrahedra that fill the hull of points, as indices of points, shape (count, 4); none for points of a plane."""
+    try:
+        corners = points[Delaunay(position[points]).simplices] if len(points) > 3 else np.zeros((0, 4), dtype=np.int64)
+    except QhullError:
+        return np.zeros((0, 4), dtype=np.int64)
+    volumes = tetrahedron_volumes(position, corners)
+    corners[volumes < 0.0] = corners[volumes < 0.0][:, [1, 0, 2, 3]]
+    edges = position[corners[:, [0, 0, 0, 1, 1, 2]]] - position[corners[:, [1, 2, 3, 2, 3, 3]]]
+    longest = np.linalg.norm(edges, axis=2).max(axis=1, initial=0.0)
+    return corners[np.abs(volumes) > FLATTEST * longest**3]
+
+
 # Regular grids.
 
 GRID = "RegularGridTopology"
@@ -272,8 +292,7 @@ def stiffness_factors(topology: "Component", count: int) -> np.ndarray:
 def _content(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if not hasattr(grid, "_sparse"):
         grid._sparse = _make(grid)
-    found: tuple[np.ndarray, np.ndarray, np.ndarray] = grid._sparse
-    return found
+    return cast(tuple[np.ndarray, np.ndarray, np.ndarray], grid._sparse)
 
 
 def _surface(grid: "Component") -> tuple[np.ndarray, np.ndarray]:

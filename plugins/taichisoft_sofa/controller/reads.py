@@ -8,13 +8,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from taichisoft.base import matrices_from_quaternions
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.mechanics import State, embed
 from taichisoft_sofa.components.contact import CONSTRAINT_SOLVERS
 from taichisoft_sofa.components.reading import STATE, independent_state, inputs_of, mapping_of, node_of
-from taichisoft_sofa.components.states import base_frames, composed, index_pairs, is_rigid, relative, start_position
+from taichisoft_sofa.components.states import (
+    NO_POSE,
+    base_frames,
+    composed,
+    index_pairs,
+    is_rigid,
+    local_position,
+    relative,
+    rigid_indices,
+    start_position,
+)
 from taichisoft_sofa.controller.writes import DrivenFrames
 from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import SoftPart, Translation
@@ -78,8 +87,7 @@ def moved_pose(pose: np.ndarray, start: np.ndarray, now: np.ndarray) -> np.ndarr
     turn, _ = Rotation.align_vectors(now - now.mean(axis=0), start - start.mean(axis=0))
     before = np.array([[*start.mean(axis=0), 0.0, 0.0, 0.0, 1.0]])
     after = np.array([[*now.mean(axis=0), *turn.as_quat()]])
-    found: np.ndarray = composed(after, relative(before, pose[None]))[0]
-    return found
+    return np.asarray(composed(after, relative(before, pose[None]))[0])
 
 
 class RunValues:
@@ -101,7 +109,10 @@ class RunValues:
         for joint in driven.joints:
             self._provide(joint.state.findData("position"), partial(lambda joint: joint.angle[:, None], joint))
             self._provide(joint.state.findData("velocity"), partial(lambda joint: joint.velocity[:, None], joint))
-        for frames in driven.frames:
+        placed = {id(state) for state, _ in translation.driven.values()}
+        on_frames = (state for state in tree.components() if canonical(state.type_name) == STATE and mapping_of(state))
+        followers = [state for state in on_frames if id(carrier_of(state)) in placed]
+        for frames in (*driven.frames, *followers):
             self._provide(frames.findData("position"), partial(driven.poses, frames))
         for component in tree.components():
             kind = canonical(component.type_name)
@@ -159,15 +170,21 @@ class RunValues:
 
             self._provide(state.findData("position"), lambda: points(self._state.position, fixed))
             self._provide(state.findData("velocity"), lambda: points(self._state.velocity, np.zeros_like(fixed)))
-        elif name in rigid and name is not None:
-            number = rigid[name]
-            if mapping_of(state) is None:
-                point, turning = (7, 6) if is_rigid(state) else (3, 3)
-                self._provide(state.findData("position"), lambda: _pose(self._state, number)[:, :point])
-                self._provide(state.findData("velocity"), lambda: _twist(self._state, number)[:, :turning])
-            else:
-                local = start_position(state)[:, :3]
-                self._provide(state.findData("position"), lambda: _carried(self._state, number, local))
+        elif numbers := {one.index: rigid[key] for key, one in translation.rigid.items() if one.state is body}:
+            assert body is not None
+            start, mapping = start_position(body), mapping_of(state)
+            if mapping is not None:
+                local = local_position(state)[:, :3]
+                own = rigid_indices(mapping, len(local))
+                self._provide(
+                    state.findData("position"), lambda: composed(_poses(self._state, start, numbers)[own], local)
+                )
+                return
+            width, turning = (7, 6) if is_rigid(state) else (3, 3)
+            self._provide(state.findData("position"), lambda: _poses(self._state, start, numbers)[:, :width])
+            self._provide(
+                state.findData("velocity"), lambda: _velocities(self._state, len(start), numbers)[:, :turning]
+            )
 
     def _provide_parts(self, part: SoftPart, nodes: slice) -> None:
         """Provide the mechanical objects of which the scene puts a body together."""
@@ -217,6 +234,13 @@ class RunValues:
             self._provide(cable.findData(data), value)
 
 
+def carrier_of(state: Component) -> Component | None:
+    """The mechanical object whose frames points follow by a RigidMapping, or None."""
+    mapping = mapping_of(state)
+    follows = mapping is not None and canonical(mapping.type_name) == "RigidMapping" and inputs_of(mapping)
+    return inputs_of(mapping)[0] if mapping is not None and follows else None
+
+
 def _no_force(state: Component) -> np.ndarray:
     """Refuse to read a force, which is not computed; an empty array would be misleading."""
     raise state.refused("force is not known in a run; cables have force, cavities have pressure")
@@ -233,15 +257,18 @@ def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]
     return nodes, weights
 
 
-def _pose(state: State, number: int) -> np.ndarray:
-    w, x, y, z = state.rigid_rotation[number]
-    return np.array([[*state.rigid_position[number], x, y, z, w]])
+def _poses(state: State, start: np.ndarray, numbers: dict[int, int]) -> np.ndarray:
+    """Poses of frames, shape (count, 7), of rigid bodies by their frames; others are where they are at the start."""
+    poses = np.tile(NO_POSE, (len(start), 1))
+    poses[:, : start.shape[1]] = start
+    for index, number in numbers.items():
+        w, x, y, z = state.rigid_rotation[number]
+        poses[index] = [*state.rigid_position[number], x, y, z, w]
+    return poses
 
 
-def _twist(state: State, number: int) -> np.ndarray:
-    return np.array([[*state.rigid_velocity[number], *state.rigid_angular_velocity[number]]])
-
-
-def _carried(state: State, number: int, local: np.ndarray) -> np.ndarray:
-    turn = matrices_from_quaternions(state.rigid_rotation[number : number + 1])[0]
-    return state.rigid_position[number] + local @ turn.T
+def _velocities(state: State, count: int, numbers: dict[int, int]) -> np.ndarray:
+    velocities = np.zeros((count, 6))
+    for index, number in numbers.items():
+        velocities[index] = [*state.rigid_velocity[number], *state.rigid_angular_velocity[number]]
+    return velocities

@@ -53,10 +53,14 @@ def contact_table(draft: SceneDraft) -> dict[str, Any]:
 
 
 def body_names(nodes: "Sequence[Node]") -> list[str]:
-    """Name the body of each node: by the node, or by an ancestor if bodies share the node's name.
+    """Name the body of each node: by the node, or by an ancestor if bodies share the node's name; several in one node
+    are numbered.
 
     Three nodes "ElasticMaterialObject" below "Finger1", "Finger2" and "Finger3" are named "Finger1", and so on.
     """
+    if len(each := list({id(node): node for node in nodes}.values())) < len(nodes):
+        name_of = dict(zip(map(id, each), body_names(each), strict=True))
+        return unique([name_of[id(node)] for node in nodes])
     paths = [[clean(above.getName()) for above in upwards(node)] for node in nodes]
     names = [path[0] for path in paths]
     for name, count in Counter(names).items():

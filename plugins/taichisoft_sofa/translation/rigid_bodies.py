@@ -5,13 +5,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import Delaunay, QhullError
 from scipy.spatial.transform import Rotation
 
-from taichisoft.mesh import tetrahedron_volumes
-from taichisoft_sofa.components.draft import SPRING, DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
+from taichisoft_sofa.components.draft import (
+    SPRING,
+    DraftAnchor,
+    DraftBody,
+    DraftFrame,
+    DraftMaterial,
+    DraftSurface,
+    SceneDraft,
+)
 from taichisoft_sofa.components.dynamics import HELD
-from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of
+from taichisoft_sofa.components.reading import STATE, inputs_of, is_assembled, mapping_of, nearest, node_of
 from taichisoft_sofa.components.states import (
     DrivenFrameTarget,
     PointsTarget,
@@ -23,6 +29,7 @@ from taichisoft_sofa.components.states import (
     start_velocity,
     width_of,
 )
+from taichisoft_sofa.components.topologies import filled
 from taichisoft_sofa.translation.parts import NO_TRIANGLES, Translation, collides
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
@@ -33,8 +40,6 @@ STIFFENING = 1e4
 """Young's modulus of a rigid part over that of the body [-]."""
 STIFF = 1e6
 """Stiffness of springs that hold a frame of a soft body as if it were fixed [mN/mm]."""
-FLATTEST = 1e-4
-"""Volume over the cube of the longest edge, below which a tetrahedron is left out of a rigid part [-]."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,7 @@ def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
         for base, _ in base_frames(part.state, part.index):
             if (own := draft.bodies.get(id(base))) is not None and own.mass is not None:
                 draft.refuse(own.mass.component, "gives mass to a frame of a soft body; give it to the body's points")
-        tetrahedra = _filled(body.position, part.points)
+        tetrahedra = filled(body.position, part.points)
         if len(np.unique(tetrahedra)) < len(part.points):
             draft.refuse(
                 part.state, f"frame {part.index} moves freely, and its {len(part.points)} points fill no volume"
@@ -166,17 +171,58 @@ def _take_anchors(body: "DraftBody", mapping: "Component", draft: "SceneDraft") 
             body.anchors.append(replace(anchor, points=points, follows_rest=False))
 
 
-def _filled(position: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Tetrahedra that fill the hull of points, as indices of points, shape (count, 4); none for points of a plane."""
-    try:
-        corners = points[Delaunay(position[points]).simplices] if len(points) > 3 else np.zeros((0, 4), dtype=np.int64)
-    except QhullError:
-        return np.zeros((0, 4), dtype=np.int64)
-    volumes = tetrahedron_volumes(position, corners)
-    corners[volumes < 0.0] = corners[volumes < 0.0][:, [1, 0, 2, 3]]
-    edges = position[corners[:, [0, 0, 0, 1, 1, 2]]] - position[corners[:, [1, 2, 3, 2, 3, 3]]]
-    longest = np.linalg.norm(edges, axis=2).max(axis=1, initial=0.0)
-    return corners[np.abs(volumes) > FLATTEST * longest**3]
+# The frames of one mechanical object, each a rigid body.
+
+
+def frames_apart(body: DraftBody) -> list[DraftBody]:
+    """The frames of a body as bodies; the body itself if it has one or is not rigid."""
+    count = len(body.position)
+    if not body.rigid or count == 1:
+        return [body]
+    mass = body.mass
+    if mass is not None and mass.total is not None:
+        mass = replace(mass, total=mass.total / count)
+    carriers = {path: _carriers(surface, body) for path, surface in body.surfaces.items()}
+    return [
+        replace(
+            body,
+            position=body.position[[index]],
+            index=index,
+            mass=mass,
+            anchors=[_at(anchor, index) for anchor in body.anchors if index in anchor.points],
+            forces=[replace(push, forces=push.forces[push.points == index]) for push in body.forces],
+            surfaces={
+                path: surface.on(carriers[path] == index)
+                for path, surface in body.surfaces.items()
+                if index in carriers[path]
+            },
+            shapes=[] if index else body.shapes,
+        )
+        for index in range(count)
+    ]
+
+
+def _at(anchor: DraftAnchor, index: int) -> DraftAnchor:
+    """What holds one frame of those that an anchor holds."""
+    target, rows = anchor.target, np.flatnonzero(anchor.points == index)
+    if isinstance(target, PointsTarget):
+        target = replace(target, indices=target.indices[rows])
+    return replace(anchor, points=np.zeros(1, dtype=np.int64), target=target)
+
+
+def _carriers(surface: DraftSurface, body: DraftBody) -> np.ndarray:
+    """The frame of each point of a surface, shape (point_count,)."""
+    state = nearest(node_of(surface.component), {STATE})
+    assert state is not None
+    count, mapping = len(start_position(state)), mapping_of(state)
+    if mapping is not None and (
+        canonical(mapping.type_name) != "RigidMapping" or inputs_of(mapping)[0] is not body.state
+    ):
+        raise surface.component.refused(
+            f"follows {len(body.position)} frames by {mapping.type_name}; use a RigidMapping"
+        )
+    carriers = np.arange(count) if mapping is None else rigid_indices(mapping, count)
+    return np.repeat(carriers, len(surface.points) // max(count, 1))
 
 
 LONGEST = 1e9
@@ -187,12 +233,8 @@ UNIT_INERTIA = np.eye(3)
 
 def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a rigid body to a translation."""
-    if len(body.position) != 1:
-        draft.refuse(body.state, f"has {len(body.position)} rigid frames; one is known")
-        return
     if body.mass is None:
-        draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
-        return
+        raise body.state.refused("moves, but has no mass; add a UniformMass")
     for surface in body.surfaces.values():
         if not len(surface.triangles):
             draft.refuse(surface.component, NO_TRIANGLES)
@@ -230,7 +272,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     if solver is not None and solver.read_number("rayleighMass", default=0.0) > 0.0:
         draft.depart(f"{body.node.getPathName()}: rayleighMass does not slow a rigid body down here; in SOFA it does")
     _add_springs(name, body, table, draft, translation)
-    for push in body.forces:
+    for push in (push for push in body.forces if len(push.forces)):
         one = {"body": name, "force": push.forces.sum(axis=0).tolist(), "start": 0.0, "duration": LONGEST}
         translation.tables.setdefault("external_forces", []).append(one)
     translation.tables.setdefault("rigid_bodies", {})[name] = table
@@ -244,10 +286,9 @@ def _add_springs(
     """Springs of a rigid body, to its rest pose or to a frame of another mechanical object."""
     for anchor in body.anchors:
         if anchor.directions != "xyz" or "springs" in table:
-            draft.refuse(
-                anchor.component, "holds a rigid body in part, or twice; one spring field holds all of it here"
+            raise anchor.component.refused(
+                "holds a rigid body in part, or twice; one spring field holds all of it here"
             )
-            return
         solver = draft.above(body.node, draft.solvers)
         table["springs"] = {
             "stiffness": float(anchor.stiffness),
@@ -260,7 +301,7 @@ def _add_springs(
         if isinstance(anchor.target, PointsTarget):
             translation.add_frame(name, *anchor.target.frame_of(0))
         else:
-            translation.add_frame(name, body.state, 0)
+            translation.add_frame(name, body.state, body.index)
             draft.sprung[body.state] = None
 
 

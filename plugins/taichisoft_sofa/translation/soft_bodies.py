@@ -69,16 +69,13 @@ def add_soft_body(
     draft.check_points(_topology(body) or body.state, tetrahedra, len(body.position))
     young, poisson = add_moduli(tetrahedra, body.materials)
     if moves and not body.materials:
-        draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
-        return
+        raise body.state.refused("moves, but no force field gives its tetrahedra a stiffness")
     if moves and body.mass is None:
         draft.depart(f"{body.node.getPathName()}: has no mass; here it has {MASSLESS:g} kg, with the same motion")
     if _strain(rest_position(body.state).reshape(-1, 3), body.position) > SAME:
-        draft.refuse(body.state, "position differs from rest_position; a body begins at rest here")
-        return
+        raise body.state.refused("position differs from rest_position; a body begins at rest here")
     if moves and (young <= 0.0).all():
-        draft.refuse(body.state, "moves, but youngModulus = 0 leaves its tetrahedra without stiffness")
-        return
+        raise body.state.refused("moves, but youngModulus = 0 leaves its tetrahedra without stiffness")
     if moves and (young <= 0.0).any():
         count = int((young <= 0.0).sum())
         draft.depart(f"{body.node.getPathName()}: {count} tetrahedra without stiffness are left out")
@@ -167,8 +164,8 @@ def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np
         if anchor.target is not None and not isinstance(anchor.target, FrameMotion):
             there, row = np.flatnonzero(node_of_point[anchor.points] >= 0), np.zeros(count, dtype=np.int64)
             row[node_of_point[anchor.points[there]]] = there
-            chosen = np.flatnonzero((by[held] == place).any(axis=1))
-            targets.append((anchor.target, chosen, row[held][chosen], anchor.axes))
+            if len(chosen := np.flatnonzero((by[held] == place).any(axis=1))):
+                targets.append((anchor.target, chosen, row[held][chosen], anchor.axes))
     return replace(part, anchored=np.flatnonzero(held), anchored_follows=follows[held], targets=tuple(targets))
 
 

@@ -12,7 +12,7 @@ from taichisoft_sofa.components.draft import DraftBody, DraftFrame, DraftSprings
 from taichisoft_sofa.components.force_fields import add_weak_elements
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
 from taichisoft_sofa.components.mappings import held_joints
-from taichisoft_sofa.components.reading import described, independent_state, node_of
+from taichisoft_sofa.components.reading import described, independent_state, mapping_of, node_of
 from taichisoft_sofa.components.states import (
     FrameMotion,
     FramePoses,
@@ -20,6 +20,7 @@ from taichisoft_sofa.components.states import (
     base_frames,
     composed,
     local_position,
+    rigid_indices,
     start_position,
     start_values,
 )
@@ -31,6 +32,7 @@ from taichisoft_sofa.translation.rigid_bodies import (
     add_rigid_body,
     add_rigid_parts,
     degrees,
+    frames_apart,
     groups_of,
     is_driven,
     joined,
@@ -85,8 +87,7 @@ def _add_between(name: str, springs: DraftSprings, draft: "SceneDraft", translat
             ends.reverse()
         (owner, first), (other, second) = ends
         if owner not in translation.soft:
-            draft.refuse(springs.component, "joins no soft body; springs between rigid bodies are not there")
-            return
+            raise springs.component.refused("joins no soft body; springs between rigid bodies are not there")
         distance = float(springs.distances[number])
         stiff = {"axial_stiffness": float(springs.stiffness[number]) * distance, "rod": bool(springs.pushes[number])}
         if other is None:  # a place that nothing moves
@@ -104,8 +105,11 @@ def _end(state: "Component", point: int, translation: "Translation") -> "tuple[s
     name = translation.names.get(base) if base is not None else None
     if name in translation.soft:
         return name, start_position(state)[point, :3].tolist()
-    if name in translation.rigid:
-        return name, ([0.0, 0.0, 0.0] if state is base else local_position(state)[point, :3].tolist())
+    mapping = mapping_of(state)
+    index = point if mapping is None else rigid_indices(mapping, len(start_position(state)))[point]
+    for name, body in translation.rigid.items():
+        if body.state is base and (body.index == index or not body.rigid):
+            return name, ([0.0, 0.0, 0.0] if state is base else local_position(state)[point, :3].tolist())
     return None, start_position(state)[point, :3].tolist()
 
 
@@ -165,8 +169,7 @@ def own_bodies(draft: SceneDraft) -> list[DraftBody]:
             draft.depart(f"{path}: has no mass, so that the scene alone moves it; its spheres touch nothing")
         elif body.mass is not None and moves:
             draft.depart(f"{path}: its points are not joined and touch nothing; they are left out")
-    kept = [body for body in bodies if id(body) not in left_out]
-    return kept
+    return [frame for body in bodies if id(body) not in left_out for frame in frames_apart(body)]
 
 
 def _is_mere_points(body: DraftBody) -> bool:
@@ -246,7 +249,7 @@ def _give_surfaces(frame: DraftFrame, body: DraftBody, draft: "SceneDraft") -> N
 
 def placed_frame(body: DraftBody, draft: "SceneDraft") -> DraftFrame:
     """The frame of a rigid body that the scene places; springs lead it to its rest pose."""
-    state, index = body.state, 0
+    state, index = body.state, body.index
     for anchor in body.anchors:
         if isinstance(anchor.target, PointsTarget):
             state, index = anchor.target.frame_of(0)
@@ -440,8 +443,9 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         if contact := contact_table(draft):
             translation.tables["contact"] = contact
     translation.joints = held_joints(draft)
-    _add_bodies(bodies, frames, draft, translation)
-    add_springs(draft, translation)
+    with draft.refusing():
+        _add_bodies(bodies, frames, draft, translation)
+        add_springs(draft, translation)
     add_planes(draft, translation)
     add_picture(draft, translation)
     translation.sprung = draft.sprung
@@ -499,8 +503,7 @@ def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
 
 def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneDraft, translation: Translation) -> None:
     if len(bodies) > MOST_BODIES:  # each has its own meshes and surfaces, which would be written first
-        draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
-        return
+        raise bodies[MOST_BODIES].state.refused(f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
     names = body_names([*(body.node for body in bodies), *(node_of(frame.state) for frame in frames)])
     for name, frame in zip(names[len(bodies) :], frames, strict=True):
         add_driven_body(name, frame, draft, translation)
@@ -526,7 +529,7 @@ def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Transl
     elif is_placed(body, solver):
         add_driven_body(name, placed_frame(body, draft), draft, translation)
     elif solver is None and body.shapes and not (body.surfaces and collides(draft)):
-        add_driven_body(name, DraftFrame(body.state, 0, {}, body.colours, body.shapes), draft, translation)
+        add_driven_body(name, DraftFrame(body.state, body.index, {}, body.colours, body.shapes), draft, translation)
     elif solver is None:
         add_obstacle(name, body, draft, translation)
     elif body.rigid or (len(body.position) == 1 and only_sphere(body) is not None):
