@@ -72,6 +72,10 @@ class Observation:
             for its pressure.
         air_flows: flows of air into the cavities and their lines in the last step [kg/s], by cavity name.
         valve_openings: openings of the valves in the last step, from -1 to 1, after delay and response, by cavity name.
+        network_pressures: pressures in tanks, tubes and sources of the scene's air network in the last step [kPa].
+        network_flows: flows of air through its tubes, orifices and valves in the last step [kg/s], from inlet to outlet
+            positive, of a valve's exhaust as well.
+        network_openings: openings of its valves in the last step, from -1 to 1, after delay and response.
         cable_tensions: tensions at the pulled ends in the last step [mN], by cable name.
         cable_lengths: lengths of the cables [mm], by cable name.
         cable_pulls: how far the cables are pulled in [mm], by cable name.
@@ -126,6 +130,9 @@ class Observation:
     air_masses: Mapping[str, float] = field(default_factory=dict)
     air_flows: Mapping[str, float] = field(default_factory=dict)
     valve_openings: Mapping[str, float] = field(default_factory=dict)
+    network_pressures: Mapping[str, float] = field(default_factory=dict)
+    network_flows: Mapping[str, float] = field(default_factory=dict)
+    network_openings: Mapping[str, float] = field(default_factory=dict)
     cable_tensions: Mapping[str, float] = field(default_factory=dict)
     cable_lengths: Mapping[str, float] = field(default_factory=dict)
     cable_pulls: Mapping[str, float] = field(default_factory=dict)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from taichisoft.mechanics import Actuators, State
 
 FILE_NAME = "recording.h5"
-LAYOUT = 13
+LAYOUT = 14
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 SIGNAL_COUNT = 32
 """Signals that there is room for: which ones come is not known when a file begins."""
@@ -107,6 +107,13 @@ QUANTITIES = {
     "steps/valve_request": RecordedQuantity("1", "valve_request"),
     "steps/supply_pressure": RecordedQuantity("kPa", "supply_pressure"),
     "steps/delayed_requests": RecordedQuantity("1 or kPa", "delayed_requests"),
+    "steps/network_pressure": RecordedQuantity("kPa", "network_pressure"),
+    "steps/network_flow": RecordedQuantity("kg/s", "network_flow"),
+    "steps/network_air_mass": RecordedQuantity("kg", "network_air_mass"),
+    "steps/network_request": RecordedQuantity("1 or kPa", "network_request"),
+    "steps/network_target": RecordedQuantity("1 or kPa", "network_target"),
+    "steps/network_drive": RecordedQuantity("1 or kPa", "network_drive"),
+    "steps/network_delayed": RecordedQuantity("1 or kPa", "network_delayed"),
     "steps/pull_point": RecordedQuantity("mm", "pull_point"),
     "steps/sensor_memory": RecordedQuantity("of the quantities", "sensor_memory"),
     **{f"steps/{figure.name}": RecordedQuantity(figure.unit) for figure in OF_PAIRS},
@@ -126,6 +133,7 @@ QUANTITIES = {
     "controls/young_modulus": RecordedQuantity("kPa", "young_modulus"),
     **{path: quantity for kind in ACTUATOR_KINDS for path, quantity in _controls(kind).items()},
     "controls/valve_request": RecordedQuantity("1", "valve_request"),
+    "controls/network_target": RecordedQuantity("1 or kPa", "network_target"),
     "controls/pull_point": RecordedQuantity("mm", "pull_point"),
     "controllers/saved": RecordedQuantity("byte"),
     "contacts/bodies": RecordedQuantity("1", "contact_body_pair"),
