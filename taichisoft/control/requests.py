@@ -14,7 +14,7 @@ from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.errors import ControlError, nearest
 from taichisoft.mechanics.actuator_kind import ActuatorKind, ActuatorSet, Drive
-from taichisoft.mechanics.cavities import CAVITIES, VALVE
+from taichisoft.mechanics.cavities import CAVITIES, VALVE, network_drives
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
 from taichisoft.scene.rigid_body import BASE, FramePath, FrameSettings, HingeSettings
@@ -304,8 +304,7 @@ class Requests:
     def _network(self, state: State, control: Control) -> dict[str, np.ndarray]:
         """How valves and regulators of the scene's air network are in the step, by what is asked for of them."""
         network, request = self._model.cavities.network, state.network_request.copy()
-        for number, name in enumerate(network.drives):
-            drive = VALVE if name in network.valves else CAVITIES.effort
+        for number, (name, drive) in enumerate(network_drives(self._model.scene.air).items()):
             requests: Mapping[str, Any] = getattr(control, drive.request)
             if name in requests:
                 key = f"control.{drive.request}['{name}']"

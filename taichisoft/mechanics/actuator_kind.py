@@ -164,6 +164,8 @@ class Drive(ActuatorFigure):
         furthest: end of sliders where no limit gives one; of coordinates with `relative` a share of the value at rest.
         nearest: other end of sliders where no limit gives one.
         relative: whether `furthest` is such a share.
+        elsewhere: field of `Observation` that has it of what is driven so but is no actuator, see
+            `ActuatorSet.elsewhere`; "" for none.
         more, less: what the keys + and - do, for the help.
         fits: whether an actuator with this table in the scene can be driven so.
 
@@ -176,6 +178,7 @@ class Drive(ActuatorFigure):
     furthest: float = 0.0
     nearest: float = 0.0
     relative: bool = False
+    elsewhere: str = ""
     more: str = ""
     less: str = ""
     fits: Callable[[Any], bool] = _always

@@ -240,6 +240,7 @@ VALVE = StateDrive(
     step=0.1,
     furthest=1.0,
     nearest=-1.0,
+    elsewhere="network_openings",
     more="open the valve to the source",
     less="open the valve to the exhaust",
     fits=_has_valve,
@@ -261,6 +262,7 @@ CAVITIES = ActuatorKind(
         rate="pressure_rate",
         step=1.0,
         furthest=150.0,
+        elsewhere="network_pressures",
         more="raise the pressure",
         less="lower the pressure",
         fits=_has_regulator,
@@ -314,3 +316,8 @@ CAVITIES = ActuatorKind(
     always_driven=True,
     make=lambda scene, soft, rigid, obstacles: Cavities(soft, scene.atmosphere, scene.time.step, scene.air),
 )
+
+
+def network_drives(air: "AirNetworkSettings") -> dict[str, Drive]:
+    """By the names of valves and regulators of a scene's table `air`, as what requests drive them."""
+    return {name: VALVE if name in air.valves else CAVITIES.effort for name in air.drives}

@@ -13,7 +13,7 @@ from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
 from taichisoft.control.requests import DRIVES
 from taichisoft.errors import ControlError, nearest
-from taichisoft.mechanics.cavities import CAVITIES, VALVE
+from taichisoft.mechanics.cavities import CAVITIES, VALVE, network_drives
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
 from taichisoft.step.solution import StepSolution
@@ -191,9 +191,7 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
             for drive, value in values.items():
                 if not actuators.why_not(drive, index):
                     yield Input(f"{drive.request}.{name}", drive.unit, value)
-    network = model.cavities.network
-    for number, name in enumerate(network.drives):
-        drive = VALVE if name in network.valves else CAVITIES.effort
+    for number, (name, drive) in enumerate(network_drives(model.scene.air).items()):
         yield Input(f"{drive.request}.{name}", drive.unit, float(start.network_request[number]))
     if all(body.modes is None for body in model.soft_bodies):
         for row, (key, (unit, _)) in enumerate(BASE.items()):
@@ -234,9 +232,9 @@ def asked_for(model: Model, state: State, name: str) -> float:
     key, _, of = name.partition(".")
     if key in BASE:
         return float(state.frame_request[0, list(BASE).index(key), _axis(name, of)])
-    network = model.cavities.network
-    if (key == VALVE.request and of in network.valves) or (key == CAVITIES.effort.request and of in network.regulators):
-        return float(state.network_request[network.drives.index(of)])
+    drives = network_drives(model.scene.air)
+    if of in drives and drives[of].request == key:
+        return float(state.network_request[list(drives).index(of)])
     if key == VALVE.request and of in model.cavities.names:
         return float(state.valve_request[model.cavities.names.index(of)])
     for kind in ACTUATOR_KINDS:
