@@ -10,7 +10,7 @@ from taichisoft.mechanics.actuator_kind import limits
 from taichisoft.mechanics.cavity_air import PRESSURE_TIMES_VOLUME, Orifice, Response, air_mass, tube, tube_volume
 from taichisoft.mechanics.state import State
 from taichisoft.scene.actuators import CavitySettings
-from taichisoft.scene.air import ATMOSPHERE, AirNetworkSettings, AirTube, AirValve
+from taichisoft.scene.air import ATMOSPHERE, AirNetworkSettings, AirTube
 
 # The air in a step: contents of nodes and flows between them, which depend on the pressures at its end.
 
@@ -207,6 +207,8 @@ class AirLaw:
 
 # The parts of all air supplies of a model.
 
+Key = str | tuple[str, str]
+
 
 class Branch(NamedTuple):
     """What joins two nodes.
@@ -214,7 +216,7 @@ class Branch(NamedTuple):
     Attributes:
         first, second: numbers of the nodes; flow from the first to the second is positive.
         orifice: what is between, wholly open.
-        valve: number of the opening that it is open by, among `AirNetwork.driven`; -1 where it always is.
+        valve: number of the opening by which it is open, among all that is driven; -1 where it always is.
         sign: sign of the openings that open it.
         part: number of the tube, orifice or valve; -1 of a line's.
     """
@@ -243,72 +245,70 @@ class AirNetwork:
     ):
         """Join the cavities of a scene by its table `air`, for an absolute pressure outside [kPa] and a step [s]."""
         self._atmosphere, self._time_step = atmosphere, time_step
-        self._tables = tables = list(cavities.values())
-        self.own = np.flatnonzero([table.air != "regulated" for table in tables])
-        lines = [(int(number), tables[number].line) for number in self.own if tables[number].line is not None]
-        self.dead_volume = np.array([table.dead_volume for table in tables])
-        self._tubes = [number for number, line in lines if line is not None and line.tube_length is not None]
+        self._tables, names = list(cavities.values()), list(cavities)
+        self.own = np.flatnonzero([table.air != "regulated" for table in self._tables])
         self._parts = list(air.parts)
-        self.valves, self.regulators, self.drives = tuple(air.valves), air.regulators, air.drives
-        regulators = [air.sources[name] for name in self.regulators]
-        self.drive_range = np.array(
-            [
-                *((-1.0 if valve.exhaust is not None else 0.0, 1.0) for valve in air.valves.values()),
-                *(limits(one.lowest_pressure, one.highest_pressure, unless_given=-atmosphere) for one in regulators),
-            ]
-        ).reshape(-1, 2)
+        self._set_drives(air)
         pipes = {name: tube_volume(pipe.length, pipe.diameter) for name, pipe in air.tubes.items()}
         volumes = {name: air.tanks[name].volume if name in air.tanks else pipes[name] for name in air.volumes}
-        names, own = list(cavities), {number: place for place, number in enumerate(self.own.tolist())}
+        self._start_pressure = np.array([air.tanks[name].pressure if name in air.tanks else 0.0 for name in volumes])
+        self.dead_volume = np.array([table.dead_volume for table in self._tables])
         for name, pipe in air.tubes.items():
             if pipe.inlet in volumes:
                 volumes[pipe.inlet] += pipes[name]
             elif pipe.inlet in names:
                 self.dead_volume[names.index(pipe.inlet)] += pipes[name]
-        # Openings and pressures of sources stand in one array: those of lines by cavity, of drives, and constants.
-        count = len(tables)
-        driven = {name: 2 * count + place for place, name in enumerate(self.drives)}
-        constants = [0.0, *(source.pressure for source in air.sources.values() if source.pressure is not None)]
-        first_volume = len(self.own)
-        first_source = first_volume + len(self._tubes) + len(volumes)
-        constant = 2 * count + len(driven)
-        held = iter(range(constant + 1, constant + len(constants)))
-        given = [driven[name] if source.pressure is None else next(held) for name, source in air.sources.items()]
-        given.append(constant)
-        nodes = {names[number]: place for number, place in own.items()}
-        nodes |= {name: first_volume + len(self._tubes) + place for place, name in enumerate(volumes)}
-        nodes |= {name: first_source + place for place, name in enumerate([*air.sources, ATMOSPHERE])}
-        branches: list[Branch] = []
-        line_volumes: list[float] = []
-        for number, line in lines:
-            assert line is not None
-            source, outlet = first_source + len(given), own[number]
-            given += [count + number, constant + len(constants)]
-            constants.append(line.exhaust)
-            if line.tube_length is not None and line.tube_diameter is not None:
-                outlet = first_volume + len(line_volumes)
-                line_volumes.append(tube_volume(line.tube_length, line.tube_diameter))
-                branches.append(Branch(outlet, own[number], tube(line.tube_length, line.tube_diameter), -1, 0.0, -1))
-            valve = Orifice(line.conductance, line.critical_ratio)
-            branches += [Branch(source + (sign < 0.0), outlet, valve, number, sign, -1) for sign in (1.0, -1.0)]
+        lines = {name: table.line for name, table in cavities.items() if table.line is not None}
+        line_tubes = {
+            name: (line.tube_length, line.tube_diameter)
+            for name, line in lines.items()
+            if line.tube_length is not None and line.tube_diameter is not None
+        }
+        self._tubes = [names.index(name) for name in line_tubes]
+        self.volume = np.array([*(tube_volume(*size) for size in line_tubes.values()), *volumes.values()])
+        # What is a line's has the cavity's name and its own.
+        inner: list[Key] = [*(names[number] for number in self.own), *((name, "tube") for name in line_tubes), *volumes]
+        given: list[Key] = [*air.sources, ATMOSPHERE, *((name, end) for name in lines for end in ("source", "exhaust"))]
+        nodes = {key: place for place, key in enumerate([*inner, *given])}
+        constants: dict[Key, float] = {ATMOSPHERE: 0.0}
+        constants |= {name: one.pressure for name, one in air.sources.items() if one.pressure is not None}
+        constants |= {(name, "exhaust"): line.exhaust for name, line in lines.items()}
+        # Openings and pressures stand in one array: those of lines by cavity, of drives, and constants.
+        of_lines: list[Key] = [(name, kind) for kind in ("valve", "source") for name in names]
+        driven = {key: place for place, key in enumerate([*of_lines, *self.drives, *constants])}
+        self._constants, self._given = np.array([*constants.values()]), [driven[key] for key in given]
+        self._branches = []
+        for name, line in lines.items():
+            valve, outlet, opening = Orifice(line.conductance, line.critical_ratio), nodes[name], driven[name, "valve"]
+            if name in line_tubes:
+                self._branches.append(Branch(nodes[name, "tube"], outlet, tube(*line_tubes[name]), -1, 0.0, -1))
+                outlet = nodes[name, "tube"]
+            for end, sign in (("source", 1.0), ("exhaust", -1.0)):
+                self._branches.append(Branch(nodes[name, end], outlet, valve, opening, sign, -1))
         for name, part, inlet, end, sign in air.joins():
             if isinstance(part, AirTube):
                 orifice = tube(part.length, part.diameter)
             else:
                 orifice = Orifice(part.conductance, part.critical_ratio)
-            opening = driven[name] if isinstance(part, AirValve) else -1
-            branches.append(Branch(nodes[inlet], nodes[end], orifice, opening, sign, self._parts.index(name)))
-        self._given, self._constants, self._branches = given, np.array(constants), branches
-        self.volume = np.array([*line_volumes, *volumes.values()])
-        self._start_pressure = np.array([air.tanks[name].pressure if name in air.tanks else 0.0 for name in volumes])
-        openings = [valve.opening for valve in air.valves.values()]
-        pressures = np.clip(0.0, *self.drive_range[len(openings) :].T)
-        self._start_drive = np.concatenate([openings, pressures])
-        regulated = dict(zip(self.regulators, pressures.tolist(), strict=True))
-        self._start_sources = [regulated.get(name, source.pressure) for name, source in air.sources.items()]
+            opening = driven[name] if sign else -1
+            self._branches.append(Branch(nodes[inlet], nodes[end], orifice, opening, sign, self._parts.index(name)))
+
+    def _set_drives(self, air: AirNetworkSettings) -> None:
+        """Ranges, starts and responses of valves and regulators."""
+        self.valves, self.regulators, self.drives = tuple(air.valves), air.regulators, air.drives
+        valves, regulators = list(air.valves.values()), [air.sources[name] for name in self.regulators]
+        openings = [(0.0 if valve.exhaust is None else -1.0, 1.0) for valve in valves]
+        pressures = [
+            limits(one.lowest_pressure, one.highest_pressure, unless_given=-self._atmosphere) for one in regulators
+        ]
+        self.drive_range = np.array([*openings, *pressures]).reshape(-1, 2)
+        starts = [*(valve.opening for valve in valves), *(min(max(0.0, low), high) for low, high in pressures)]
+        self._start_drive = np.array(starts)
+        start_of = dict(zip(self.drives, starts, strict=True))
+        self._start_sources = [start_of.get(name, source.pressure) for name, source in air.sources.items()]
         self._responses = [
-            *(Response.of(one.delay, one.response_time, one.period, time_step) for one in air.valves.values()),
-            *(Response.of(one.delay, one.response_time, None, time_step) for one in regulators),
+            *(Response.of(one.delay, one.response_time, one.period, self._time_step) for one in valves),
+            *(Response.of(one.delay, one.response_time, None, self._time_step) for one in regulators),
         ]
 
     def start(self, in_cavities: np.ndarray) -> dict[str, np.ndarray]:
