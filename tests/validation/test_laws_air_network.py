@@ -1,9 +1,11 @@
 """Cavities on one supply, joined by tubes, valves and tanks: no air is lost, and flow is that of ISO 6358."""
 
 import math
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -371,3 +373,16 @@ def test_real_parts_fill_a_volume_as_fast_as_scipy_says(
     while simulation.observe().network_pressures["volume"] < 36.0:
         simulation.step(Control(pressure={"pump": 40.0}))
     figures.close(f"time to 90 % [s], {regulator}, {pipe}", simulation.state.time, float(solved.t[-1]), 2e-3)
+
+
+def test_documented_network_inflates_a_finger_and_blocks_another(fingers: Make) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "air.md").read_text(encoding="utf-8")
+    tables = tomllib.loads(page.partition("## Networks")[2].partition("```toml")[2].partition("```")[0])
+    air, names = tables["air"], {f"finger{number}.cavity": f"finger{number - 1}.cavity" for number in (1, 2)}
+    for tube_table in air["tubes"].values():
+        tube_table["outlet"] = names[tube_table["outlet"]]
+    simulation = fingers(air, (60.0, 60.0), **tables["soft_bodies"]["finger1"]["cavities"]["cavity"])
+    for _ in range(60):
+        seen = simulation.step(Control(pressure={"pump": 20.0}, valve={"first": 1.0, "second": 0.0})).observation
+    assert seen.pressures["finger0.cavity"] == pytest.approx(20.0, rel=0.01)
+    assert abs(seen.pressures["finger1.cavity"]) < 1e-6
