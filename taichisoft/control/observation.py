@@ -110,8 +110,9 @@ class Observation:
         peak_pressure_errors: how far the mesh may be wrong about that [kPa], likewise.
         tactile: normal force on each patch of the scene's tactile arrays [mN], of the shape of their `patches`, by
             "body.array".
-        clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
-            "base_translation" and "base_rotation", and so on for other frames.
+        clipped: parts of the last request that the scene's limits held back: names of cavities, of
+            cables, and of valves and regulators of the air network, "base_translation" and "base_rotation", and so on
+            for other frames.
         cameras: what the scene's cameras see, a `CameraFrame` by name, drawn when it is looked at; empty in an
             observation of a `TimeStepper` alone.
         exact: the same without the scene's `[sensors]`, which disturb the fields above; None where there are none, or

@@ -16,9 +16,11 @@ from scipy.integrate import solve_ivp
 from test_laws_linearisation import largest_error
 from test_laws_reduced import chamber, write_modes
 
-from taichisoft import Control, Simulation, equilibrium, rollouts
+from taichisoft import Control, Simulation, equilibrium, load_scene, rollouts
 from taichisoft.errors import ControlError, SceneError
 from taichisoft.mechanics.cavity_air import PRESSURE_TIMES_VOLUME, Orifice, air_mass, tube, tube_volume
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.scene import scene_from_dict
 
 ATMOSPHERE = 101.325
 SUPPLY: dict[str, Any] = {
@@ -258,6 +260,45 @@ def test_reduced_bodies_in_a_network(tmp_path: Any, figures: Figures) -> None:
         both = [one.step(Control(pressure={"pump": 30.0})).observation for one in (full, reduced)]
     assert both[0].pressures["chamber.air"] > 3.0
     figures.close("pressure [kPa]", both[1].pressures["chamber.air"], both[0].pressures["chamber.air"], 1e-6)
+
+
+def test_sensors_measure_a_network(fingers: Make) -> None:
+    """A pressure gauge on tanks, tubes and sources with bias, and a flow meter; `truth` has the exact values."""
+    simulation = fingers(SUPPLY, (60.0, 60.0, 80.0))
+    scene = simulation.model.scene.model_dump() | {
+        "sensors": {"network_pressure": {"bias": 0.5}, "network_flow": {"resolution": 1e-6}}
+    }
+    simulation = Simulation(scene_from_dict(scene))
+    for _ in range(5):
+        seen = simulation.step(Control(pressure={"pump": 20.0}, valve=OPEN)).observation
+    off = [value - seen.truth.network_pressures[name] for name, value in seen.network_pressures.items()]
+    assert len(set(off)) == len(off) == 5 and 0.0 < np.abs(off).max() <= 0.5
+    assert seen.network_flows["supply"] != seen.truth.network_flows["supply"]
+    assert seen.network_flows["supply"] == pytest.approx(seen.truth.network_flows["supply"], abs=0.5e-6)
+
+
+def test_fingers_on_one_supply_hold_an_object(figures: Figures) -> None:
+    """Two pads close on a cube, one is then shut off, and both lift it: all converges, and no air is lost."""
+    network = (
+        *(f'soft_bodies.{pad}.cavities.cavity={{group = "cavity", air = "network"}}' for pad in ("left", "right")),
+        "air.sources.pump={}",
+        "air.tanks.manifold={volume = 500.0}",
+        'air.valves.supply={inlet = "pump", outlet = "manifold", conductance = 0.05, opening = 1.0}',
+        'air.valves.right={inlet = "manifold", outlet = "right.cavity", conductance = 0.05, opening = 1.0}',
+        'air.tubes.left={inlet = "manifold", outlet = "left.cavity", length = 200.0, diameter = 2.0}',
+    )
+    simulation, through = Simulation(load_scene(TINY_GRIPPER, network)), 0.0
+    first = all_air(simulation)
+    for number in range(50):
+        up = np.array([0.0, 0.0, 0.2 * max(0, number - 30)])
+        control = Control(pressure={"pump": 12.0}, valve={"right": float(number < 25)}, base_translation=up)
+        report = simulation.step(control)
+        assert report.converged
+        through += 0.01 * report.observation.network_flows["supply"]
+    seen = report.observation
+    assert seen.object_positions["cube"][2] > 3.0 and seen.normal_forces["left", "cube"] > 100.0
+    assert seen.pressures["left.cavity"] > seen.pressures["right.cavity"] > 9.0
+    figures.at_most("air lost over all air", abs(all_air(simulation) - first - through) / first, 1e-12)
 
 
 @pytest.mark.parametrize(
