@@ -21,7 +21,17 @@ import taichisoft
 import taichisoft_gym
 from taichisoft.control import FIGURES, In
 from taichisoft.running import hook_names, hookspecs
-from taichisoft.scene import actuators, file, key_descriptions, rigid_body, scene, sensor_settings, soft_body, table
+from taichisoft.scene import (
+    actuators,
+    air,
+    file,
+    key_descriptions,
+    rigid_body,
+    scene,
+    sensor_settings,
+    soft_body,
+    table,
+)
 from taichisoft_controllers.step_in_progress import QUANTITIES, QuantityKind
 from taichisoft_sofa.components.known_components import IGNORED, known_types
 from taichisoft_sofa.tree.value_kinds import ALIASES
@@ -112,6 +122,12 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[contact.pairs]]": scene.ContactPair,
     "[controller]": scene.SceneControllerSettings,
     "[limits]": scene.Limits,
+    "[air]": air.AirNetworkSettings,
+    "[air.sources.NAME]": air.AirSource,
+    "[air.tanks.NAME]": air.Tank,
+    "[air.tubes.NAME]": air.AirTube,
+    "[air.orifices.NAME]": air.AirOrifice,
+    "[air.valves.NAME]": air.AirValve,
     "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
     "[sensors.QUANTITY]": sensor_settings.SensorSettings,
@@ -133,6 +149,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "helix = { ... } of fibres": soft_body.Helix,
     "[soft_bodies.NAME.springs.NAME]": soft_body.SpringSettings,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
+    "[soft_bodies.NAME.cavities.NAME.line]": air.AirLine,
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
     "[frames.NAME]": rigid_body.FrameSettings,
     "path = { ... } of a frame": rigid_body.FramePath,

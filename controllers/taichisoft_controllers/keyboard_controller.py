@@ -10,7 +10,7 @@ from pydantic import Field, create_model
 
 from taichisoft.base import right_of
 from taichisoft.control import Control, Controller, Force, KeyEvent, Observation, Slider
-from taichisoft.mechanics import ACTUATOR_KINDS, UNLIMITED, ActuatorKind, Drive, kind_of
+from taichisoft.mechanics import ACTUATOR_KINDS, UNLIMITED, ActuatorKind, Drive, kind_of, network_drives
 from taichisoft.scene import BASE, HingeSettings, Positive
 from taichisoft_controllers.model_names import finger_of
 from taichisoft_controllers.settings import DRIVES, ControllerSettings, driven_by
@@ -84,7 +84,8 @@ class KeyboardController(Controller):
 
     Attributes:
         status: finger whose pressure, or pull, + and - change, and the frame that keys move.
-        sliders: pressure of every cavity, pull, or tension, of every cable, and angle of every hinge, by its name.
+        sliders: pressure of every cavity, pull, or tension, of every cable, what drives every valve and regulator of
+            the air network, and angle of every hinge, by its name.
     """
 
     interactive = True
@@ -117,6 +118,10 @@ class KeyboardController(Controller):
                 for drive in drives[:1]:  # sealed air has none
                     self.sliders[name] = _slider(*_range(drive, number, model), self._step(drive), drive)
                     self._drives[name] = drive
+        for number, (name, drive) in enumerate(network_drives(model.scene.air).items()):
+            low, high = model.cavities.network.drive_range[number].tolist()
+            self.sliders[name] = _slider(*_within(drive, low, high, model), self._step(drive), drive)
+            self._drives[name] = drive
         driven = {finger_of(name) for name in self.sliders}
         self._fingers = [name for name in model.scene.soft_bodies if name in driven]
         self.bindings = self._bindings()
@@ -266,16 +271,24 @@ def _chosen(kind: ActuatorKind, settings: KeyboardSettings) -> Drive:
 
 def _range(drive: Drive, number: int, model: "Model") -> tuple[float, float]:
     """The range that the limits of an actuator and of the scene give; else from 0, or both ways, to the drive's end."""
-    kind, limits = kind_of(drive), model.scene.limits
+    kind = kind_of(drive)
     if drive not in (kind.effort, kind.coordinate):
         return drive.nearest, drive.furthest
     actuators = model.actuators.sets[kind.name]
     low, high = (actuators.effort_range if drive is kind.effort else actuators.coordinate_range)[number].tolist()
     furthest = drive.furthest * (float(actuators.rest_value[number]) if drive.relative else 1.0)
+    return _within(drive, low, high, model, furthest, bool(actuators.pushes_and_pulls[number]))
+
+
+def _within(
+    drive: Drive, low: float, high: float, model: "Model", furthest: float = 0.0, both_ways: bool = False
+) -> tuple[float, float]:
+    """A range within the limits of the scene, with ends where neither has any."""
+    limits, furthest = model.scene.limits, furthest or drive.furthest
     given = getattr(limits, f"lowest_{drive.name}", None), getattr(limits, f"highest_{drive.name}", None)
     low = max(low, -UNLIMITED if given[0] is None else given[0])
     high = min(high, UNLIMITED if given[1] is None else given[1])
-    low = (-furthest if actuators.pushes_and_pulls[number] else 0.0) if low <= -UNLIMITED else low
+    low = (-furthest if both_ways else 0.0) if low <= -UNLIMITED else low
     high = furthest if high >= UNLIMITED else high
     return min(low, high), max(low, high)
 

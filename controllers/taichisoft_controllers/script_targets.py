@@ -10,7 +10,7 @@ from taichisoft.control import Control, Observation
 from taichisoft.errors import SceneError, nearest
 from taichisoft.mechanics import Drive, kind_of
 from taichisoft_controllers.model_names import values_by_actuator
-from taichisoft_controllers.settings import DRIVES, driven_by, read_drive
+from taichisoft_controllers.settings import DRIVES, driven_anywhere, read_drive
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
@@ -118,7 +118,7 @@ class Targets:
         """Lay out the array; `base` is what moves the base."""
         self._mover = base
         base.reset(model)
-        self._names = {drive: driven_by(drive, model) for drive in DRIVES}
+        self._names = {drive: driven_anywhere(drive, model) for drive in DRIVES}
         ways = [(drive, actuator) for drive, names in self._names.items() for actuator in names]
         self.places = {way: place for place, way in enumerate(ways)}
         self.parts: dict[Drive, slice] = {}

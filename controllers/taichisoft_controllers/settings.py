@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError, create_model
 
 from taichisoft.control import Observation, Slider
 from taichisoft.errors import SceneError
-from taichisoft.mechanics import ACTUATOR_KINDS, CABLES, CAVITIES, ActuatorKind, Drive, kind_of
+from taichisoft.mechanics import ACTUATOR_KINDS, CABLES, CAVITIES, ActuatorKind, Drive, kind_of, network_drives
 from taichisoft.scene import Table, first_problem, key_descriptions
 
 if TYPE_CHECKING:
@@ -26,6 +26,11 @@ def driven_by(drive: Drive, model: "Model") -> tuple[str, ...]:
     return model.actuators.driven_by(kind_of(drive), drive)
 
 
+def driven_anywhere(drive: Drive, model: "Model") -> tuple[str, ...]:
+    """The same, and names of valves and regulators of the scene's air network."""
+    return (*driven_by(drive, model), *(name for name, one in network_drives(model.scene.air).items() if one is drive))
+
+
 def table_of_drives(name: str, base: type[Table], field: Callable[[Drive, ActuatorKind], tuple[str, Any, str]]) -> Any:
     """A table with a key for each drive, None where it is not given.
 
@@ -40,9 +45,11 @@ def table_of_drives(name: str, base: type[Table], field: Callable[[Drive, Actuat
 
 
 def read_drive(drive: Drive, observation: Observation, actuator: str) -> float:
-    """What an actuator was driven with in the last step, or what came of it."""
-    value: Any = getattr(observation, drive.observed)[actuator]
-    return float(value)
+    """What an actuator, valve or regulator was driven with in the last step, or what came of it."""
+    values: Any = getattr(observation, drive.observed)
+    if drive.elsewhere and actuator not in values:
+        values = getattr(observation, drive.elsewhere)
+    return float(values[actuator])
 
 
 # The base class of the controllers' settings.

@@ -1,4 +1,4 @@
-"""Actions: pressures of cavities, pulls of cables, and velocities of the base."""
+"""Actions: pressures of cavities and regulators, valves, pulls of cables, and velocities of the base."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from taichisoft import Scene
 from taichisoft.base import right_of
 from taichisoft.control import Control, Observation
 from taichisoft.errors import SceneError, nearest
-from taichisoft.mechanics import ACTUATOR_KINDS, CAVITIES, ActuatorKind, Drive, State
+from taichisoft.mechanics import ACTUATOR_KINDS, CAVITIES, ActuatorKind, Drive, State, network_drives
 from taichisoft_gym.channels import Channel, numbers
 
 if TYPE_CHECKING:
@@ -194,6 +194,13 @@ class Actuation:
             for drive in [one for one in _ranked(kind, drives) if one.fits(table)][:1]
         ]
         self._readers = [(attrgetter(drive.observed), name) for drive, name, _ in self._driven]
+        network = [
+            (drive, name, scene.air.valves.get(name, scene.air.sources.get(name)))
+            for name, drive in network_drives(scene.air).items()
+            if not drives or drive.request in drives
+        ]
+        self._readers += [(attrgetter(drive.elsewhere), name) for drive, name, _ in network]
+        self._driven += network
         idle = next((one for one in drives if all(drive.request != one for drive, *_ in self._driven)), None)
         if self._driven and idle is not None:
             raise SceneError(f"actions: no actuator of the scene is driven by '{idle}'")
@@ -259,4 +266,5 @@ def _range(drive: Drive, table: Any, pressure: tuple[float, float]) -> tuple[flo
     if drive is CAVITIES.effort:
         return pressure
     usual = USUAL_PULL if drive.relative else drive.furthest
-    return drive.nearest, getattr(table, f"highest_{drive.name}", None) or usual
+    is_two_way = getattr(table, "exhaust", 0.0) is None  # a valve of a network that only opens
+    return 0.0 if is_two_way else drive.nearest, getattr(table, f"highest_{drive.name}", None) or usual

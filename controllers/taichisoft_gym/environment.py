@@ -113,6 +113,7 @@ def pressure_limits(
     tables: dict[str, Any] = {"limits": scene.limits}
     for name, body in scene.soft_bodies.items():
         tables |= {f"soft_bodies.{name}.cavities.{cavity}": table for cavity, table in body.cavities.items()}
+    tables |= {f"air.sources.{name}": source for name, source in scene.air.sources.items()}
     for key, table in tables.items():
         for end, limit in (("lowest", table.lowest_pressure), ("highest", table.highest_pressure)):
             if limit is None:

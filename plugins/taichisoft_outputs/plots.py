@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.base import require
-from taichisoft.control import BASE, FIGURES, PAIRS, Figure, text_of
+from taichisoft.control import AIR_NODES, AIR_PARTS, BASE, FIGURES, PAIRS, Figure, text_of
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
@@ -430,6 +430,7 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "height": height,
     "tips-side": _tips_side,
     "tips-above": _tips_above,
+    **_panels(lambda figure: figure.per in (AIR_NODES, AIR_PARTS)),
     **_panels(lambda figure: figure.per is PAIRS),
     "slip": slip,
     **_panels(lambda figure: figure.axes),
@@ -444,7 +445,8 @@ def panels_of(recording: Recording) -> dict[str, Callable[[RunCurves], Panel]]:
 
 
 def expected(name: str, recording: Recording) -> bool:
-    """Whether somebody expects a panel: that of cables or frames only where there are some, of air with its own law.
+    """Whether somebody expects a panel: that of cables, frames or networks only where there are some, of air with its
+    own law.
 
     Coordinates of tips are there for other axes than time; two panels show the paths.
     """
@@ -456,6 +458,8 @@ def expected(name: str, recording: Recording) -> bool:
             if figure.name == name:
                 matters = figure.matters if isinstance(figure, StateFigure) else bool
                 return (kind.always_driven and figure not in kind.figures) or any(map(matters, tables))
+    if name in ("network-pressure", "network-flow"):
+        return bool(recording.scene.air.parts)
     return name != "frame-force" or bool(recording.scene.frames)
 
 

@@ -1,7 +1,6 @@
 """The rows of a step's constraint problem: contacts, requests to actuators, and laws of their coordinates."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,101 +26,95 @@ from taichisoft.mechanics.state import State
 from taichisoft.runtime.launch import forget
 from taichisoft.scene.scene import Time
 
-# Rows of actuators whose effort and coordinate follow a law of their own, such as the air in a cavity.
+# Rows of actuators whose efforts and coordinates follow a law of their own, such as the air in joined cavities.
 #
-# A law gives the coordinate by the effort, and falls: the more air is pressed, the less space it takes. The bodies give
-# the coordinate by the effort, too, and there it rises. The row of the constraint problem is the law's tangent, an own
-# compliance as that of a stretchy cable, and where law and bodies meet is found by Newton's method: solve, take the
-# tangent at the effort found, and solve again. Where a tangent leads out of the bracket of efforts known to be too low
-# and too high, or hardly shrinks it, the chord between them takes its place, whose solution lies inside (as in Dekker's
-# method for one unknown).
+# The law gives the coordinates by the efforts, and falls: the more air is pressed, the less space it takes. The bodies
+# give the coordinates by the efforts, too, and there they rise, nearly linearly where contacts stay as they are. So the
+# law finds the efforts at which it meets linear bodies, each row of the constraint problem gets the law's own tangent
+# there, a compliance as that of a stretchy cable, and the solution of the problem tells where the bodies really are:
+# solve, meet, and solve again. That the tangents leave out how efforts act on each other's coordinates keeps the
+# problem symmetric. How much bodies give way is what the rows of the actuators alone say, corrected by what was found
+# (Broyden 1965, A class of methods for solving nonlinear simultaneous equations).
 
-# Distance from the law at which a row follows it, over the scale of the coordinate, or over the effort: round-off.
+# Distance from the law at which rows follow it, over the scale of the coordinate, or over the effort: round-off.
 FOLLOWS, EFFORT_FOLLOWS = 1e-11, 1e-13
-# A tangent that leaves more than this share of a bracket gives way to the chord.
-SHRINKS = 0.5
-# Where an effort is too low for the law, the next tangent is so much of the last effort above the lowest.
+# Where an effort is too low for the law, the next one is so much of the last effort above the lowest.
 NEARER = 0.1
+# Change of the efforts over the efforts, above which the change of the coordinates is more than round-off.
+TELLING = 1e-7
 
 
 @dataclass(frozen=True)
 class FollowedLaw:
-    """A law and the line that stands for it in a row of the constraint problem.
+    """A law and the lines that stand for it in rows of the constraint problem.
 
     Attributes:
-        row: number of the row among the actuators'.
+        rows: numbers of the rows among the actuators', in rising order, shape (n,).
         law: the law.
-        effort, coordinate, slope: a point of the line, and its slope.
-        too_low, too_high: bracket of efforts.
-        missed: distance between line and law where a line was last solved with, over the scale of the coordinate or of
-            the effort.
-        is_chord: whether the line is the chord of the bracket instead of a tangent.
+        effort, coordinate: a point of each line, shape (n,).
+        slope: their slopes, shape (n, n): lines of a solver have no slopes by each other's efforts.
+        missed: largest distance between line and law where a line was last solved with, over the scale of the
+            coordinate or of the effort.
     """
 
-    row: int
+    rows: np.ndarray
     law: CoordinateLaw
-    effort: float
-    coordinate: float
-    slope: float
-    too_low: float = -math.inf
-    too_high: float = math.inf
+    effort: np.ndarray
+    coordinate: np.ndarray
+    slope: np.ndarray
     missed: float = math.inf
-    is_chord: bool = False
 
     @classmethod
-    def tangent(cls, row: int, law: CoordinateLaw, effort: float) -> "FollowedLaw":
-        """The law's tangent at an effort."""
-        return cls(row, law, effort, *law.growth(effort))
+    def tangent(cls, rows: np.ndarray, law: CoordinateLaw, effort: np.ndarray, whole: bool = False) -> "FollowedLaw":
+        """The law's tangents at efforts, or its whole linearisation."""
+        coordinate, slope = law.growth(effort)
+        return cls(rows, law, effort, coordinate, slope if whole else np.diag(np.diag(slope)))
 
     @property
     def holds(self) -> bool:
-        """Whether the law holds where the line was last solved with."""
+        """Whether the law holds where the lines were last solved with."""
         return self.missed <= FOLLOWS
 
     @property
-    def at_zero(self) -> float:
-        """Coordinate of the line where the effort is 0."""
-        return self.coordinate - self.slope * self.effort
+    def at_zero(self) -> np.ndarray:
+        """Coordinates of the lines where the efforts are 0, shape (n,)."""
+        return self.line(np.zeros(len(self.rows)))
 
-    def moved(self, effort: float) -> "FollowedLaw":
-        """The tangent at another effort; this line where the effort is too low for the law."""
-        return self.tangent(self.row, self.law, float(effort)) if effort > self.law.lowest_effort else self
+    def line(self, effort: np.ndarray) -> np.ndarray:
+        """Coordinates of the lines at efforts, shape (n,)."""
+        coordinate: np.ndarray = self.coordinate + self.slope @ (effort - self.effort)
+        return coordinate
 
-    def compliance(self, stage: float) -> np.ndarray:
-        """The line as own compliance of the row, by impulses [mm^3/s per kPa s], shape (1, 1); see `Time.stage`."""
-        return np.array([[-self.slope / stage**2]])
+    def moved(self, effort: np.ndarray, whole: bool = False) -> "FollowedLaw":
+        """The tangents at other efforts, but where these are too low for the law."""
+        return self.tangent(self.rows, self.law, np.where(effort > self.law.lowest_effort, effort, self.effort), whole)
 
-    def solved(self, effort: float) -> "FollowedLaw":
-        """The line to go on with after the problem was solved with this one, and the row found an effort."""
-        if not effort > self.law.lowest_effort:
-            nearer = self.law.lowest_effort + NEARER * (self.effort - self.law.lowest_effort)
-            return replace(self.tangent(self.row, self.law, nearer), too_high=self.too_high)
+    def compliance(self, stage: float) -> tuple[int, np.ndarray]:
+        """First row, and the lines as own compliance from there on by impulses [mm^3/s per kPa s]; see `Time.stage`."""
+        first = int(self.rows[0])
+        own = np.zeros((int(self.rows[-1]) - first + 1,) * 2)
+        own[np.ix_(self.rows - first, self.rows - first)] = -self.slope / stage**2
+        return first, own
+
+    def measured(self, effort: np.ndarray) -> "FollowedLaw":
+        """These lines with what they miss of the law at the efforts that the rows found, shape (n,)."""
+        if not (effort > self.law.lowest_effort).all():
+            return replace(self, missed=math.inf)
         coordinate, slope = self.law.growth(effort)
-        above = self.coordinate + self.slope * (effort - self.effort) - coordinate
-        # Where the coordinate changes fast with the effort, round-off of the effort is much of the coordinate.
-        missed = abs(above) / max(self.law.scale, -EFFORT_FOLLOWS / FOLLOWS * slope * (effort - self.law.lowest_effort))
-        if missed <= FOLLOWS:
-            return replace(self, missed=missed)
-        if self._is_outside(effort) and not self.is_chord:
-            return replace(self._chord(), missed=missed)
-        # What lies outside although a chord was solved with tells that other rows have moved the bracket.
-        low, high = (-math.inf, math.inf) if self._is_outside(effort) else (self.too_low, self.too_high)
-        low, high = (low, effort) if above > 0.0 else (effort, high)
-        line = FollowedLaw(self.row, self.law, effort, coordinate, slope, low, high, missed)
-        # Where a law is steepest, as that of a valve between equal pressures, tangents lead to and fro across it.
-        is_slow = not self.is_chord and high - low > SHRINKS * (self.too_high - self.too_low)
-        return line._chord() if is_slow and high - low < math.inf else line
+        # Where a coordinate changes fast with the effort, round-off of the effort is much of the coordinate.
+        rise = EFFORT_FOLLOWS / FOLLOWS * np.abs(np.diag(slope)) * (effort - self.law.lowest_effort)
+        missed = np.abs(self.line(effort) - coordinate) / np.maximum(self.law.scale, rise)
+        return replace(self, missed=float(np.nan_to_num(missed, nan=math.inf).max()))
 
-    def _is_outside(self, effort: float) -> bool:
-        """Whether an effort lies outside a bracket with two ends."""
-        has_ends = -math.inf < self.too_low < self.too_high < math.inf
-        return has_ends and not self.too_low < effort < self.too_high
+    def next(self, effort: np.ndarray, compliance: np.ndarray) -> "FollowedLaw":
+        """The lines to go on with after the problem was solved with these, and the rows found efforts, shape (n,).
 
-    def _chord(self) -> "FollowedLaw":
-        """The line through the law at both ends of the bracket."""
-        (low, _), (high, _) = self.law.growth(self.too_low), self.law.growth(self.too_high)
-        slope = (high - low) / (self.too_high - self.too_low)
-        return replace(self, effort=self.too_low, coordinate=low, slope=slope, is_chord=True)
+        `compliance` is by how much the bodies give way [mm^3/kPa], shape (n, n).
+        """
+        lowest = self.law.lowest_effort
+        possible = np.maximum(effort, lowest + NEARER * (self.effort - lowest))
+        here = self.line(effort) + compliance @ (possible - effort)
+        return self.moved(self.law.meeting(possible, here, compliance))
 
 
 # Actuators in a step: known loads, or rows of the constraint problem with their bounds.
@@ -150,8 +143,8 @@ class ActuatorRequests:
         first_impulse: initial guess of the solver [mN s, of a volume kPa s], shape (row_count,).
         start_values: coordinates at the start of the step [mm^3] and [mm], shape (coordinate_count,).
         lead_rate: rates by the shift to the place of the measurement over `Time.stage`, shape (coordinate_count,).
-        compliances: first row and own compliance [mm/s per mN s] of each elastic cable with rows, and of each law.
-        laws: laws that rows follow, with the lines that stand for them in `mean_rate` and `compliances`.
+        compliances: first row and own compliance [mm/s per mN s] of each elastic cable with rows, and of the law.
+        law: the law that rows follow, with the lines that stand for it in `mean_rate` and `compliances`.
     """
 
     load: np.ndarray
@@ -163,7 +156,7 @@ class ActuatorRequests:
     start_values: np.ndarray
     lead_rate: np.ndarray
     compliances: tuple[tuple[int, np.ndarray], ...]
-    laws: tuple[FollowedLaw, ...] = ()
+    law: FollowedLaw | None = None
 
     def linearised(
         self,
@@ -190,37 +183,43 @@ class ActuatorRequests:
             impulse: initial guess of the rows' impulses, shape (row_count,).
             time: time stepping.
         """
-        here = self.following([law.moved(impulse[law.row] / time.step) for law in self.laws], time)
+        here = self if self.law is None else self.following(self.law.moved(impulse[self.law.rows] / time.step), time)
         rows, bounds = self.coordinates, self.bounds.copy()
         rubs = bounds[:, GRIP] >= 0.0
         bounds[rubs, GRIP] = geometry.grip[rows[rubs]]
         if time.theta == 1.0:
             target_rate = here.mean_rate + (rate - growth / time.step)[rows]
         else:
-            target_rate, own = here.mean_rate.copy(), [law.row for law in here.laws]
+            target_rate = here.mean_rate.copy()
+            own = np.zeros(0, dtype=np.intp) if here.law is None else here.law.rows
             rigid_velocity = np.hstack([start.rigid_velocity, start.rigid_angular_velocity])
             missing = rate - growth / time.stage
             missing -= (1.0 - time.theta) * geometry.rates(start.velocity, rigid_velocity)
             target_rate[own] += missing[rows[own]] / time.theta
         return replace(here, target_rate=target_rate, bounds=bounds, first_impulse=impulse)
 
-    def following(self, laws: Sequence[FollowedLaw], time: Time) -> "ActuatorRequests":
-        """The same requests with other lines for the laws, in the same order."""
-        if not laws:
-            return self
+    def following(self, law: FollowedLaw, time: Time) -> "ActuatorRequests":
+        """The same requests with other lines for the law."""
+        assert self.law is not None
         mean_rate, target_rate, compliances = self.mean_rate.copy(), self.target_rate.copy(), dict(self.compliances)
-        for before, law in zip(self.laws, laws, strict=True):
-            change = (law.at_zero - before.at_zero) / (time.theta * time.stage)
-            mean_rate[law.row] += change
-            target_rate[law.row] += change
-            compliances[law.row] = law.compliance(time.stage)
+        change = (law.at_zero - self.law.at_zero) / (time.theta * time.stage)
+        mean_rate[law.rows] += change
+        target_rate[law.rows] += change
+        first, compliance = law.compliance(time.stage)
+        compliances[first] = compliance
         return replace(
             self,
             mean_rate=mean_rate,
             target_rate=target_rate,
             compliances=tuple(compliances.items()),
-            laws=tuple(laws),
+            law=law,
         )
+
+    def tangent(self, impulse: np.ndarray, time: Time) -> "ActuatorRequests":
+        """The same requests with the whole linearisation of the law at impulses of the rows, shape (row_count,)."""
+        if self.law is None:
+            return self
+        return self.following(self.law.moved(impulse[self.law.rows] / time.step, whole=True), time)
 
     def efforts(self, impulse: np.ndarray, time_step: float) -> np.ndarray:
         """Pressures [kPa] and tensions [mN] of all coordinates, shape (coordinate_count,), by the rows' impulses."""
@@ -273,13 +272,20 @@ def _rows(
     grows by its stretch alone.
     """
     actuators, step, theta = model.actuators, model.scene.time.step, model.scene.time.theta
-    all_laws, laws = actuators.laws(state, step), []
+    law_of = actuators.law(state)
+    numbers, followed = [] if law_of is None else law_of[0].tolist(), None
     coordinates: list[np.ndarray] = []
     rates, bounds = [], []
     compliances: list[tuple[int, np.ndarray]] = []
     imposed, target = state.actuator_imposed, state.actuator_target
     now = actuators.sign * (geometry.value - actuators.rest_value)
     last = actuators.joined(state.actuator_effort, state.actuator_loss)
+    if law_of is not None:  # its rows have a coordinate each, as all actuators with rows before them
+        rows_before = np.cumsum([0, *(np.diff(actuators.first_coordinate)[with_rows])])
+        rows = rows_before[np.searchsorted(with_rows, numbers)]
+        followed = FollowedLaw.tangent(rows, law_of[1], last[actuators.first_coordinate[numbers]])
+        compliances.append(followed.compliance(theta * step))
+        at_zero = dict(zip(numbers, followed.at_zero.tolist(), strict=True))
     for actuator in with_rows:
         own = np.arange(*actuators.first_coordinate[actuator : actuator + 2])
         rate, rows = np.zeros(len(own)), np.tile(IMPOSED, (len(own), 1))
@@ -289,11 +295,8 @@ def _rows(
             compliances.append((sum(len(before) for before in coordinates), compliance / step**2))
         rows[1:, GRIP] = geometry.grip[own[1:]]
         lowest, highest = actuators.effort_range[actuator].tolist()
-        if actuator in all_laws:
-            row = sum(len(before) for before in coordinates)
-            laws.append(FollowedLaw.tangent(row, all_laws[actuator], float(last[own[0]])))
-            compliances.append((row, laws[-1].compliance(theta * step)))
-            reference = laws[-1].at_zero
+        if actuator in numbers:
+            reference = at_zero[actuator]
         elif imposed[actuator]:
             reference = target[actuator]
             rows[0, [LOWEST, HIGHEST]] = lowest * step, highest * step
@@ -304,7 +307,7 @@ def _rows(
             rows[0, PREFERRED] = target[actuator] * step
             # A stop holds without the limits of pump and motor; but a cable cannot push there either.
             rows[0, LOWEST] = actuators.effort_at_stop[actuator] * step
-        rate[0] = (reference - now[actuator]) / (theta * (theta * step) if actuator in all_laws else step)
+        rate[0] = (reference - now[actuator]) / (theta * (theta * step) if actuator in numbers else step)
         coordinates.append(own)
         rates.append(rate)
         bounds.append(rows)
@@ -319,9 +322,9 @@ def _rows(
         start_values=geometry.values(),
         lead_rate=np.zeros(len(load)),
         compliances=tuple(compliances),
-        laws=tuple(laws),
+        law=followed,
     )
-    if theta == 1.0 or not laws:
+    if theta == 1.0 or followed is None:
         return requests
     here = np.zeros(len(load))
     return requests.linearised(geometry, here, here, state, requests.first_impulse, model.scene.time)

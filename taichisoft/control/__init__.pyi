@@ -3,6 +3,8 @@ from .control import Controller as Controller
 from .control import Force as Force
 from .control import KeyEvent as KeyEvent
 from .control import Slider as Slider
+from .figures import AIR_NODES as AIR_NODES
+from .figures import AIR_PARTS as AIR_PARTS
 from .figures import BASE as BASE
 from .figures import FIGURES as FIGURES
 from .figures import OBJECTS as OBJECTS

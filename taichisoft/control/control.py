@@ -114,10 +114,11 @@ class Control(_Request):
     The scene's `[limits]` stand between what is asked for and what happens. Angles are in radians.
 
     Attributes:
-        pressure: pressures [kPa] by cavity name ("finger1.cavity"); a cavity is driven by pressure or by volume.
+        pressure: pressures [kPa] by name of a cavity ("finger1.cavity") or of a regulator in the scene's table `air`; a
+            cavity is driven by pressure or by volume.
         volume_growth: volumes over the rest volume [mm^3], by cavity name; the pressure is then a result.
-        valve: openings of the valves of air lines, from 1, wholly open to the source, to -1, wholly open to the
-            exhaust, by cavity name.
+        valve: openings of the valves of air lines, by cavity name, and of those in the table `air`, from 1, wholly open
+            to the source, to -1, wholly open to the exhaust.
         cable_tension: tensions [mN] by cable name ("finger1.tendon"); a cable is driven by tension or by pull.
         cable_pull: how far cables are pulled in [mm], by cable name; the tension is then a result.
         pull_points: places of pull points [mm], shape (3,), by cable name; where the scene says so, the motion of a

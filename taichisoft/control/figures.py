@@ -77,6 +77,9 @@ FRAMES = Subject("frame", lambda model: list(model.scene.frames), axes="xyz")
 HINGES = Subject("frame", _hinges)
 PUSHED = Subject("body or frame", _bodies_and_frames, axes="xyz")
 OBJECTS = Subject("rigid body", lambda model: model.scene.objects)
+AIR_NODES = Subject("tank, tube or source", lambda model: model.scene.air.nodes)
+AIR_PARTS = Subject("tube, orifice or valve", lambda model: list(model.scene.air.parts))
+AIR_VALVES = Subject("valve", lambda model: list(model.scene.air.valves))
 TACTILE_ARRAYS = Subject("tactile array", lambda model: list(model.scene.tactile_arrays))
 PAIRS = Subject("pair of bodies", _pairs_with_objects, " of the soft bodies on the object")
 
@@ -202,6 +205,26 @@ EVERYWHERE, CSV_PAGE = ON_PAGE | In.FINAL, In.CSV | In.PAGE
 
 FIGURES: tuple[Figure, ...] = (
     *(_of_actuators(kind, figure) for kind in ACTUATOR_KINDS for figure in kind.measured),
+    Figure(
+        "network_pressure",
+        "kPa",
+        AIR_NODES,
+        "pressure in tanks, tubes and sources of the air network, mean of all",
+        "mean",
+        FILES,
+        "pressure in the air network [kPa]",
+    ),
+    Figure(
+        "network_flow",
+        "kg/s",
+        AIR_PARTS,
+        "largest flow through a tube, orifice or valve of the air network",
+        "max",
+        FILES,
+        "flow in the air network [mg/s]",
+        factor=1e6,
+    ),
+    Figure("network_opening", "1", AIR_VALVES, "opening of the air network's valves, mean of all", "mean", In.CSV),
     Figure("tip_position", "mm", FINGERS, recorded=In.CSV | In.FINAL, reach=200.0, axes="xyz"),
     Figure(
         "bending_angle",

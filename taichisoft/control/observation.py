@@ -73,6 +73,10 @@ class Observation:
             for its pressure.
         air_flows: flows of air into the cavities and their lines in the last step [kg/s], by cavity name.
         valve_openings: openings of the valves in the last step, from -1 to 1, after delay and response, by cavity name.
+        network_pressures: pressures in tanks, tubes and sources of the scene's air network in the last step [kPa].
+        network_flows: flows of air through its tubes, orifices and valves in the last step [kg/s], from inlet to outlet
+            positive, of a valve's exhaust as well.
+        network_openings: openings of its valves in the last step, from -1 to 1, after delay and response.
         cable_tensions: tensions at the pulled ends in the last step [mN], by cable name.
         cable_lengths: lengths of the cables [mm], by cable name.
         cable_pulls: how far the cables are pulled in [mm], by cable name.
@@ -109,8 +113,9 @@ class Observation:
         peak_pressure_errors: how far the mesh may be wrong about that [kPa], likewise.
         tactile: normal force on each patch of the scene's tactile arrays [mN], of the shape of their `patches`, by
             "body.array".
-        clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
-            "base_translation" and "base_rotation", and so on for other frames.
+        clipped: parts of the last request that the scene's limits held back: names of cavities, of
+            cables, and of valves and regulators of the air network, "base_translation" and "base_rotation", and so on
+            for other frames.
         cameras: what the scene's cameras see, a `CameraFrame` by name, drawn when it is looked at; empty in an
             observation of a `TimeStepper` alone.
         exact: the same without the scene's `[sensors]`, which disturb the fields above; None where there are none, or
@@ -129,6 +134,9 @@ class Observation:
     air_masses: Mapping[str, float] = field(default_factory=dict)
     air_flows: Mapping[str, float] = field(default_factory=dict)
     valve_openings: Mapping[str, float] = field(default_factory=dict)
+    network_pressures: Mapping[str, float] = field(default_factory=dict)
+    network_flows: Mapping[str, float] = field(default_factory=dict)
+    network_openings: Mapping[str, float] = field(default_factory=dict)
     cable_tensions: Mapping[str, float] = field(default_factory=dict)
     cable_lengths: Mapping[str, float] = field(default_factory=dict)
     cable_pulls: Mapping[str, float] = field(default_factory=dict)

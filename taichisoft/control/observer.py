@@ -404,6 +404,10 @@ class Observer:
                     found[figure.observed] = _numbers(names, actuators.of(kind, values))
             for further in kind.figures:
                 found[further.observed] = _numbers(names, getattr(state, further.field))
+        air, openings = self._model.scene.air, state.network_drive[: len(self._model.scene.air.valves)]
+        found["network_pressures"] = _numbers(air.nodes, state.network_pressure)
+        found["network_flows"] = _numbers(tuple(air.parts), state.network_flow)
+        found["network_openings"] = _numbers(tuple(air.valves), openings)
         found["pressure_targets"] = self._pressure_targets(state)
         return found
 

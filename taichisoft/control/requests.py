@@ -14,7 +14,7 @@ from taichisoft.contact.model import Model
 from taichisoft.control.control import Control, Force
 from taichisoft.errors import ControlError, nearest
 from taichisoft.mechanics.actuator_kind import ActuatorKind, ActuatorSet, Drive
-from taichisoft.mechanics.cavities import CAVITIES, VALVE
+from taichisoft.mechanics.cavities import CAVITIES, VALVE, network_drives
 from taichisoft.mechanics.external_forces import UNTIL_ANOTHER, ExternalForces
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
@@ -28,6 +28,8 @@ def clipped(model: Model, state: State) -> tuple[str, ...]:
     requests, targets = state.actuator_request.tolist(), state.actuator_target.tolist()
     held_back = zip(model.actuators.names, requests, targets, strict=True)
     names = [name for name, request, target in held_back if request != target]
+    in_network = zip(model.cavities.network.drives, state.network_request, state.network_target, strict=True)
+    names += [name for name, request, target in in_network if request != target]
     missed = (state.frame_request != state.frame_pose).any(axis=2).tolist()
     for name, parts in zip(model.frames.names, missed, strict=True):
         names += [
@@ -235,6 +237,11 @@ class Requests:
             for limits, ends, drive in zip(self._limits, own, (kind.effort, kind.coordinate), strict=True):
                 lowest, highest, furthest = _reach(model, drive)
                 limits[:2, number], limits[2, number] = np.clip(ends[number].T, lowest, highest), furthest
+        network, reach = model.cavities.network, np.array(_reach(model, CAVITIES.effort))
+        self._network_limits = np.array([*network.drive_range.T, np.full(len(network.drives), math.inf)])
+        of_regulators = self._network_limits[:, len(network.valves) :]
+        of_regulators[:2] = np.clip(of_regulators[:2], *reach[:2])
+        of_regulators[2] = reach[2]
         self._follows_path = any(frame.path is not None for frame in model.scene.frames.values())
 
     def apply(self, state: State, control: Control) -> State:
@@ -250,8 +257,10 @@ class Requests:
             "actuator_request": request,
             "actuator_target": target,
         }
-        if control.valve or model.cavities.valves.lines:
+        if control.valve or model.cavities.air_lines:
             changes |= _valves(model, state, control, target)
+        if model.cavities.network.drives:
+            changes |= self._network(state, control)
         if control.pull_points:
             changes["pull_point"] = _pull_point(model, state, control)
         if self._frames_move(state, control, given[OF_FRAMES]):
@@ -299,6 +308,21 @@ class Requests:
         allowed = np.minimum(np.maximum(request, low), high)
         targets: np.ndarray = np.minimum(np.maximum(allowed, last - furthest), last + furthest)
         return targets
+
+    def _network(self, state: State, control: Control) -> dict[str, np.ndarray]:
+        """How valves and regulators of the scene's air network are in the step, by what is asked for of them."""
+        network, request = self._model.cavities.network, state.network_request.copy()
+        for number, (name, drive) in enumerate(network_drives(self._model.scene.air).items()):
+            requests: Mapping[str, Any] = getattr(control, drive.request)
+            if name in requests:
+                key = f"control.{drive.request}['{name}']"
+                request[number] = finite(requests[name], key, ())
+                if drive is VALVE:
+                    _check_opening(key, request[number])
+        low, high, furthest = self._network_limits
+        last = state.network_target
+        target = np.clip(np.clip(request, low, high), last - furthest, last + furthest)
+        return network.moved(state, request, target)
 
     def _frames_move(self, state: State, control: Control, by_name: Sequence[Mapping[str, Any]]) -> bool:
         """Whether a frame is asked to move, follows a path, or has not arrived yet."""
@@ -369,8 +393,13 @@ def _driven(
     drive: Drive, requests: Mapping[str, Any], kind: ActuatorKind, actuators: ActuatorSet
 ) -> Iterator[tuple[int, str, Any]]:
     """Number, key for messages and request of each actuator that is driven so."""
+    elsewhere = actuators.elsewhere(drive)
     for name, value in requests.items():
-        index, key = index_of(name, actuators.names, kind.name, drive.request), f"control.{drive.request}['{name}']"
+        if name in elsewhere:
+            continue
+        known = (*actuators.names, *elsewhere)
+        word, key = f"{kind.name}{' or part of [air]' * bool(elsewhere)}", f"control.{drive.request}['{name}']"
+        index = index_of(name, known, word, drive.request)
         why_not = actuators.why_not(drive, index)
         if why_not:
             raise ControlError(f"{key}: cannot be asked for, {why_not}")
@@ -381,12 +410,16 @@ def _valves(model: Model, state: State, control: Control, target: np.ndarray) ->
     """How valves and regulators of air lines are in the step, by what they and (actuator_count,) are asked for."""
     request, cavities = state.valve_request.copy(), model.cavities
     for index, key, opening in _driven(VALVE, control.valve, CAVITIES, cavities):
-        if not -1.0 <= opening <= 1.0:
-            raise ControlError(
-                f"{key} = {float(opening)!r}: must be from -1 (open to the exhaust) to 1 (open to the source)"
-            )
+        _check_opening(key, opening)
         request[index] = opening
-    return cavities.valves.moved(state, model.actuators.of(CAVITIES, target), request)
+    return cavities.valves_moved(state, model.actuators.of(CAVITIES, target), request)
+
+
+def _check_opening(key: str, opening: float) -> None:
+    if not -1.0 <= opening <= 1.0:
+        raise ControlError(
+            f"{key} = {float(opening)!r}: must be from -1 (open to the exhaust) to 1 (open to the source)"
+        )
 
 
 def _pull_point(model: Model, state: State, control: Control) -> np.ndarray:

@@ -16,6 +16,7 @@ from .body_geometry import planes_of as planes_of
 from .body_geometry import soft_surface as soft_surface
 from .cables import CABLES as CABLES
 from .cavities import CAVITIES as CAVITIES
+from .cavities import network_drives as network_drives
 from .elasticity import ElasticSystem as ElasticSystem
 from .element_kinds import ELEMENT_KINDS as ELEMENT_KINDS
 from .element_kinds import linear_tetrahedra as linear_tetrahedra

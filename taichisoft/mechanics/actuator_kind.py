@@ -164,6 +164,8 @@ class Drive(ActuatorFigure):
         furthest: end of sliders where no limit gives one; of coordinates with `relative` a share of the value at rest.
         nearest: other end of sliders where no limit gives one.
         relative: whether `furthest` is such a share.
+        elsewhere: field of `Observation` that has it of what is driven so but is no actuator, see
+            `ActuatorSet.elsewhere`; "" for none.
         more, less: what the keys + and - do, for the help.
         fits: whether an actuator with this table in the scene can be driven so.
 
@@ -176,6 +178,7 @@ class Drive(ActuatorFigure):
     furthest: float = 0.0
     nearest: float = 0.0
     relative: bool = False
+    elsewhere: str = ""
     more: str = ""
     less: str = ""
     fits: Callable[[Any], bool] = _always
@@ -292,9 +295,13 @@ class ActuatorSet(ABC):
         """Why an actuator cannot be driven so, for a message; "" where it can."""
         return ""
 
-    def laws(self, state: "State", time_step: float) -> "Mapping[int, CoordinateLaw]":
-        """The laws that actuators follow in the step [s] from a state, by their numbers in this set."""
-        return {}
+    def elsewhere(self, drive: Drive) -> tuple[str, ...]:
+        """Names of what is driven so but is no actuator itself, such as the valves of an air network."""
+        return ()
+
+    def law(self, state: "State") -> "CoordinateLaw | None":
+        """The law that actuators follow in the step from a state, with their numbers in this set."""
+        return None
 
     def start(self) -> dict[str, np.ndarray]:
         """Fields of the first state that belong to this kind, but for the request of its users."""
@@ -345,18 +352,30 @@ class ActuatorShapes(Protocol):
 
 
 class CoordinateLaw(Protocol):
-    """A coordinate as a falling function of the effort, such as the space that shut-in air takes at a pressure."""
+    """Coordinates as falling functions of efforts, such as the spaces of air in joined cavities by its pressures."""
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Numbers of the actuators in their set, shape (n,)."""
 
     @property
     def lowest_effort(self) -> float:
-        """The effort at which the coordinate becomes infinite."""
+        """The effort at which coordinates become infinite."""
 
     @property
-    def scale(self) -> float:
-        """Size of coordinates, for what is left of them."""
+    def scale(self) -> np.ndarray:
+        """Sizes of coordinates, for what is left of them, shape (n,)."""
 
-    def growth(self, effort: float) -> tuple[float, float]:
-        """Coordinate [mm^3] and slope [mm^3/kPa] at an effort [kPa] above the lowest."""
+    def growth(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates [mm^3], (n,), and slopes [mm^3/kPa], (n, n), at efforts [kPa] above the lowest."""
+
+    def meeting(self, effort: np.ndarray, growth: np.ndarray, compliance: np.ndarray) -> np.ndarray:
+        """Efforts at which bodies have the law's coordinates that at given efforts have others, and give way linearly.
+
+        Args:
+            effort, growth: efforts above the lowest, and the coordinates of the bodies there, each (n,).
+            compliance: changes of these with the efforts, (n, n).
+        """
 
 
 # Names of actuators by their kind, and where each kind stands in arrays over all actuators.

@@ -15,15 +15,17 @@ from taichisoft.mechanics.actuator_kind import (
     StateFigure,
     limits,
 )
+from taichisoft.mechanics.air_network import AirLaw, AirNetwork
 from taichisoft.mechanics.body_geometry import Poses
-from taichisoft.mechanics.cavity_air import LineAir, Orifice, SealedAir, Tube, Valves, air_mass, tube, tube_volume
+from taichisoft.mechanics.cavity_air import Response, air_mass
 from taichisoft.mesh import surface
 from taichisoft.mesh.surface import stacked
 
 if TYPE_CHECKING:
     from taichisoft.mechanics.soft_body_arrays import SoftBody
     from taichisoft.mechanics.state import State
-    from taichisoft.scene.actuators import AirLine, CavitySettings
+    from taichisoft.scene.actuators import CavitySettings
+    from taichisoft.scene.air import AirNetworkSettings
 
 COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
@@ -34,11 +36,12 @@ class Cavities(ActuatorSet):
     Attributes:
         surfaces, curved: what the kernels read; without cavities their arrays are empty.
         atmosphere: absolute pressure outside [kPa].
-        valves: the valves of cavities with a line.
+        air_lines: supplies of cavities that have one of their own, by number of the cavity.
+        network: what joins the cavities that have air of their own.
     """
 
-    def __init__(self, bodies: "Sequence[SoftBody]", atmosphere: float, time_step: float):
-        """Lay out the arrays, for an absolute pressure outside [kPa] and a time step [s]."""
+    def __init__(self, bodies: "Sequence[SoftBody]", atmosphere: float, time_step: float, air: "AirNetworkSettings"):
+        """Lay out the arrays, for an absolute pressure outside [kPa], a time step [s], and the scene's table `air`."""
         from taichisoft.mechanics.kernels import actuator_coordinates as kernels
 
         found = [(body, cavity) for body in bodies for cavity in body.cavities]
@@ -82,13 +85,15 @@ class Cavities(ActuatorSet):
             soft_entries=entries,
         )
         self.atmosphere, self._settings = atmosphere, settings
-        lines = {number: one.line for number, one in enumerate(settings) if one.line is not None}
-        self.valves = Valves(lines, len(settings), time_step)
-        self._tubes = [_tube(one.line) for one in settings]
+        self.air_lines = {number: one.line for number, one in enumerate(settings) if one.line is not None}
+        self._responses = {
+            number: Response.of(line.delay, line.response_time, line.period, time_step)
+            for number, line in self.air_lines.items()
+        }
+        self.network = AirNetwork(dict(zip(self.names, settings, strict=True)), air, atmosphere, time_step)
         self.has_law = np.array([one.air != "regulated" for one in settings], dtype=bool)
         self._has_laws = bool(self.has_law.any())
         self.takes_effort = np.array([CAVITIES.effort.fits(one) for one in settings], dtype=bool)
-        self._dead_volume = np.array([one.dead_volume for one in settings])
         self.rest_effort = np.array([one.shut_pressure for one in settings])
         self.curved = kernels.CurvedTriangles(
             start=curved_start,
@@ -106,58 +111,60 @@ class Cavities(ActuatorSet):
         constant = " with a supply of constant pressure" if table.line is not None and drive is CAVITIES.effort else ""
         return f'its air is "{table.air}"{constant}'
 
-    def laws(self, state: "State", time_step: float) -> dict[int, SealedAir | LineAir]:
-        """How the volumes of cavities with air of their own follow from its pressure."""
-        return {number: self._law(number, state, time_step) for number in np.flatnonzero(self.has_law).tolist()}
+    def elsewhere(self, drive: Drive) -> tuple[str, ...]:
+        """Valves and regulators of the network that the scene's table `air` describes."""
+        return {VALVE: self.network.valves, CAVITIES.effort: self.network.regulators}.get(drive, ())
 
-    def _law(self, number: int, state: "State", time_step: float) -> SealedAir | LineAir:
-        mass, rest_volume = float(state.air_mass[number]), float(self.rest_value[number])
-        line = self._settings[number].line
-        if line is None:
-            exponent, dead_volume = self._settings[number].exponent, float(self._dead_volume[number])
-            warm_space = float(state.warm_air_space[number])
-            return SealedAir(rest_volume, self.atmosphere, mass, exponent, warm_space, dead_volume)
-        opening, in_tube = float(state.valve_opening[number]), float(state.tube_air_mass[number])
-        source = float(state.supply_pressure[number]) if opening >= 0.0 else line.exhaust
-        return LineAir(
-            cavity_mass=mass - in_tube,
-            tube_mass=in_tube,
-            valve=Orifice(abs(opening) * line.conductance, line.critical_ratio),
-            source=source + self.atmosphere,
-            tube=self._tubes[number],
-            rest_volume=rest_volume,
-            atmosphere=self.atmosphere,
-            time_step=time_step,
-        )
+    def law(self, state: "State") -> AirLaw | None:
+        """How the volumes of cavities with air of their own follow from their pressures."""
+        return self.network.law(state, self.rest_value) if self._has_laws else None
 
     def start(self) -> dict[str, np.ndarray]:
-        """The air that is in the cavities at first, and their valves."""
-        tubes = np.array([0.0 if tube is None else tube.volume for tube in self._tubes])
-        in_tube = air_mass(self.rest_effort + self.atmosphere, tubes)
-        space = self.rest_value + self._dead_volume
-        mass = air_mass(self.rest_effort + self.atmosphere, space) + in_tube
-        flow = np.zeros(len(mass))
-        air = {"air_mass": mass, "tube_air_mass": in_tube, "warm_air_space": space, "air_flow": flow}
-        return {**air, **self.valves.start()}
+        """The air that is in the cavities at first, and their valves: a regulator's is open, others are closed."""
+        opening, supply = np.zeros(len(self.names)), np.zeros(len(self.names))
+        for number, line in self.air_lines.items():
+            opening[number], supply[number] = (1.0, 0.0) if line.supply is None else (0.0, line.supply)
+        network = self.network.start(self.rest_effort)
+        longest = max((one.delay for one in self._responses.values()), default=0)
+        space = self.rest_value + self.network.dead_volume
+        return {
+            "air_mass": air_mass(self.rest_effort + self.atmosphere, space) + network["tube_air_mass"],
+            "warm_air_space": space,
+            "air_flow": np.zeros(len(self.names)),
+            "valve_request": opening,
+            "valve_opening": opening.copy(),
+            "supply_pressure": supply,
+            "delayed_requests": np.zeros((len(self.names), longest)),
+            **network,
+        }
+
+    def valves_moved(self, state: "State", pressure: np.ndarray, request: np.ndarray) -> dict[str, np.ndarray]:
+        """Valves and regulators of lines in the step that begins, by the pressures and openings requested."""
+        opening, supply = state.valve_opening.copy(), state.supply_pressure.copy()
+        waiting = state.delayed_requests.copy()
+        for number, line in self.air_lines.items():
+            values, targets = (supply, pressure) if line.has_regulator else (opening, request)
+            values[number] = self._responses[number].moved(
+                float(values[number]), float(targets[number]), waiting[number], state.step
+            )
+            if line.has_regulator:
+                opening[number] = request[number]
+        return {
+            "valve_request": request,
+            "valve_opening": opening,
+            "supply_pressure": supply,
+            "delayed_requests": waiting,
+        }
 
     def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
-        """The air in the cavities after a step: sealed, through a valve, or as a regulator supplies it."""
-        space = value + self._dead_volume
-        let_in = air_mass(effort + self.atmosphere, space)
-        if not self._has_laws:
-            flow = (let_in - start.air_mass) / time_step
-            return {"air_mass": let_in, "warm_air_space": space, "air_flow": flow}
-        mass, in_tube = np.where(self.has_law, start.air_mass, let_in), start.tube_air_mass.copy()
-        flow = (mass - start.air_mass) / time_step
-        for number in self.valves.lines:
-            law = self._law(number, start, time_step)
-            assert isinstance(law, LineAir)
-            flow[number], into_cavity = law.flows(float(effort[number]))
-            mass[number] += time_step * flow[number]
-            if law.tube is not None:
-                in_tube[number] += time_step * (flow[number] - into_cavity)
+        """The air in the cavities after a step: as their network leaves it, or as a regulator supplies it."""
+        space = value + self.network.dead_volume
+        mass, law = air_mass(effort + self.atmosphere, space), self.law(start)
+        if law is None:
+            return {"air_mass": mass, "warm_air_space": space, "air_flow": (mass - start.air_mass) / time_step}
+        fields = self.network.after(start, law, effort, mass)
         warm = np.where(self.has_law, start.warm_air_space, space)
-        return {"air_mass": mass, "tube_air_mass": in_tube, "warm_air_space": warm, "air_flow": flow}
+        return {"air_mass": mass, "warm_air_space": warm, "air_flow": (mass - start.air_mass) / time_step, **fields}
 
     def shapes(self, buffers: ActuatorBuffers) -> "CavityVolumes":
         """What measures their volumes."""
@@ -209,18 +216,12 @@ class CavityVolumes:
         return self._volumes.volume
 
 
-def _tube(line: "AirLine | None") -> Tube | None:
-    if line is None or line.tube_length is None or line.tube_diameter is None:
-        return None
-    return Tube(tube(line.tube_length, line.tube_diameter), tube_volume(line.tube_length, line.tube_diameter))
-
-
 def _has_regulator(cavity: "CavitySettings") -> bool:
     return cavity.air == "regulated" or (cavity.line is not None and cavity.line.has_regulator)
 
 
 def _has_valve(cavity: "CavitySettings") -> bool:
-    return cavity.air == "line"
+    return cavity.line is not None
 
 
 def _has_own_air(cavity: "CavitySettings") -> bool:
@@ -239,6 +240,7 @@ VALVE = StateDrive(
     step=0.1,
     furthest=1.0,
     nearest=-1.0,
+    elsewhere="network_openings",
     more="open the valve to the source",
     less="open the valve to the exhaust",
     fits=_has_valve,
@@ -260,6 +262,7 @@ CAVITIES = ActuatorKind(
         rate="pressure_rate",
         step=1.0,
         furthest=150.0,
+        elsewhere="network_pressures",
         more="raise the pressure",
         less="lower the pressure",
         fits=_has_regulator,
@@ -311,5 +314,10 @@ CAVITIES = ActuatorKind(
     imposed="volume_imposed",
     drawn="walls",
     always_driven=True,
-    make=lambda scene, soft, rigid, obstacles: Cavities(soft, scene.atmosphere, scene.time.step),
+    make=lambda scene, soft, rigid, obstacles: Cavities(soft, scene.atmosphere, scene.time.step, scene.air),
 )
+
+
+def network_drives(air: "AirNetworkSettings") -> dict[str, Drive]:
+    """By the names of valves and regulators of a scene's table `air`, as what requests drive them."""
+    return {name: VALVE if name in air.valves else CAVITIES.effort for name in air.drives}

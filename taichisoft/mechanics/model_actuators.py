@@ -101,15 +101,12 @@ class Actuators(ActuatorNames):
         """The names of a kind's actuators that can be driven so."""
         return tuple(name for name, table in self._tables[kind.name].items() if drive.fits(table))
 
-    def laws(self, state: State, time_step: float) -> dict[int, CoordinateLaw]:
-        """The laws that actuators follow in the step [s] from a state, by the numbers of the actuators."""
+    def law(self, state: State) -> tuple[np.ndarray, CoordinateLaw] | None:
+        """The law that actuators follow in the step from a state, and their numbers; only one kind has any."""
         if not self._has_laws:
-            return {}
-        return {
-            self.place(kind).start + number: law
-            for kind in ACTUATOR_KINDS
-            for number, law in self.sets[kind.name].laws(state, time_step).items()
-        }
+            return None
+        laws = ((self.place(kind).start, self.sets[kind.name].law(state)) for kind in ACTUATOR_KINDS)
+        return next((first + law.numbers, law) for first, law in laws if law is not None)
 
     def start(self) -> dict[str, np.ndarray]:
         """Fields of the first state that belong to a kind of actuators alone."""

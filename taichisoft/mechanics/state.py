@@ -60,6 +60,13 @@ class State:
         supply_pressure: pressures of the lines' sources in the last step [kPa], shape (cavity_count,).
         delayed_requests: requested openings or pressures [kPa] that have had no effect yet, the oldest first,
             shape (cavity_count, longest delay in steps).
+        network_air_mass: air in the tanks and tubes of the scene's table `air` [kg], shape (volume_count,).
+        network_pressure: pressures of these and of its sources in the last step [kPa], (volume_count + source_count,).
+        network_flow: flows through its tubes, orifices and valves in the last step [kg/s], shape (part_count,).
+        network_request: requests for its valves [-] and regulators [kPa], shape (drive_count,).
+        network_target: what limits leave of them, shape (drive_count,).
+        network_drive: openings and pressures in the last step, after delay and response, shape (drive_count,).
+        network_delayed: targets that have had no effect yet, the oldest first, (drive_count, longest delay in steps).
         pull_point: positions of the pull points before their frames moved them [mm], shape (cable_count, 3).
         sensor_memory: seed of the scene's sensors, 1 once they have samples, and these, sensor by sensor, the oldest
             first; empty without sensors.
@@ -103,6 +110,13 @@ class State:
     valve_opening: np.ndarray
     supply_pressure: np.ndarray
     delayed_requests: np.ndarray
+    network_air_mass: np.ndarray
+    network_pressure: np.ndarray
+    network_flow: np.ndarray
+    network_request: np.ndarray
+    network_target: np.ndarray
+    network_drive: np.ndarray
+    network_delayed: np.ndarray
     pull_point: np.ndarray
     sensor_memory: np.ndarray
     contact_body_pair: np.ndarray

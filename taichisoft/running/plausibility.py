@@ -58,8 +58,8 @@ MOST_HELD = 5.0 / 6.0
 ABSURD = 1e9
 """Factor beyond the plausible range at which a number is refused: no mistaken unit leads that far."""
 
-PRESSURE_KEYS = ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust")
-"""Keys of cavities and of their lines that are pressures."""
+PRESSURE_KEYS = ("pressure", "lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust")
+"""Keys of cavities, of their lines, and of sources and tanks that are pressures."""
 
 MASS_FACTOR = {"g": 1e-3, "mg": 1e-6}
 """Kilograms per unit in which masses are mistakenly given."""
@@ -80,6 +80,13 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
             warn_caller(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
 
 
+def _highest_pressure(key: str, table: object) -> tuple[str, float, Plausible]:
+    """Of several pressures in one unit the highest alone."""
+    pressures = {field: abs(getattr(table, field, None) or 0.0) for field in PRESSURE_KEYS}
+    highest = max(pressures, key=pressures.__getitem__)
+    return f"{key}.{highest}", pressures[highest], PRESSURE
+
+
 def _quantities(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> Iterator[tuple[str, float, Plausible]]:
     """Key, value and plausible range of the numbers that are checked; zeros and infinite durations are left out."""
     yield "time.step", scene.time.step, TIME_STEP
@@ -92,14 +99,14 @@ def _quantities(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> Iterator[tupl
     for material, modulus in scene.young_moduli.items():
         if modulus > NEGLIGIBLE:
             yield f"soft_bodies.{material}.young_modulus", modulus, MODULUS
+    for kind, tables in (("sources", scene.air.sources), ("tanks", scene.air.tanks)):
+        for name, table in tables.items():
+            yield _highest_pressure(f"air.{kind}.{name}", table)
     for name, body in scene.soft_bodies.items():
         key = f"soft_bodies.{name}"
         for cavity, cavity_table in body.cavities.items():
-            for part, table in ((cavity, cavity_table), (f"{cavity}.line", cavity_table.line)):
-                # Of several pressures in one unit the highest alone.
-                pressures = {field: abs(getattr(table, field, None) or 0.0) for field in PRESSURE_KEYS}
-                highest = max(pressures, key=pressures.__getitem__)
-                yield f"{key}.cavities.{part}.{highest}", pressures[highest], PRESSURE
+            yield _highest_pressure(f"{key}.cavities.{cavity}", cavity_table)
+            yield _highest_pressure(f"{key}.cavities.{cavity}.line", cavity_table.line)
         for kind in ("membranes", "fibres"):
             for name_of_part, layer in getattr(body, kind).items():
                 yield f"{key}.{kind}.{name_of_part}.young_modulus", layer.young_modulus, FIBRE_MODULUS

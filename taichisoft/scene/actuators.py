@@ -4,52 +4,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from taichisoft.scene.air import AirLine
 from taichisoft.scene.table import Name, NotNegative, Number, Positive, Rule, Table, Vector, ordered
-
-# The line through which a cavity gets its air: source, valve and tube, as a user describes them.
-
-Ratio = Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]
-
-
-class AirLine(Table):
-    """A source, a valve and a tube. Flow is that of ISO 6358, by sonic conductance and critical pressure ratio."""
-
-    supply: Number | None = None
-    """Pressure of the source over the atmosphere's [kPa]; when it is not given, the source is a pressure regulator that
-    gives and takes air, at the requested pressure."""
-    exhaust: Number = 0.0
-    """Pressure where a valve with an opening below 0 leads to, over the atmosphere's [kPa]: negative for a vacuum."""
-    conductance: Positive
-    """Sonic conductance C of the open valve [dm^3/(s bar)], as in its data sheet."""
-    critical_ratio: Ratio = 0.3
-    """Critical pressure ratio b of the valve [-]."""
-    valve: Literal["proportional", "on/off"] = "proportional"
-    """A "proportional" valve opens by the requested share of its conductance; an "on/off" valve opens wholly
-    for that share of each period."""
-    period: Positive | None = None
-    """Time from one opening of an on/off valve to the next [s]."""
-    delay: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] = 0.0
-    """Time from a request to its first effect on regulator or valve [s], rounded to whole steps; 10 s at most, since
-    what is on its way is kept."""
-    response_time: NotNegative = 0.0
-    """Time in which the regulator's pressure, or the opening of a proportional valve, covers 63 % of the distance to
-    the request (time constant of first order) [s]."""
-    tube_length: Positive | None = None
-    """Length of the tube from the valve to the cavity [mm]; without a tube the valve is at the cavity."""
-    tube_diameter: Positive | None = None
-    """Inner diameter of the tube [mm]."""
-
-    own_keys: ClassVar = {'valve == "on/off"': ("period",), 'valve == "proportional"': ("response_time",)}
-    needs: ClassVar = {
-        'valve == "on/off"': ("period", "supply"),
-        "tube_length": ("tube_diameter",),
-        "tube_diameter": ("tube_length",),
-    }
-
-    @property
-    def has_regulator(self) -> bool:
-        """Whether the source has the requested pressure."""
-        return self.supply is None
 
 
 class CavitySettings(Table):
@@ -67,22 +23,25 @@ class CavitySettings(Table):
     """How far the volume shrinks at most [mm^3], negative, whatever the pressure."""
     highest_volume_growth: Number | None = None
     """How far the volume grows at most [mm^3]: the supply has no more air."""
-    air: Literal["regulated", "sealed", "line"] = "regulated"
+    air: Literal["regulated", "sealed", "line", "network"] = "regulated"
     """What holds the pressure: a "regulated" source has the requested pressure or volume; "sealed" air
-    has a constant mass, and its pressure follows the volume; air of a "line" comes and goes through a valve."""
+    has a constant mass, and its pressure follows the volume; air of a "line" comes and goes through a valve of the
+    cavity's own; air of a "network" through what the scene's table `air` joins with the cavity."""
     line: AirLine | None = None
     """Source, valve and tube of a line."""
     shut_pressure: Number = 0.0
-    """Pressure over the atmosphere's at which the air is sealed, in the cavity at rest [kPa]."""
+    """Pressure over the atmosphere's at which the air is sealed, or at the start in a network, in the cavity at rest
+    [kPa]."""
     exponent: Annotated[float, Field(strict=True, ge=1.0, le=1.7)] = 1.0
     """Exponent n of sealed air, p V^n = const, with p its absolute pressure: 1 for slow changes (isothermal), 1.4 for
     fast ones without heat flow (adiabatic)."""
     dead_volume: NotNegative = 0.0
-    """Space for sealed air outside the cavity, in tube and fittings [mm^3]."""
+    """Space for sealed air or that of a network outside the cavity, in tube and fittings [mm^3]."""
     alternatives = (("group", "surface"),)
     own_keys: ClassVar = {
         'air == "regulated"': ("lowest_pressure", "highest_pressure", "lowest_volume_growth", "highest_volume_growth"),
-        'air == "sealed"': ("shut_pressure", "exponent", "dead_volume"),
+        'air == "sealed"': ("exponent",),
+        'air == "sealed" or air == "network"': ("shut_pressure", "dead_volume"),
         'air == "line"': ("line",),
     }
     needs: ClassVar = {'air == "line"': ("line",)}

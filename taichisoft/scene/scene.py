@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichisoft.scene.actuators import ActuatorLimits
+from taichisoft.scene.air import AirNetworkSettings
 from taichisoft.scene.rigid_body import BASE, FrameSettings, ObstacleSettings, RigidBodySettings
 from taichisoft.scene.sensor_settings import CameraSettings, SensedQuantity, SensorSettings, TactileArray, sensed_names
 from taichisoft.scene.soft_body import SoftBodySettings
@@ -233,6 +234,8 @@ PRESSURES = {
     "limits": ("lowest_pressure", "highest_pressure"),
     "soft_bodies.*.cavities.*": ("lowest_pressure", "highest_pressure", "shut_pressure"),
     "soft_bodies.*.cavities.*.line": ("supply", "exhaust"),
+    "air.sources.*": ("pressure", "lowest_pressure", "highest_pressure"),
+    "air.tanks.*": ("pressure",),
 }
 REFERENCES = {
     "frame": (
@@ -259,6 +262,7 @@ class Scene(Table):
     """Acceleration of gravity [mm/s^2]."""
     atmosphere: Positive = 101.325
     """Absolute pressure outside the cavities [kPa], over which all other pressures are given (gauge pressure)."""
+    air: AirNetworkSettings = AirNetworkSettings()
     time: Time = Time()
     contact: Contact = Contact()
     base_pivot: Vector | None = None
@@ -407,6 +411,11 @@ class Scene(Table):
                     raise ValueError(
                         f"{path} is '{name}', which follows a frame whatever acts on it; name another body"
                     )
+        return self
+
+    @model_validator(mode="after")
+    def _check_air(self) -> Self:
+        self.air.check({name: cavity.air for name, cavity in self.actuators("cavities").items()})
         return self
 
     @model_validator(mode="after")

@@ -15,6 +15,8 @@ SensedQuantity = Literal[
     "air_mass",
     "air_flow",
     "valve_opening",
+    "network_pressure",
+    "network_flow",
     "cable_tension",
     "cable_length",
     "cable_pull",
@@ -113,6 +115,10 @@ def sensed_names(scene: Any, quantity: SensedQuantity) -> list[tuple[str, ...] |
         return list(scene.actuators("cables"))
     if quantity in ("pressure", "volume", "flow", "air_mass", "air_flow", "valve_opening"):
         return list(scene.actuators("cavities"))
+    if quantity == "network_pressure":
+        return list(scene.air.nodes)
+    if quantity == "network_flow":
+        return list(scene.air.parts)
     if quantity == "tactile":
         return list(scene.tactile_arrays)
     moving, still = [*scene.soft_bodies, *scene.rigid_bodies], list(scene.obstacles)

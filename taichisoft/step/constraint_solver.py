@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from taichisoft.base.processes import stop_if_asked
-from taichisoft.contact.constraint_rows import GROWTH, ConstraintRows
+from taichisoft.contact.constraint_rows import GROWTH, TELLING, ConstraintRows, FollowedLaw
 from taichisoft.contact.contact_solver import Impacts, load_stages
 from taichisoft.contact.detection import NO_CONTACTS, ContactReduction, ContactTable
 from taichisoft.contact.kernels import row_velocities
@@ -229,7 +229,7 @@ class ActiveSet:
 
 
 FIRST_CAPACITY = 16
-# Most tangents to the laws of actuators in a solve; usually three.
+# Most tangents to the law of actuators in a solve; usually three.
 MOST_TANGENTS = 40
 
 
@@ -405,12 +405,12 @@ class ConstraintSolver:
         return strike
 
     def _find_impulses(self, problem: StepProblem, strike: np.ndarray | None) -> tuple[StepProblem, int]:
-        """Solve for the impulses of the rows, with the laws of actuators followed to where they hold.
+        """Solve for the impulses of the rows, with the law of actuators followed to where it holds.
 
         The initial guess are the impulses of the last step, or of the solution with fewer contacts.
 
         Returns:
-            The problem with the lines that stand for the laws there, and the number of iterations.
+            The problem with the lines that stand for the law there, and the number of iterations.
         """
         solver, rows = self._rows.solver, self._rows
         if not rows.row_count:
@@ -420,8 +420,8 @@ class ConstraintSolver:
         solver.impulse[rows.actuators.stop : rows.row_count] = 0.0  # moments
         solver.solve(self._settings.tolerance, self._settings.max_iterations)
         iterations = solver.iterations
-        if problem.requests.laws:
-            problem, iterations = self._follow_laws(problem)
+        if problem.requests.law is not None:
+            problem, iterations = self._follow_law(problem, problem.requests.law)
         # The deformation of soft bodies determines the impulses of their contacts.
         on_rigid = int(rows.rows.on_rigid_count[0]) if rows.contact_count else 0
         solver.choose_smallest(rows.rows.on_rigid[:on_rigid], self._settings.tolerance)
@@ -429,27 +429,33 @@ class ConstraintSolver:
             solver.impulse[: len(strike)] += strike
         return problem, iterations
 
-    def _follow_laws(self, problem: StepProblem) -> tuple[StepProblem, int]:
-        """Solve again until the laws of actuators hold; what is left counts as residual of the solver."""
+    def _follow_law(self, problem: StepProblem, law: FollowedLaw) -> tuple[StepProblem, int]:
+        """Solve again until the law of actuators holds; what is left counts as residual of the solver."""
         solver, rows, time, time_step = self._rows.solver, self._rows, self._model.scene.time, self._time_step
-        iterations, first_row, row_count = solver.iterations, self._rows.actuators.start, self._rows.row_count
+        iterations, row_count = solver.iterations, self._rows.row_count
         compliance = rows.compliance[: row_count**2].reshape(row_count, row_count)
+        own = np.ix_(rows.actuators.start + law.rows, rows.actuators.start + law.rows)
+        bodies, last, last_line = time.stage**2 * compliance[own] + law.slope, None, np.zeros(0)
         for _ in range(MOST_TANGENTS):
             before = problem.requests
-            effort = solver.impulse[rows.actuators] / time_step
-            laws = [law.solved(float(effort[law.row])) for law in before.laws]
-            if all(law.holds for law in laws):
+            impulse = solver.impulse[rows.actuators].copy()
+            effort = impulse[law.rows] / time_step
+            law = law.measured(effort)
+            if law.holds:
                 return problem, iterations
-            requests = replace(before.following(laws, time), first_impulse=effort * time_step)
+            line = law.line(effort)
+            if last is not None and np.abs(effort - last).max() > TELLING * np.abs(effort).max():
+                change = effort - last
+                bodies += np.outer(line - last_line - bodies @ change, change) / (change @ change)
+            last, last_line = effort, line
+            slope, law = law.slope, law.next(effort, bodies)
+            requests = replace(before.following(law, time), first_impulse=impulse)
             problem = replace(problem, requests=requests)
             rows.rows.free[rows.actuators] -= requests.target_rate - before.target_rate
-            for law in before.laws:
-                compliance[first_row + law.row, first_row + law.row] -= law.compliance(time.stage)[0, 0]
-            for law in laws:
-                compliance[first_row + law.row, first_row + law.row] += law.compliance(time.stage)[0, 0]
+            compliance[own] += (slope - law.slope) / time.stage**2
             solver.solve(self._settings.tolerance, self._settings.max_iterations)
             iterations += solver.iterations
-        missed = max(law.missed * law.law.scale for law in problem.requests.laws)
+        missed = law.missed * float(law.law.scale.max())
         solver.residual = max(solver.residual, missed / time_step)
         return problem, iterations
 

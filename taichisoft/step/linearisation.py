@@ -1,5 +1,6 @@
 """Derivatives of a step or of an equilibrium: how observations change with requests."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
 from taichisoft.control.requests import DRIVES
 from taichisoft.errors import ControlError, nearest
-from taichisoft.mechanics.cavities import CAVITIES, VALVE
+from taichisoft.mechanics.cavities import CAVITIES, VALVE, network_drives
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
 from taichisoft.step.solution import StepSolution
@@ -29,7 +30,7 @@ HALF_WIDTHS = {"kPa": 1e-3, "mN": 0.1, "mN mm": 1.0, "mm^3": 0.1, "mm": 1e-3, "r
 """Half widths of the differences of what acts by requests, which is nearly linear."""
 MOVE = 1e-3
 """Largest move of a node between observations whose difference is taken [mm]."""
-LOADS = ("actuator_target", "valve_opening", "supply_pressure", "frame_pose", "external_force")
+LOADS = ("actuator_target", "valve_opening", "supply_pressure", "network_drive", "frame_pose", "external_force")
 """What of a state a control changes at once."""
 BOTH_SIDES = {-1.0: 1.0 / 6.0, -0.5: -4.0 / 3.0, 0.5: 4.0 / 3.0, 1.0: -1.0 / 6.0}
 ONE_SIDE = {0.0: -3.0, 0.5: 4.0, 1.0: -1.0}
@@ -151,6 +152,11 @@ class _NearEnds:
         speed = max(float(np.abs(velocity).max(initial=0.0)) for velocity in velocities)
         # What a control moves is seen where it moves a node by so much, what it does not move where it acts alone.
         half = MOVE / (self._stepper.model.scene.time.step * speed) if speed > 0.0 else HALF_WIDTHS[one.unit]
+        if (
+            one.name.startswith(VALVE.request) and one.value
+        ):  # flows change their law where a valve is shut, or wholly open
+            ends = sorted((0.0, math.copysign(VALVE.furthest, one.value)))
+            half = min([half, *([one.value - ends[0]] if low else []), *([ends[1] - one.value] if high else [])])
         stencil = BOTH_SIDES
         if low == 0.0 or high == 0.0:
             stencil, half = ONE_SIDE, half * (low + high)
@@ -189,6 +195,8 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
             for drive, value in values.items():
                 if not actuators.why_not(drive, index):
                     yield Input(f"{drive.request}.{name}", drive.unit, value)
+    for number, (name, drive) in enumerate(network_drives(model.scene.air).items()):
+        yield Input(f"{drive.request}.{name}", drive.unit, float(start.network_request[number]))
     if all(body.modes is None for body in model.soft_bodies):
         for row, (key, (unit, _)) in enumerate(BASE.items()):
             for axis, letter in enumerate(AXES):
@@ -255,6 +263,9 @@ def asked_for(model: Model, state: State, name: str) -> float:
     key, _, of = name.partition(".")
     if key in BASE:
         return float(state.frame_request[0, list(BASE).index(key), _axis(name, of)])
+    drives = network_drives(model.scene.air)
+    if of in drives and drives[of].request == key:
+        return float(state.network_request[list(drives).index(of)])
     if key == VALVE.request and of in model.cavities.names:
         return float(state.valve_request[model.cavities.names.index(of)])
     if key == "forces" and of.count(".") > 1:

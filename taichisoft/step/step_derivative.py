@@ -332,14 +332,14 @@ class StepDerivative:
         effort = solution.effort.copy()
         if self._nonlinear is None:
             requests = request(self._model, start, self.geometry)
-            requests = requests.following([law.moved(impulse[law.row] / time_step) for law in requests.laws], time)
+            requests = requests.tangent(impulse, time)
         else:
             requests = request(self._model, start, self._problem.geometry)
             poses = self._rigid.end_poses(solution.rigid_velocity)
             self._nonlinear.equations.move(solution.node_velocity, *poses, frames=start)
             rates = self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
             growth = self.geometry.values() - requests.start_values
-            requests = requests.linearised(self.geometry, growth, rates, start, impulse, time)
+            requests = requests.linearised(self.geometry, growth, rates, start, impulse, time).tangent(impulse, time)
         effort = requests.load.copy()
         effort[self._coordinates] = impulse / time_step
         node_impulse = np.zeros((0, 3))

@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichisoft import KeyEvent, Simulation, load_scene
+from taichisoft.errors import SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_controllers.keyboard_controller import KeyboardController
 from taichisoft_controllers.scripted_controller import scripted_controller
@@ -87,3 +89,58 @@ def test_a_script_cannot_ask_what_a_cavity_has_not(tmp_path: Path, made: str) ->
     controller = scripted_controller(str(script))
     with pytest.raises(Exception, match=f"steps.0.{made}: .*'{finger}'"):
         controller.reset(simulation(f'air = "line", line = {LINE}').model)
+
+
+NETWORK = (
+    'soft_bodies.left.cavities.cavity={group = "cavity", air = "network"}',
+    'soft_bodies.right.cavities.cavity={group = "cavity"}',
+    "air.sources.pump={}",
+    "air.tanks.bottle={volume = 100.0}",
+    'air.valves.inflate={inlet = "pump", outlet = "bottle", conductance = 0.01}',
+    'air.tubes.tube={inlet = "bottle", outlet = "left.cavity", length = 100.0, diameter = 2.0}',
+)
+
+
+def test_keys_and_actions_drive_a_network() -> None:
+    """A slider, and a number of an action, for each valve and regulator, which the observation shows as well."""
+    made = Simulation(load_scene(TINY_GRIPPER, NETWORK))
+    controller = KeyboardController()
+    controller.reset(made.model)
+    assert list(controller.sliders) == ["right.cavity", "inflate", "pump"]
+    assert (controller.sliders["inflate"].lowest, controller.sliders["inflate"].highest) == (0.0, 1.0)
+    controller.key(KeyEvent("inflate", value=0.5))
+    controller.key(KeyEvent("pump", value=10.0))
+    control = controller.control(made.observe())
+    assert control.valve == {"inflate": 0.5} and control.pressure == {"right.cavity": 0.0, "pump": 10.0}
+    actions = Actuation(made.model.scene, (0.0, 20.0), None)
+    assert [(one.name, one.low, one.high) for one in actions.channels] == [
+        ("pressure right.cavity", 0.0, 20.0),
+        ("valve inflate", 0.0, 1.0),
+        ("pressure pump", 0.0, 20.0),
+    ]
+    seen = made.step(actions.control(np.array([-1.0, 0.0, 1.0]), made, 0.01)).observation
+    assert actions.read(seen) == [0.0, 0.5, 0.01 * made.model.scene.limits.pressure_rate]
+
+
+def test_a_script_steers_a_network(tmp_path: Path) -> None:
+    """Regulator and valves of the table `air` are driven by their names, beside a cavity with its own regulator."""
+    script = tmp_path / "network.toml"
+    script.write_text(
+        "[[steps]]\npressure = { pump = 20.0, right = 5.0 }\nvalve = { inflate = 1.0 }\nduration = 0.1\n"
+        "[[steps]]\nuntil = 'network_pressure[\"bottle\"] > 10'\ntimeout = 1.0\n"
+        "[[steps]]\nvalve = { inflate = 0.0 }\nduration = 0.02\n"
+    )
+    made, controller = Simulation(load_scene(TINY_GRIPPER, NETWORK)), scripted_controller(str(script))
+    controller.reset(made.model)
+    seen = made.observe()
+    assert seen.network_openings == {"inflate": 0.0}
+    most = 0.0
+    for _ in range(60):
+        seen = made.step(controller.control(made.observe())).observation
+        most = max(most, seen.network_openings["inflate"])
+    assert most == 1.0 and seen.network_openings["inflate"] == 0.0 == seen.network_flows["inflate"]
+    assert seen.network_pressures["pump"] == 20.0 and seen.pressures["right.cavity"] == 5.0
+    assert seen.pressures["left.cavity"] > 8.0
+    script.write_text("[[steps]]\nvalve = { inflated = 1.0 }\nduration = 0.1\n")
+    with pytest.raises(SceneError, match=r"steps.0.valve: .*'inflated'.*inflate"):
+        scripted_controller(str(script)).reset(made.model)

@@ -167,3 +167,14 @@ def test_body_of_two_pieces(block: Callable[..., str], tmp_path: Any) -> None:
     write_volume_mesh(VolumeMesh("two", nodes, elements, {}, {}), tmp_path / "two.msh")
     (warning,) = told(soft(str(tmp_path / "two.msh")))
     assert "has 2 pieces that nothing holds together" in warning
+
+
+def test_pressures_of_a_network_in_pascals_are_named(block: Callable[..., str]) -> None:
+    body = {"mesh": block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True), "mass": 0.01, "young_modulus": 500}
+    body |= {"poisson_ratio": 0.3, "cavities": {"air": {"group": "cavity", "air": "network"}}}
+    air = {
+        "sources": {"pump": {"pressure": 5e4}},
+        "tubes": {"tube": {"inlet": "pump", "outlet": "block.air", "length": 9.0, "diameter": 1.0}},
+    }
+    with pytest.warns(UserWarning, match=r"air.sources.pump.pressure = 50000 kPa"):
+        Simulation(scene_from_dict({"soft_bodies": {"block": body}, "air": air}))

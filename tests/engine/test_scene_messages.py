@@ -71,7 +71,10 @@ WRONG = [
         "obstacles.floor.scale=2 & obstacles.floor.rotation=[0,9,0]",
         "obstacles.floor: scale, rotation would have no effect beside plane; remove it",
     ),
-    ("FINGER.cavities.cavity.shut_pressure=3", 'shut_pressure would have no effect unless air = "sealed"; remove it'),
+    (
+        "FINGER.cavities.cavity.shut_pressure=3",
+        'shut_pressure would have no effect unless air = "sealed" or air = "network"; remove it',
+    ),
     ("FINGER.cavities.cavity.air='line'", 'FINGER.cavities.cavity: air = "line" needs the key line'),
     ("goal={object='cube', kind='placed'}", 'goal: kind = "placed" needs the key position'),
     ("goal={object='cube', kind='lifted'}", 'goal: kind = "lifted" needs the key height'),

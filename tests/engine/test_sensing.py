@@ -122,7 +122,9 @@ def test_controllers_see_what_sensors_show_and_can_have_the_truth(tmp_path: Any)
     assert shown(close(gripper("sensors.pressure.seed=1"), 1)) != shown(seen[:1])
 
 
-@pytest.mark.parametrize("quantity", [one for one in get_args(SensedQuantity) if not one.startswith("cable_")])
+@pytest.mark.parametrize(
+    "quantity", [one for one in get_args(SensedQuantity) if not one.startswith(("cable_", "network_"))]
+)
 def test_every_quantity_has_its_sensor(quantity: str) -> None:
     pad = "soft_bodies.left.tactile.pad={box=[[-99,-99,-99],[99,99,99]], patches=[2,1,1]}"
     simulation = Simulation(load_scene(TINY_GRIPPER, [f"sensors.{quantity}={{bias=0.5}}", pad]))

@@ -14,7 +14,7 @@ from taichisoft.scene import scene_from_dict
 
 @pytest.fixture
 def simulation(block: Callable[..., str]) -> Simulation:
-    """A hollow block on the floor under pressure, held loosely, and a box on it, after two steps."""
+    """A hollow block on the floor under pressure, held loosely, a box on it, and a block on a tank, after two steps."""
     body = {
         "mesh": block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True),
         "mass": 0.01,
@@ -25,9 +25,15 @@ def simulation(block: Callable[..., str]) -> Simulation:
         "cavities": {"air": {"group": "cavity", "air": "line", "line": {"conductance": 1.0, "delay": 0.01}}},
         "cables": {"tendon": {"points": [[-8, 9, -9], [0, 9, -8], [8, 9, -9]], "friction": 0.1}},
     }
+    apart = {"translation": [60, 0, 11], "cables": {}, "cavities": {"air": {"group": "cavity", "air": "network"}}}
+    air = {
+        "tanks": {"tank": {"volume": 100.0}},
+        "valves": {"valve": {"inlet": "tank", "outlet": "apart.air", "conductance": 0.1, "delay": 0.02}},
+    }
     box = {"box": [10, 10, 10], "mass": 0.01, "position": [0, 0, 27]}
     floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
-    scene = {"soft_bodies": {"block": body}, "rigid_bodies": {"box": box}, "obstacles": {"floor": floor}}
+    bodies = {"block": body, "apart": body | apart}
+    scene = {"soft_bodies": bodies, "air": air, "rigid_bodies": {"box": box}, "obstacles": {"floor": floor}}
     scene["sensors"] = {"pressure": {"delay": 0.01}}
     simulation = Simulation(scene_from_dict(scene))
     for _ in range(2):
@@ -104,5 +110,5 @@ def test_file_that_is_no_state_is_refused(simulation: Simulation, tmp_path: Path
 def test_a_state_of_another_model_does_not_fit(simulation: Simulation) -> None:
     simulation.model.check(simulation.state)
     smaller = replace(simulation.state, position=simulation.state.position[1:])
-    with pytest.raises(StateError, match=r"another model: its position has shape \(63, 3\), the model's \(64, 3\)"):
+    with pytest.raises(StateError, match=r"another model: its position has shape \(127, 3\), the model's \(128, 3\)"):
         simulation.model.check(smaller)

@@ -142,6 +142,8 @@ def fake_state(step: int) -> FakeState:
         valve_opening=np.array([0.01 * step]),
         supply_pressure=np.array([20.0 + step]),
         delayed_requests=np.array([[0.03 * step, 0.04 * step]]),
+        **{f"network_{key}": np.zeros(0) for key in ("pressure", "flow", "air_mass", "request", "target", "drive")},
+        network_delayed=np.zeros((0, 0)),
         sensor_memory=np.zeros(0),
         pull_point=np.zeros((0, 3)),
         contact_body_pair=np.tile(np.array([0, 1], dtype=np.int32), (contacts, 1)),

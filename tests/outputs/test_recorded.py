@@ -119,6 +119,51 @@ def test_a_resumed_run_has_the_air(folder: Path, frame: int) -> None:
         assert simulation.state == state_at(opened, AIR_STEPS)
 
 
+NETWORK = [
+    'soft_bodies.left.cavities.cavity={group = "cavity", air = "network"}',
+    'soft_bodies.right.cavities.cavity={group = "cavity", air = "network"}',
+    "air.sources.pump={delay = 0.02, response_time = 0.03}",
+    "air.tanks.manifold={volume = 500.0}",
+    'air.valves.supply={inlet = "pump", outlet = "manifold", exhaust = "atmosphere", conductance = 0.02, delay = 0.03}',
+    'air.tubes.to_left={inlet = "manifold", outlet = "left.cavity", length = 200.0, diameter = 2.0}',
+    'air.orifices.to_right={inlet = "manifold", outlet = "right.cavity", conductance = 0.01}',
+    "limits.pressure_rate=100.0",
+]
+
+
+def network_control(step: int) -> Control:
+    return Control(pressure={"pump": 2.0 * step}, valve={"supply": 1.0 - 0.1 * step})
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_a_recording_has_the_air_network(tmp_path: Path, every: int) -> None:
+    """A run goes on from any instant, to the bit; columns of CSV, plots and recording have what was observed."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, NETWORK))
+    outputs = [RecordingOutput(tmp_path, every=every), CsvOutput(tmp_path)]
+    states = make_run(simulation, outputs, map(network_control, range(AIR_STEPS)))
+    seen = simulation.observe()
+    assert seen.pressures["left.cavity"] > 0.1 and seen.clipped == ("pump",)
+    with (tmp_path / "run.csv").open(encoding="utf-8") as file:
+        last = list(csv.DictReader(file))[-1]
+    assert float(last["network_pressure manifold [kPa]"]) == pytest.approx(seen.network_pressures["manifold"])
+    assert float(last["network_opening supply [1]"]) == pytest.approx(seen.network_openings["supply"])
+    with recording_of(tmp_path) as opened:
+        assert opened.column("network_flow")[-1].tolist() == [*seen.network_flows.values()]
+        curves = PANELS["network-pressure"](RunCurves(opened)).curves
+        assert {curve.label: curve.y[-1] for curve in curves} == seen.network_pressures
+        for instant in range(1, opened.instant_count):
+            step = int(opened.row("step", instant))
+            resumed = resumed_simulation(opened, instant, recorded_scene(opened, (), None))
+            assert resumed.state == states[step]
+            for later in range(step, AIR_STEPS):
+                resumed.step(network_control(later))
+            assert resumed.state == states[-1]
+        leak = '{inlet = "manifold", outlet = "atmosphere", conductance = 0.1}'
+        other = recorded_scene(opened, [f"air.orifices.leak={leak}"], None)
+        with pytest.raises(ResumeError, match=r"has part of the air network manifold, .*, the scene .* leak"):
+            resumed_simulation(opened, 0, other)
+
+
 def test_a_finger_can_be_shut_where_a_run_is_resumed(folder: Path) -> None:
     """What a regulator let in is what is shut in: pressure and shape go on from where they were."""
     with recording_of(folder) as opened:

@@ -37,11 +37,27 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         f'soft_bodies.block={{mesh = "{folder}/a.msh", {body}, cables = {{{cables}}}, {threads}}}',
         "frames={" + ", ".join(f"frame{n} = {{}}" for n in range(12)) + "}",
         "sensors.pressure={delay = 0.04}",
+        'soft_bodies.right.cavities.cavity={group = "cavity", air = "network"}',
+        f"air={network()}",
         f'obstacles.table={{surface = "{folder}/box.stl", translation = [90.0, 0.0, 0.0]}}',
     ]
     tiny_run(folder, added)
     with h5py.File(folder / "recording.h5") as opened:
         yield opened
+
+
+def network() -> str:
+    """Six tanks in a row, filled through ten valves with a delay of 14 steps, the last one joined to a cavity."""
+    ends = [("bottle", f"tank{number}") for number in range(5)]
+    ends += [(f"tank{number}", f"tank{number + 1}") for number in range(5)]
+    valves = ", ".join(
+        f'valve{number} = {{inlet = "{inlet}", outlet = "{outlet}", conductance = 0.1, delay = 0.14}}'
+        for number, (inlet, outlet) in enumerate(ends)
+    )
+    tanks = ", ".join(f"tank{number} = {{volume = 100.0}}" for number in range(6))
+    leak = 'leak = {inlet = "tank5", outlet = "right.cavity", conductance = 0.1}'
+    kinds = {"sources": "bottle = {pressure = 9.0}", "tanks": tanks, "valves": valves, "orifices": leak}
+    return "{" + ", ".join(f"{kind} = {{{tables}}}" for kind, tables in kinds.items()) + "}"
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -102,6 +118,11 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
         "cables": len(file["columns/cables"]),
         "rubbing_points": 5,
         "delayed_steps": 0,
+        "air_nodes": len(file["columns/air_nodes"]),
+        "air_parts": len(file["columns/air_parts"]),
+        "air_drives": len(file["columns/air_drives"]),
+        "air_volumes": 6,
+        "air_delayed_steps": 14,
         "sensor_numbers": 2 + 5 * 2,
         "pairs": len(file["columns/pairs"]),
         "carriers": len(file["frames/names"]),

@@ -85,5 +85,5 @@ def command(*arguments: object) -> Result:
 
 def _control(step: int, observation: Observation) -> Control:
     if step < LIFT_AFTER:
-        return Control(pressure=dict.fromkeys(observation.pressures, 9.0 * (step + 1) / LIFT_AFTER))
+        return Control(pressure=dict.fromkeys(observation.pressure_targets, 9.0 * (step + 1) / LIFT_AFTER))
     return Control(base_velocity=np.array([0.0, 0.0, 40.0]))

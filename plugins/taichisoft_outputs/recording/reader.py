@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from taichisoft import Scene
-from taichisoft.control import BASE, Figure, Pair
+from taichisoft.control import AIR_NODES, AIR_PARTS, BASE, Figure, Pair
 from taichisoft.mechanics import (
     ACTUATOR_KINDS,
     CABLES,
@@ -286,6 +286,9 @@ class Recording:
             frames, part = WRENCHES[figure.name]
             carriers = [""] if figure.per is BASE else self.frames.names[frames]
             return carriers, self.read("frame_wrench", instants)[..., frames, part, :]
+        if figure.per in (AIR_NODES, AIR_PARTS):
+            air = self.scene.air
+            return air.nodes if figure.per is AIR_NODES else list(air.parts), self.read(figure.name, instants)
         kind = figure.per.kind
         return self.pairs if kind is None else self.actuators.names_of(kind), self.read(figure.name, instants)
 

@@ -331,7 +331,9 @@ class RecordingOutput(Output):
         pairs = ["|".join(pair) for pair in rows.pairs]
         materials = list(self._model.material_names)
         actuators = {kind.plural: self._model.actuators.names_of(kind) for kind in ACTUATOR_KINDS}
-        columns = {**actuators, "pairs": pairs, "materials": materials}
+        air = self._model.scene.air
+        network = {"air_nodes": air.nodes, "air_parts": list(air.parts), "air_drives": air.drives}
+        columns = {**actuators, **network, "pairs": pairs, "materials": materials}
         write_constants(root, self._model, self._every, columns)
 
 

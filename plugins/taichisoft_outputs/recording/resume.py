@@ -19,7 +19,7 @@ SAME_PLACE = 1e-6
 """Positions [mm] that differ by less are the same: another machine rounds in another order."""
 SAME_INSTANT = 1e-3
 """Repeated steps lead at most so far from a recorded instant [mm], which is in single precision."""
-REQUESTS = ("frame_request", "frame_velocity", "actuator_request")
+REQUESTS = ("frame_request", "frame_velocity", "actuator_request", "network_request")
 """What was asked for in a step, before limits: of no effect on the step itself."""
 
 
@@ -91,6 +91,7 @@ def _repeat_step(simulation: Simulation, control: dict[str, np.ndarray]) -> None
         "frame_velocity": np.zeros_like(control["frame_pose"]),
         "actuator_request": control["actuator_target"],
         "external_force_steps": control["external_force_steps"] + (control["external_force_steps"] > 0),
+        "network_request": control["network_target"],
     }
     simulation.restore(simulation.state.changed(**{**control, **asked}))
     simulation.step()
@@ -160,6 +161,7 @@ def _names(scene: Scene) -> dict[str, list[str]]:
         "rigid body": list(scene.rigid_bodies),
         "obstacle": list(scene.obstacles),
         "frame": list(scene.frames),
+        "part of the air network": [*scene.air.nodes, *scene.air.parts],
     }
 
 
