@@ -4,7 +4,7 @@ from collections import Counter
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_serializer, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_serializer, model_validator
 
 from taichisoft.scene.actuators import ActuatorTables
 from taichisoft.scene.material import (
@@ -146,16 +146,20 @@ class FibreSettings(Table):
         return [np.array(self.points)] if self.helix is None else self.helix.lines()
 
 
+OfEach = Annotated[list[NotNegative], BeforeValidator(lambda value: [value] if np.ndim(value) == 0 else value)]
+"""A number of all springs, or one of each."""
+
+
 class SpringSettings(Table):
     """Straight springs between nodes of a soft body: the tension is stiffness times stretch, however far they turn."""
 
     nodes: Annotated[list[tuple[NodeNumber, NodeNumber]], Field(min_length=1)]
     """Numbers of the two nodes of each spring, from 0 in the order of the mesh."""
-    stiffness: NotNegative | list[NotNegative]
+    stiffness: OfEach
     """Stiffness of all springs, or of each [mN/mm]."""
-    length: NotNegative | list[NotNegative] | None = None
+    length: OfEach | None = None
     """Length at rest of all springs, or of each [mm]; the distance of their nodes in the mesh when it is not given."""
-    damping: NotNegative | list[NotNegative] = 0.0
+    damping: OfEach = [0.0]
     """Resistance to the speed of stretch of all springs, or of each [mN s/mm]."""
     tension_only: Annotated[bool, Field(strict=True)] = False
     """Whether they hang loose where they are shorter than at rest."""
@@ -163,7 +167,7 @@ class SpringSettings(Table):
     @model_validator(mode="after")
     def _check_counts(self) -> Self:
         for name in ("stiffness", "length", "damping"):
-            if isinstance(values := getattr(self, name), list) and len(values) != len(self.nodes):
+            if (values := getattr(self, name)) is not None and len(values) not in (1, len(self.nodes)):
                 raise ValueError(f"{name} has {len(values)} numbers for {len(self.nodes)} springs")
         if same := [first for first, second in self.nodes if first == second]:
             raise ValueError(f"nodes joins node {same[0]} to itself")
