@@ -138,7 +138,6 @@ def test_force_at_a_node_is_a_force_of_the_scene(block: Callable[..., str], newt
     moved = np.abs(planned.state.position - planned.model.rest_position).max()
     np.testing.assert_allclose(pushed.state.position, planned.state.position, atol=1e-8 * moved)
     np.testing.assert_allclose(pushed.state.frame_wrench, planned.state.frame_wrench, atol=1e-6)
-    assert pushed.report is not None and pushed.report.imbalance == pytest.approx(planned.report.imbalance, abs=1e-8)
     at_rest = equilibrium(pushed, push).state.position
     np.testing.assert_allclose(at_rest, equilibrium(planned).state.position, atol=1e-6 * moved)
     np.testing.assert_allclose(equilibrium(pushed, push).observation.base_force, force, atol=1e-3)
@@ -208,6 +207,7 @@ def test_force_on_modes_is_that_on_the_full_body(tmp_path: Path) -> None:
             simulation.step(push if number == 0 else None)
         np.testing.assert_allclose(reduced.state.position, full.state.position, atol=1e-9)
         np.testing.assert_allclose(reduced.state.frame_wrench, full.state.frame_wrench, atol=1e-4)
+        assert reduced.report is not None and reduced.report.imbalance["chamber"] < 1e-6
     rest = [equilibrium(simulation, push).state.position for simulation in (full, reduced)]
     assert np.abs(rest[0] - full.model.rest_position).max() > 0.05
     np.testing.assert_allclose(rest[1], rest[0], atol=1e-6)
