@@ -20,6 +20,7 @@ from typing import Any
 import documents
 import numpy as np
 import pytest
+import tomli_w
 import trimesh
 from blocks import make_block
 from documents import ROOT, Command
@@ -284,6 +285,12 @@ def write_files_of_a_user(folder: Path) -> None:
         gmsh.model.occ.synchronize()
         gmsh.write(str(folder / "body.step"))
     write_volume_mesh(make_block((2, 1, 1), (20.0, 10.0, 10.0)), folder / "block.vtk")
+    strip = {"mesh": "block.vtk", "mass": 0.002, "young_modulus": 100.0, "poisson_ratio": 0.3}
+    clamps = [
+        {"box": [[-99, -99, z], [99, 99, z]]} | follows for z, follows in ((-5, {}), (5, {"follows": "crosshead"}))
+    ]
+    tables = {"frames": {"crosshead": {}}, "soft_bodies": {"strip": strip | {"anchors": clamps}}}
+    (folder / "strip.toml").write_text(tomli_w.dumps(tables))
     for name in ("scene.py", "other.pyscn"):
         (folder / name).write_text(SOFA_SCENE)
     (folder / "keys.jsonl").write_text("")

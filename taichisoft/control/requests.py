@@ -455,6 +455,8 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
     return position
 
 
+LARGEST = 1e15
+"""Largest amount of a force, torque or coordinate of a point [mN, mN mm, mm]: numbers overflow by its powers."""
 MOST_STEPS = 2**31 - 1
 """Number of time steps that a state can count."""
 
@@ -475,8 +477,8 @@ def _external_forces(model: Model, state: State, control: Control) -> dict[str, 
     return {"external_force": force, "external_force_steps": steps, "external_force_own_axes": own}
 
 
-def checked_force(places: ExternalForces, name: str, value: object, key: str) -> list[np.ndarray | float]:
-    """Force, torque and point at rest of what is asked for on a body or frame; `key` begins errors.
+def checked_force(places: ExternalForces, name: str, value: object, key: str) -> np.ndarray:
+    """Force, torque and point at rest of what is asked for on a body or frame, shape (3, 3); `key` begins errors.
 
     Raises:
         ControlError: it cannot act there.
@@ -498,12 +500,14 @@ def checked_force(places: ExternalForces, name: str, value: object, key: str) ->
         "torque": value.torque,
         "point": places.middle[number] if value.point is None else value.point,
     }
-    rows = [finite(row, f"{key}.{part}", (3,)) for part, row in given.items()]
+    rows = np.array([finite(row, f"{key}.{part}", (3,)) for part, row in given.items()])
+    if np.abs(rows).max() > LARGEST:
+        raise ControlError(f"{key}: has a number above {LARGEST:g}, which nothing would survive")
     if places.is_soft(number):
-        if np.any(rows[1]):
+        if rows[1].any():
             raise ControlError(f"{key}.torque: a point of a soft body takes none; give two forces, or turn its frame")
-        if problem := places.outside(number, np.asarray(rows[2])):
-            raise ControlError(f"{key}.point = {np.asarray(rows[2]).tolist()}: {problem}")
+        if problem := places.outside(number, rows[2]):
+            raise ControlError(f"{key}.point = {rows[2].tolist()}: {problem}")
     return rows
 
 

@@ -15,7 +15,7 @@ from taichisoft.control.observation import Observation, ObservedFigure, find_fig
 from taichisoft.errors import ControlError, EquilibriumNotFound, TaichisoftError
 from taichisoft.mechanics.state import State
 from taichisoft.running.simulation import Simulation, check_simulation
-from taichisoft.step.linearisation import LOADS, Linearisation, asked_for, asking, linearise
+from taichisoft.step.linearisation import LOADS, Linearisation, acting_forces, asked_for, asking, linearise
 from taichisoft.step.time_stepper import TimeStepper
 
 
@@ -463,7 +463,8 @@ class _Search:
         raise EquilibriumNotFound("", self._state.step, f"still moves after {LONGEST:g} s", "more damping")
 
     def _control(self, values: np.ndarray) -> Control:
-        return asking(self._state, dict(zip(self.names, values.tolist(), strict=True)))
+        held = Control(forces=acting_forces(self._statics.model, self._state))
+        return asking(self._state, dict(zip(self.names, values.tolist(), strict=True)), held)
 
 
 def _in_words(missed: list[str], residuals: Mapping[str, np.ndarray], at_bounds: tuple[str, ...]) -> str:

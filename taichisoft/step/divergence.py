@@ -229,6 +229,8 @@ INVERTED_SHARE = 0.25
 # Largest move of a point in a step, in sizes of its body, unless its velocity led there: a small body in free fall
 # reaches it gradually, an exploding body at once.
 LARGEST_MOVE = 10.0
+LARGEST_TURN = 100.0
+"""Largest turn of a rigid body in a step [rad], on which contacts can still be found in a reasonable time."""
 
 NO_DOMAINS = Domains(
     start=np.zeros(1, dtype=np.int32),
@@ -297,6 +299,7 @@ class DivergenceCheck:
         self._of_step.end(after.position, after.rigid_position)
         self._refuse_not_finite(self._points.after, step)
         self._check_leaps(step)
+        self._check_turns(after.rigid_angular_velocity, step)
         if self._bodies:
             self._check_inverted(before, step)
         self._check_actuators(after.actuator_value, step)
@@ -329,6 +332,13 @@ class DivergenceCheck:
             move = np.abs(points.after[some] - points.before[some]).max()
             cause = f"exploded: it would move {move:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
             raise SimulationDiverged(self._names[body], step, cause, self._advice[body])
+
+    def _check_turns(self, angular_velocity: np.ndarray, step: int) -> None:
+        turn = self._time_step * np.abs(angular_velocity).max(axis=1, initial=0.0)
+        if np.count_nonzero(turn > LARGEST_TURN):
+            number = int(turn.argmax())
+            cause = f"exploded: it would turn by {turn[number]:.3g} rad in one step, over {LARGEST_TURN:g}"
+            raise SimulationDiverged(self._names[len(self._bodies) + number], step, cause, "a smaller torque")
 
     def _check_actuators(self, value: np.ndarray, step: int) -> None:
         failure = self._actuators.failure(value)

@@ -105,7 +105,7 @@ def linearise(
     if isinstance(controls, str):
         raise ControlError(f"controls = {controls!r}: must be a sequence of names")
     derivative = stepper.derivative(control)
-    control = replace(control, forces=_acting(stepper.model, derivative.start))
+    control = replace(control, forces=acting_forces(stepper.model, derivative.start))
     known = {one.name: one for one in _find_inputs(stepper.model, derivative)}
     for name in controls or ():
         if name not in known:
@@ -202,7 +202,7 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
             for axis, letter in enumerate(AXES):
                 yield Input(f"{key}.{letter}", unit, float(start.frame_request[0, row, axis]))
     external = model.external_forces
-    for name in _acting(model, start):
+    for name in acting_forces(model, start):
         number = external.names.index(name)
         for row, (part, unit) in enumerate(FORCE.items()):
             if row == 0 or not external.is_soft(number):
@@ -212,7 +212,7 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
     yield from _forces(model, derivative)
 
 
-def _acting(model: Model, state: State) -> dict[str, Force]:
+def acting_forces(model: Model, state: State) -> dict[str, Force]:
     """The forces from outside in a step from a state, as a control asks for them."""
     acting = {}
     for number in np.flatnonzero(state.external_force_steps).tolist():

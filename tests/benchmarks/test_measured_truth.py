@@ -88,7 +88,7 @@ def test_new_case_is_valid_scene_and_study(tmp_path: Path) -> None:
     (experiment,) = study.experiments
     header = (folder / "positions.csv").read_text().strip().split(",")
     assert {experiment.over_column, *(one.column for one in experiment.curves)} <= set(header)
-    with pytest.raises(StudyError, match="has no rows of numbers"):
+    with pytest.raises(StudyError, match="no numbers follow the names of the columns"):
         read_measurement(experiment, folder / "positions.csv", "experiments.0")
     geometry = tomllib.loads((folder / "geometry.toml").read_text())
     tip = scene.soft_bodies["finger"].tip

@@ -76,6 +76,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
         (Control(forces={"base": Force(point="tip")}), "control.forces['base'].point = 'tip': must be a number or an"),
         (Control(forces={"base": Force(axes="own ")}), "control.forces['base'].axes = 'own ': must be"),
         (Control(forces={"base": Force(axes=np.eye(2))}), "must be 'world' or 'own'"),
+        (Control(forces={"base": Force([0.0, 0.0, -1e16])}), "control.forces['base']: has a number above 1e+15, which"),
         (Control(forces={"base": Force(steps=0)}), "control.forces['base'].steps = 0: must be a whole number"),
         (Control(forces={"base": Force(steps=2.0)}), "['base'].steps = 2.0: must be a whole number of time steps"),
         (Control(forces={"base": Force(steps=True)}), "['base'].steps = True: must be a whole number of time steps"),
