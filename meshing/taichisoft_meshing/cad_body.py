@@ -15,7 +15,7 @@ from taichisoft.mesh import VolumeMesh, enclosed_volume, require_suffix
 from taichisoft_meshing.body_tables import PRESETS
 from taichisoft_meshing.closed_shells import NEAR, area_vectors, diagonal, facing_sides
 from taichisoft_meshing.geometry_file import STEP_SUFFIXES
-from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, first_success, numbered
+from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, numbered, successes
 from taichisoft_meshing.wall_quality import joined_pieces, winding_numbers
 
 # Caps: triangles over the opening of a surface, whose corners are nodes of its rim.
@@ -441,7 +441,7 @@ def read_step(path: Path) -> CadBody:
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
         return _measured(gmsh, path)
 
-    return first_success(str(path), SURFACE_ALGORITHMS, read)
+    return next(successes(str(path), SURFACE_ALGORITHMS, read))
 
 
 def _measured(gmsh: Any, path: Path) -> CadBody:

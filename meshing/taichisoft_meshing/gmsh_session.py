@@ -79,25 +79,30 @@ def gmsh_session(body: str) -> Iterator[Any]:
         gmsh.finalize()
 
 
-def first_success(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Made]) -> Made:
-    """Make something in several ways, each in a session of its own, until one does not fail.
+def successes(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Made]) -> Iterator[Made]:
+    """Make something in several ways, each in a session of its own, and give what comes out of those that do not fail.
 
     Args:
         body: name of what is meshed in errors.
         ways: ways to make it, in the order in which they are tried.
         make: called with gmsh and a way.
 
-    Returns:
-        The result of the first way that did not fail.
+    Raises:
+        MeshError: every way failed; the error is that of the last.
     """
+    made = False
     for number, way in enumerate(ways, 1):
+        result = None
         with gmsh_session(body) as gmsh:  # each its own: gmsh does nothing more after it has failed
             try:
-                return make(gmsh, way)
+                result = make(gmsh, way)
             except Exception as error:
-                if type(error) not in (Exception, GmshFailure, MeshError) or number == len(ways):
+                expected = type(error) in (Exception, GmshFailure, MeshError)
+                if not expected or (number == len(ways) and not made):
                     raise
-    raise ValueError("ways is empty; give at least one")
+        if result is not None:
+            made = True
+            yield result
 
 
 def tetrahedra(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

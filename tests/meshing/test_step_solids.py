@@ -26,8 +26,9 @@ from taichisoft.mesh import (
 from taichisoft.scene import scene_from_dict
 from taichisoft_meshing.body_pictures import draw_faces
 from taichisoft_meshing.cad_body import cap_triangles, read_step, rims
-from taichisoft_meshing.file_bodies import StepBody, through_edges
+from taichisoft_meshing.file_bodies import StepBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
+from taichisoft_meshing.inner_nodes import through_edges
 from taichisoft_meshing.mesh_commands import with_options
 from taichisoft_meshing.mesh_job import MeshJob, mesh_for_scene
 from taichisoft_meshing.mesh_quality import faults, measure
