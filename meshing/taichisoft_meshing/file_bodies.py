@@ -4,6 +4,7 @@ import math
 import re
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +17,7 @@ from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import BASE, Positive, Table
 from taichisoft_meshing.body_tables import (
+    FINEST,
     BasePlane,
     Count,
     FittedSizes,
@@ -23,8 +25,10 @@ from taichisoft_meshing.body_tables import (
     SolidSizes,
     follow_curvature,
     follow_walls,
+    obey_wall_sizes,
     preset_sizes,
     set_sizes,
+    wall_sizes,
     with_base,
 )
 from taichisoft_meshing.cad_body import CadBody, Opening, import_solids, read_step, with_caps
@@ -144,6 +148,10 @@ def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMe
     return mesh
 
 
+WALL_RATIOS = (4.0, 2.0)
+"""Longest edges in walls over their thickness, with which coarse meshes are tried again that have slivers there [-]."""
+
+
 def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str) -> Iterator[VolumeMesh]:
     """Mesh a body with surface triangles of new sizes, which lie on the given ones, in one way after the other.
 
@@ -161,22 +169,42 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     ways += [(True, algorithm) for algorithm in SURFACE_ALGORITHMS]
     ways += [(False, algorithm) for algorithm in SURFACE_ALGORITHMS[1 if flat else 0 :]]
 
+    rows = None
+
     def make(gmsh: Any, way: tuple[bool, int]) -> VolumeMesh:
         cut, algorithm = way
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
-        return _remesh(gmsh, body, sizes, angle, cut, flat, source)
+        return _remesh(gmsh, body, sizes, angle, cut, flat, source, rows)
 
-    return successes(source, ways, make)
+    meshes = successes(source, ways, make)
+    yield (coarse := next(meshes))
+    yield from meshes
+    for ratio in WALL_RATIOS:
+        rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, FINEST * sizes.smallest)
+        warn_caller(
+            f"{source}: elements are flat in thin walls; tried again with at most {ratio:g} times the walls' thickness"
+        )
+        with suppress(MeshError):
+            yield from successes(source, ways[:3], make)
 
 
 def _remesh(
-    gmsh: Any, body: HollowBody, sizes: FittedSizes, angle: float, cut: bool, flat: bool, source: str
+    gmsh: Any,
+    body: HollowBody,
+    sizes: FittedSizes,
+    angle: float,
+    cut: bool,
+    flat: bool,
+    source: str,
+    rows: np.ndarray | None,
 ) -> VolumeMesh:
     shells = (body.outer, *body.cavities)
     surfaces = _classify(gmsh.model, shells, angle, cut)
     gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
     set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
     follow_curvature(gmsh, sizes, [] if flat else shells, angle)
+    if rows is not None:
+        obey_wall_sizes(gmsh, sizes, rows)
     gmsh.model.mesh.generate(3)
     mesh = meshed_body(gmsh, surfaces, source)
     compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], FLAT_TOLERANCE if flat else None)

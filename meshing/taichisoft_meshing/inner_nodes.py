@@ -150,11 +150,14 @@ SWEEPS = 6
 STEPS = 0.4 * 0.5 ** np.arange(5)
 """Lengths by which a node is moved, as parts of the mean length of the edges around it [-]."""
 
+GAIN = 0.02
+"""Least gain of the radius ratio in a step, as a share of it [-]; smaller ones take long and help little."""
+
 DIRECTIONS = np.array([signs for signs in product((-1.0, 0.0, 1.0), repeat=3) if any(signs)])
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
-MOST_SLIVERS = 60
+MOST_SLIVERS = 40
 """With more of them a mesh is too coarse for its walls, and no other places of its nodes help."""
 
 
@@ -200,7 +203,7 @@ def _best_place(nodes: np.ndarray, around: np.ndarray, node: int) -> np.ndarray:
         while least < GOOD:
             places = place + step * size * DIRECTIONS
             ratios = _least_ratios(nodes, around, node, places)
-            if ratios.max() <= least:
+            if ratios.max() <= max(least, 0.0) * (1 + GAIN):
                 break
             place, least = places[ratios.argmax()], ratios.max()
     return place
