@@ -11,12 +11,12 @@ import numpy as np
 
 from taichisoft.base import SIZE, implausible
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh, enclosed_volume, require_suffix
+from taichisoft.mesh import VolumeMesh, enclosed_volume, joined_pieces, require_suffix
 from taichisoft_meshing.body_tables import PRESETS
 from taichisoft_meshing.closed_shells import NEAR, area_vectors, diagonal, facing_sides
 from taichisoft_meshing.geometry_file import STEP_SUFFIXES
 from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, numbered, successes
-from taichisoft_meshing.wall_quality import joined_pieces, winding_numbers
+from taichisoft_meshing.wall_quality import winding_numbers
 
 # Caps: triangles over the opening of a surface, whose corners are nodes of its rim.
 

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from taichisoft.base import warn_caller
+from taichisoft.base import SIZE, implausible, warn_caller
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.mesh import VolumeMesh, cavity_names, joined_pieces
 from taichisoft.scene import BASE, Positive, Table
 from taichisoft_meshing.body_tables import (
     FINEST,
@@ -57,7 +57,6 @@ from taichisoft_meshing.gmsh_session import (
     with_curved_sides,
 )
 from taichisoft_meshing.inner_nodes import least_shape, with_elements_across, without_slivers
-from taichisoft_meshing.wall_quality import cavity_names, joined_pieces
 
 # The mesher of STEP files: gmsh fills the solids that OpenCASCADE has read, and the mesh gets the drawing's names.
 
@@ -314,6 +313,9 @@ class SurfacesTable(Table):
     """Number of cavities that the files must have together; any number when it is not given."""
     scale: Positive = 1.0
     """Millimetres in one unit of the files, for example 1000 for metres."""
+    unite: Annotated[bool, Field(strict=True)] = False
+    """Whether the closed surfaces in `outer` that face as the largest does are parts of one body, and are united; those
+    that face the other way are chambers."""
     keep_surface: Annotated[bool, Field(strict=True)] = False
     """Whether the tetrahedra end at exactly the given triangles; otherwise the surfaces are remeshed."""
     feature_angle: Annotated[float, Field(strict=True, gt=0, lt=180)] = 40.0
@@ -466,7 +468,10 @@ class SurfacesBody(_BodyFromFiles):
     def body(self) -> HollowBody:
         """The body that the surface files describe, checked."""
         table, folder = self.table, self.file.parent
-        body = read_hollow_body(folder / table.outer, [folder / name for name in table.cavity], table.scale)
+        cavities = [folder / name for name in table.cavity]
+        body = read_hollow_body(folder / table.outer, cavities, table.scale, table.unite)
+        if doubt := implausible(f"{folder / table.outer}: its longest side", float(body.extent.max()), SIZE):
+            warn_caller(f"{doubt}; scale = {table.scale:g}: 1000 takes a file in metres, 10 in centimetres")
         self._check_cavities(len(body.cavities), folder / table.outer, "the files have")
         return body
 

@@ -20,13 +20,13 @@ from taichisoft.mesh import (
     SIDES,
     VolumeMesh,
     boundary_triangles,
+    cavity_names,
     element_volumes,
     enclosed_volume,
     least_volumes,
     tetrahedron_volumes,
     with_middle_nodes,
 )
-from taichisoft_meshing.wall_quality import cavity_names
 
 Way = TypeVar("Way")
 Made = TypeVar("Made")

@@ -66,7 +66,7 @@ def geometry_job(name: str, overrides: Sequence[str] | None, request: Mapping[st
         overrides: texts "key=value" for the tables of the file.
         request: the result of `requested_size`.
     """
-    from taichisoft.mesh import SURFACE_SUFFIXES
+    from taichisoft.mesh import SURFACE_SUFFIXES, VOLUME_SUFFIXES
     from taichisoft.scene import find_file
     from taichisoft_meshing.geometry_file import read_tables
     from taichisoft_meshing.mesh_job import MeshJob
@@ -74,6 +74,11 @@ def geometry_job(name: str, overrides: Sequence[str] | None, request: Mapping[st
     file = find_file(name, "fingers", (".toml",), error=MeshError)
     if file.suffix.lower() in SURFACE_SUFFIXES:
         raise MeshError(f"{name}: is not a geometry file (.toml); --surfaces meshes it as it is")
+    if file.suffix.lower() in VOLUME_SUFFIXES:
+        raise MeshError(
+            f"{name}: is a mesh of tetrahedra already; a scene takes it as it is, mesh = '{name}', and the groups that "
+            "`taichisoft mesh info` lists"
+        )
     kind, tables = read_tables(file)
     return MeshJob(kind, overridden(tables, overrides), file, request)
 
@@ -247,23 +252,40 @@ def _can_be_measured(mesh: "VolumeMesh") -> bool:
 
 
 def _show_surface(console: "Console", path: Path, output: Path | None) -> list[str]:
-    """Print and write the figures of a surface; returns its problems."""
+    """Print and write the figures of a surface, which is judged as meshing it would; returns its problems."""
+    import warnings
+
     import numpy as np
 
     from taichisoft.base import SIZE, implausible
-    from taichisoft.mesh import read_surface
+    from taichisoft.mesh import connected_pieces, read_surface
     from taichisoft.running import print_warning
+    from taichisoft_meshing.closed_shells import closed_shells, hollow_body
     from taichisoft_meshing.mesh_quality import surface_table
     from taichisoft_meshing.mesh_set import surface_figures, write_record
-    from taichisoft_meshing.wall_quality import connected_pieces, measure_surface
+    from taichisoft_meshing.wall_quality import measure_surface
 
     vertices, triangles = read_surface(path)
+    problems = []
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        try:
+            shells = closed_shells(vertices, triangles, str(path))
+            # as in the file, but for triangles that face the other way than their neighbours
+            facing = [shell.triangles[:, ::-1] if shell.was_inward else shell.triangles for shell in shells]
+            starts = np.cumsum([0, *(len(shell.vertices) for shell in shells)])
+            vertices = np.vstack([shell.vertices for shell in shells])
+            triangles = np.vstack([its + start for its, start in zip(facing, starts, strict=False)])
+            hollow_body(shells)
+        except MeshError as error:
+            problems = [str(error).removeprefix(f"{path}: ").replace(f"{path}, ", "")]
     surface = measure_surface(path.stem, vertices, triangles)
     pieces, extent = len(connected_pieces(triangles, len(vertices))), np.ptp(vertices, axis=0)
-    problems = [f"is not closed: {surface.open_edges} edges do not join two triangles"] if surface.open_edges else []
     console.print(surface_table(path.name, surface, pieces, extent))
+    for warning in warned:
+        print_warning(console, str(warning.message).removeprefix(f"{path}: ").replace(f"{path}, ", ""))
     if caution := implausible("its longest side", float(extent.max()), SIZE):
-        print_warning(console, caution)
+        print_warning(console, f"{caution}; `--set scale=1000` meshes a file in metres")
     if output is not None:
         figures = {**surface_figures(surface), "volume_mm3": surface.volume, "pieces": pieces}
         record = {"file": path.name, **figures, "extent_mm": extent.tolist(), "problems": problems}

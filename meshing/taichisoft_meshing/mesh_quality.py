@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.table import Table
 
 from taichisoft.base import SIZE, implausible, plain
-from taichisoft.mesh import ADVICE, TOO_STIFF, VolumeMesh, element_volumes
+from taichisoft.mesh import ADVICE, TOO_STIFF, VolumeMesh, element_volumes, joined_pieces
 from taichisoft_meshing.wall_quality import (
     MANY,
     SurfaceQuality,
@@ -18,7 +18,6 @@ from taichisoft_meshing.wall_quality import (
     cavities_outside,
     dihedral_angles,
     edge_lengths,
-    joined_pieces,
     measure_surfaces,
     measure_walls,
     neighbours,

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from blocks import make_block
 from solid_shapes import box, save, write_step
 
-from taichisoft import read_volume_mesh
+from taichisoft import read_volume_mesh, write_volume_mesh
 from taichisoft.command_line import main
 from taichisoft.mesh import read_surface
 from taichisoft.running import plugins
@@ -234,6 +235,13 @@ def test_ctrl_c_before_leaves_nothing(command, block: Path, tmp_path: Path, monk
 def test_a_name_that_ends_in_a_number_is_a_folder(command, block: Path, tmp_path: Path) -> None:
     assert command("mesh", block, "-o", tmp_path / "wall-1.5").code == 0
     assert (tmp_path / "wall-1.5" / "wall-1.5.msh").is_file()
+
+
+def test_a_mesh_is_not_meshed_again(command, tmp_path: Path) -> None:
+    write_volume_mesh(make_block((1, 1, 1), (1.0, 1.0, 1.0)), tmp_path / "body.vtk")
+    refused = command("mesh", tmp_path / "body.vtk", "-o", tmp_path / "out")
+    assert refused.code == 2
+    assert "body.vtk: is a mesh of tetrahedra already; a scene takes it as it is" in refused.error
 
 
 def test_missed_limit_is_named_and_only_force_writes(command, block: Path, tmp_path: Path) -> None:

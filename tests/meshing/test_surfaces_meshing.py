@@ -288,6 +288,20 @@ def test_nodes_moved_through_a_face_go_back(seed: int, distance: float) -> None:
         assert there.all()
 
 
+def test_overlapping_parts_are_united_on_request(tmp_path: Path) -> None:
+    """Two bars of one file, crossed as a T, and a chamber in one: the volume is that of the drawing."""
+    pytest.importorskip("manifold3d")
+    bars = together(box((30, 10, 10)), box((10, 30, 10), (0, 12, 0)), turned_round(box((6, 4, 4), (-8, 0, 0))))
+    with pytest.raises(MeshError, match="parts of one body, unite = true joins them"):
+        body(tmp_path, bars).mesh()
+    mesh = body(tmp_path, bars, unite=True, cavities=1, mesh={"largest": 6}).mesh()
+    assert_skins_are_the_boundary(mesh)
+    overlap = 10 * 8 * 10
+    assert silicone(mesh) == pytest.approx(3000 + 3000 - overlap - 96, rel=1e-5)
+    with pytest.raises(MeshError, match="unite = true: has one part only"):
+        body(tmp_path, box((30, 10, 10)), unite=True).mesh()
+
+
 @examples(10)
 @given(st.integers(0, 1000), st.floats(0.99, 0.9999))
 def test_slivers_vanish_by_moves_of_inner_nodes(seed: int, part: float) -> None:
