@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from taichisoft.base import SIZE, implausible, warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh, cavity_names, joined_pieces
-from taichisoft.scene import BASE, Positive, Table
+from taichisoft.scene import BASE, NotNegative, Positive, Table
 from taichisoft_meshing.body_tables import (
     FINEST,
     BasePlane,
@@ -96,7 +96,7 @@ def mesh_step(
 
     def make(gmsh: Any, algorithm: int) -> Filling:
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
-        tags = list(import_solids(gmsh, body.path))
+        tags = list(import_solids(gmsh, body.path, body.defeature))
         set_sizes(gmsh, sizes, [face for shell in shells[1:] for face in shell])
         gmsh.model.mesh.generate(3)
         if wall_ratio:
@@ -287,6 +287,9 @@ class StepTable(Table):
     """STEP file, beside the TOML; it names its unit itself, and is converted to millimetres."""
     cavities: Count | None = None
     """Number of cavities that the body must have; any number when it is not given."""
+    defeature: NotNegative = 0.0
+    """Radius up to which fillets, rounds and holes are dropped [mm], which coarse meshes need not follow; 0: none. The
+    faces that are left have other numbers, which `taichisoft mesh info --defeature` lists."""
     close_inlets: Annotated[bool, Field(strict=True)] | Numbers | None = None
     """Whether chambers that are open to the outside get caps and are cavities; or the numbers of their openings, from 1
     in the order of `taichisoft mesh info`. When it is not given, they stay open, and a warning names them."""
@@ -384,7 +387,7 @@ class StepBody(_BodyFromFiles):
     @cached_property
     def body(self) -> CadBody:
         """The body that the STEP file describes, checked."""
-        table, body = self.table, read_step(self.file.parent / self.table.file)
+        table, body = self.table, read_step(self.file.parent / self.table.file, self.table.defeature)
         solids, numbers = [solid.number for solid in body.solids], [face.number for face in body.faces]
         for name, solid in table.solids.items():
             self._refuse_numbers(f"solids.{name}", [solid], "solids", solids)

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import re
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -74,7 +75,8 @@ def gmsh_session(body: str) -> Iterator[Any]:
     except Exception as error:
         if type(error) not in (Exception, GmshFailure):  # gmsh raises plain Exception; others are not its own
             raise
-        raise MeshError(f"gmsh cannot mesh {body}: {_one_line(error)}; {_kept_log(gmsh)}") from error
+        place = _place_of_surfaces(gmsh, str(error))
+        raise MeshError(f"gmsh cannot mesh {body}: {_one_line(error)}{place}; {_kept_log(gmsh)}") from error
     finally:
         gmsh.finalize()
 
@@ -162,6 +164,16 @@ def _kept_log(gmsh: Any) -> str:
     except OSError as error:
         return f"gmsh's log cannot be written: {error.strerror or error}"
     return f"gmsh's log is {name}"
+
+
+def _place_of_surfaces(gmsh: Any, message: str) -> str:
+    """Where the boxes meet of the surfaces that a message of gmsh numbers, in words; empty where it numbers none."""
+    tags = [int(tag) for tag in re.findall(r"\bsurface (\d+)", message)]
+    if not tags:
+        return ""
+    boxes = np.reshape([gmsh.model.getBoundingBox(2, tag) for tag in tags], (-1, 2, 3))
+    middle = (boxes[:, 0].max(axis=0) + boxes[:, 1].min(axis=0)) / 2
+    return f", near {np.round(middle, 2).tolist()} mm; a smaller size, or defeature, may help"
 
 
 def _one_line(error: Exception) -> str:

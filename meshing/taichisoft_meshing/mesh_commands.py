@@ -49,6 +49,10 @@ Solid = Annotated[
 CloseInlets = Annotated[
     bool, typer.Option("--close-inlets", help="Close the chambers of a STEP body that are open to the outside.")
 ]
+Defeature = Annotated[
+    float | None,
+    typer.Option(metavar="MM", min=0.0, help="Drop fillets and holes of a STEP body of a radius up to this \\[mm]."),
+]
 Section = Annotated[
     str | None,
     typer.Option(
@@ -100,7 +104,12 @@ def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, request:
 
 
 def with_options(
-    job: "MeshJob", order: int | None, faces: Sequence[str] | None, solids: Sequence[str] | None, close_inlets: bool
+    job: "MeshJob",
+    order: int | None,
+    faces: Sequence[str] | None,
+    solids: Sequence[str] | None,
+    close_inlets: bool,
+    defeature: float | None = None,
 ) -> "MeshJob":
     """A job with what the options of the same names say in its tables."""
     from taichisoft_meshing.mesh_job import merge_tables
@@ -120,6 +129,8 @@ def with_options(
         changes["mesh"] = {"order": order}
     if close_inlets:
         changes["close_inlets"] = True
+    if defeature is not None:
+        changes["defeature"] = defeature
     return replace(job, tables=merge_tables(job.tables, changes))
 
 
@@ -180,6 +191,7 @@ def mesh_info(
         ),
     ] = None,
     section: Section = None,
+    defeature: Defeature = None,
 ) -> None:
     """Show the figures of a mesh or surface (exit code 1 when it is not fit), or the faces of a STEP body."""
     from rich.console import Console  # --help need not wait for any of these
@@ -197,13 +209,15 @@ def mesh_info(
     plane = section_plane(section)
     if plane is not None and path.suffix.lower() not in VOLUME_SUFFIXES:
         raise MeshError(f"--section {section}: has no effect on {path}; only meshes (.msh, .vtk, .vtu) are cut open")
+    if defeature is not None and path.suffix.lower() not in STEP_SUFFIXES:
+        raise MeshError(f"--defeature {defeature:g}: has no effect on {path}; only STEP bodies have faces to drop")
     surface = path.suffix.lower() in SURFACE_SUFFIXES
     if output is not None:
         require_suffix(output, "report", (".json",) if surface else (".json", ".png"))
         prepare_folder(output.parent, output)
     console = Console()
     if path.suffix.lower() in STEP_SUFFIXES:
-        problems = _show_body(console, path, output)
+        problems = _show_body(console, path, output, defeature or 0.0)
     else:
         problems = _show_surface(console, path, output) if surface else _show_mesh(console, path, output, plane)
     if output is not None:
@@ -293,14 +307,14 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
     return problems
 
 
-def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]:
+def _show_body(console: "Console", path: Path, output: Path | None, defeature: float) -> list[str]:
     """Print the solids, faces and openings of a STEP body, and write or draw them."""
     from taichisoft.running import print_warning
     from taichisoft_meshing.body_pictures import body_tables, draw_faces
     from taichisoft_meshing.mesh_job import read_step_apart
     from taichisoft_meshing.mesh_set import body_figures, write_record
 
-    body = read_step_apart(path)
+    body = read_step_apart(path, defeature)
     console.print(body_tables(body))
     if body.doubt:
         print_warning(console, body.doubt)
@@ -483,6 +497,7 @@ def mesh(
     face: Face = None,
     solid: Solid = None,
     close_inlets: CloseInlets = False,
+    defeature: Defeature = None,
     section: Section = None,
     force: Force = False,
 ) -> None:
@@ -499,7 +514,7 @@ def mesh(
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
     request = requested_size(size, nodes, preset)
     job = surfaces_job(files, set_, request) if surfaces else geometry_job(files[0], set_, request)
-    job = with_options(job, order, face, solid, close_inlets)
+    job = with_options(job, order, face, solid, close_inlets, defeature)
     plane = section_plane(section)
     prepare(output)
     console = Console()
