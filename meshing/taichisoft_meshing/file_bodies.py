@@ -180,11 +180,13 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     yield from meshes
     for ratio in WALL_RATIOS:
         rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, FINEST * sizes.smallest)
+        if rows[:, 9:].min() > 0.9 * sizes.largest:  # they would change nothing
+            continue
         warn_caller(
             f"{source}: elements are flat in thin walls; tried again with at most {ratio:g} times the walls' thickness"
         )
         with suppress(MeshError):
-            yield from successes(source, ways[:3], make)
+            yield from successes(source, ways, make)
 
 
 def _remesh(
