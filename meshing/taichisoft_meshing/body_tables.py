@@ -361,8 +361,17 @@ def follow_walls(gmsh: Any, sizes: FittedSizes, ratio: float, source: str) -> No
         source: begins every error.
     """
     nodes, elements, _ = tetrahedra(gmsh)
+    rows = wall_sizes(nodes, elements, sizes, ratio, source)
+    gmsh.model.mesh.clear()
+    obey_wall_sizes(gmsh, sizes, rows)
+
+
+def wall_sizes(
+    nodes: np.ndarray, elements: np.ndarray, sizes: FittedSizes, ratio: float, source: str, least: float = 0.0
+) -> np.ndarray:
+    """Sizes for `obey_wall_sizes`, in proportion to the thickness of the walls of a mesh, none below the least [mm]."""
     walls = find_walls(nodes, elements)
-    size = np.minimum(ratio * walls.thickness, sizes.largest)
+    size = np.clip(ratio * walls.thickness, least, sizes.largest)
     wanted = np.full(len(nodes), sizes.largest)
     np.minimum.at(wanted, walls.triangles, size[:, None])
     count = float((8.5 * walls.areas * walls.thickness / 2 / size**3).sum())  # a wall is seen from both sides
@@ -370,9 +379,13 @@ def follow_walls(gmsh: Any, sizes: FittedSizes, ratio: float, source: str) -> No
         refuse_too_many(count, "mesh.wall_ratio", ratio)
     except ValueError as error:
         raise MeshError(f"{source}: {error}") from error
-    gmsh.model.mesh.clear()
-    gmsh.option.setNumber("Mesh.MeshSizeMin", min(_finest(sizes), wanted.min()))
-    _add_sizes(gmsh, _size_rows(wanted, nodes, boundary_triangles(elements)))
+    return _size_rows(wanted, nodes, boundary_triangles(elements))
+
+
+def obey_wall_sizes(gmsh: Any, sizes: FittedSizes, rows: np.ndarray) -> None:
+    """Set sizes in walls, the result of `wall_sizes`; gmsh's least size is lowered to the least of them."""
+    gmsh.option.setNumber("Mesh.MeshSizeMin", min(_finest(sizes), rows[:, 9:].min()))
+    _add_sizes(gmsh, rows)
 
 
 def _finest(sizes: FittedSizes) -> float:

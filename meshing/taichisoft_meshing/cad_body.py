@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.base import SIZE, implausible
+from taichisoft.base import SIZE, implausible, warn_caller
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh, enclosed_volume, require_suffix
+from taichisoft.mesh import VolumeMesh, enclosed_volume, joined_pieces, require_suffix
 from taichisoft_meshing.body_tables import PRESETS
 from taichisoft_meshing.closed_shells import NEAR, area_vectors, diagonal, facing_sides
 from taichisoft_meshing.geometry_file import STEP_SUFFIXES
-from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, first_success, numbered
-from taichisoft_meshing.wall_quality import joined_pieces, winding_numbers
+from taichisoft_meshing.gmsh_session import SILICONE, SURFACE_ALGORITHMS, TRIANGLE, numbered, successes
+from taichisoft_meshing.wall_quality import winding_numbers
 
 # Caps: triangles over the opening of a surface, whose corners are nodes of its rim.
 
@@ -245,8 +245,13 @@ def refuse_broken_step(path: Path) -> None:
         raise MeshError(f"{path}: line {line} has the number {number}, which is not finite; write the file again")
 
 
-def import_solids(gmsh: Any, path: Path) -> dict[int, str]:
+def import_solids(gmsh: Any, path: Path, defeature: float = 0.0) -> dict[int, str]:
     """Read the solids of a file [mm], each joined to another by a face that both share.
+
+    Args:
+        gmsh: the module.
+        path: the file.
+        defeature: radius up to which fillets and holes are dropped [mm].
 
     Returns:
         For each solid, in the file's order, gmsh's number and its name, which is empty where the file gives none.
@@ -264,6 +269,8 @@ def import_solids(gmsh: Any, path: Path) -> dict[int, str]:
         faces = len(gmsh.model.getEntities(2))
         raise MeshError(f"{path}: has no solid body, and {faces} face{'s' * (faces != 1)}; export the body as a solid")
     names = [_plain_name(gmsh.model.getEntityName(*solid)) for solid in solids]
+    if defeature:
+        solids = _without_small_rounds(gmsh, path, solids, defeature)
     if len(solids) == 1:
         return {solids[0][1]: names[0]}
     volumes = [occ.getMass(*solid) for solid in solids]
@@ -280,6 +287,45 @@ def import_solids(gmsh: Any, path: Path) -> dict[int, str]:
     tags = [its[0][1] for its in parts]
     _refuse_loose_solids(gmsh, path, tags, volumes)
     return dict(zip(tags, names, strict=True))
+
+
+def _without_small_rounds(gmsh: Any, path: Path, solids: list[tuple[int, int]], radius: float) -> list[tuple[int, int]]:
+    """The solids without faces that are curved by a radius up to this [mm]: their neighbours are extended instead."""
+    model, occ = gmsh.model, gmsh.model.occ
+
+    def small_rounds() -> dict[int, np.ndarray]:
+        """Numbers of such faces that lie between others, and their middles [mm]."""
+        rounds = {}
+        for _, face in model.getEntities(2):
+            middle = np.mean(model.getParametrizationBounds(2, face), axis=0)
+            curvature = np.abs(np.ravel(model.getPrincipalCurvatures(face, middle)[:2])).max()
+            if curvature * radius * (1 + NEAR) >= 1:
+                rounds[face] = np.round(model.getValue(2, face, middle), 2)
+        return rounds
+
+    where, before = f"{path}: defeature = {radius:g}", sum(occ.getMass(*solid) for solid in solids)
+    dropped = small_rounds()
+    if not dropped:
+        warn_caller(f"{where}: no face has a radius up to {radius:g} mm; it has no effect")
+        return solids
+    place = f"at {next(iter(dropped.values())).tolist()} mm"
+    try:
+        left = occ.defeature([solid for _, solid in solids], list(dropped))
+    except Exception as error:  # gmsh raises plain Exception
+        raise MeshError(
+            f"{where}: cannot drop {len(dropped)} faces, the first {place}; try a smaller radius"
+        ) from error
+    occ.synchronize()
+    kept = small_rounds()
+    if len(left) != len(solids) or len(kept) == len(dropped):
+        raise MeshError(f"{where}: cannot drop {len(dropped)} faces, the first {place}; try a smaller radius")
+    after = sum(occ.getMass(*solid) for solid in left)
+    rest = f"; {len(kept)} are left, the first at {next(iter(kept.values())).tolist()} mm" if kept else ""
+    warn_caller(
+        f"{where}: {len(dropped) - len(kept)} round faces are dropped, which changes the volume by "
+        f"{100 * (after / before - 1):.2g} %{rest}"
+    )
+    return list(left)
 
 
 def _refuse_loose_solids(gmsh: Any, path: Path, tags: list[int], volumes: list[float]) -> None:
@@ -342,6 +388,7 @@ class CadBody:
 
     Attributes:
         path: path of the file.
+        defeature: radius up to which its fillets and holes were dropped [mm].
         solids, faces: in the order of their numbers.
         outside: numbers of the faces of its outside, those of chambers that are open to it too.
         voids: numbers of the faces of each closed void.
@@ -352,6 +399,7 @@ class CadBody:
     """
 
     path: Path
+    defeature: float
     solids: tuple[CadSolid, ...]
     faces: tuple[CadFace, ...]
     outside: frozenset[int]
@@ -433,20 +481,20 @@ class CadBody:
         return tuple(face.number for face in ends[chosen])
 
 
-def read_step(path: Path) -> CadBody:
-    """Read a STEP file and measure its body."""
+def read_step(path: Path, defeature: float = 0.0) -> CadBody:
+    """Read a STEP file and measure its body, without fillets and holes of a radius up to `defeature` [mm]."""
     refuse_broken_step(path)
 
     def read(gmsh: Any, algorithm: int) -> CadBody:
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
-        return _measured(gmsh, path)
+        return _measured(gmsh, path, defeature)
 
-    return first_success(str(path), SURFACE_ALGORITHMS, read)
+    return next(successes(str(path), SURFACE_ALGORITHMS, read))
 
 
-def _measured(gmsh: Any, path: Path) -> CadBody:
+def _measured(gmsh: Any, path: Path, defeature: float) -> CadBody:
     model, occ = gmsh.model, gmsh.model.occ
-    names = import_solids(gmsh, path)
+    names = import_solids(gmsh, path, defeature)
     number_of = {tag: number for number, tag in enumerate(names, 1)}
     solids = []
     for (tag, name), number in zip(names.items(), number_of.values(), strict=True):
@@ -468,6 +516,7 @@ def _measured(gmsh: Any, path: Path) -> CadBody:
     volumes = [abs(occ.getMass(3, occ.addVolume([occ.addSurfaceLoop(sorted(shell))]))) for shell in shells[1:]]
     return CadBody(
         path,
+        defeature,
         tuple(solids),
         tuple(faces),
         shells[0],

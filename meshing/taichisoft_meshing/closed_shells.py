@@ -1,17 +1,17 @@
 """Surface files: taken apart into closed shells, of which one is the outside of a body and the others its cavities."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from taichisoft.base import warn_caller
+from taichisoft.base import require, warn_caller
 from taichisoft.errors import MeshError
-from taichisoft.mesh import common_points, enclosed_volume, pairs_of_meeting_boxes, read_surface
-from taichisoft_meshing.wall_quality import joined_pieces, winding_numbers
+from taichisoft.mesh import common_points, enclosed_volume, joined_pieces, pairs_of_meeting_boxes, read_surface
+from taichisoft_meshing.wall_quality import winding_numbers
 
 # Lengths, edges and angles of triangulated surfaces.
 
@@ -273,15 +273,35 @@ class HollowBody:
         return extent
 
 
-def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 1.0) -> HollowBody:
+def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 1.0, unite: bool = False) -> HollowBody:
     """Read a body from surface files.
 
     Args:
         outer: file of the outside, and perhaps of cavities.
         cavities: files of cavities; a cavity that `outer` has too counts once.
         scale: millimetres in one unit of the files.
+        unite: whether the shells of `outer` that face as the largest does are parts, which are joined to one.
     """
-    return hollow_body(read_shells(outer, scale), [shell for path in cavities for shell in read_shells(path, scale)])
+    shells = read_shells(outer, scale)
+    return hollow_body(
+        _united(shells, outer) if unite else shells, [shell for path in cavities for shell in read_shells(path, scale)]
+    )
+
+
+def _united(shells: Sequence[Shell], path: Path) -> list[Shell]:
+    """The union of all shells that face the same way as the largest, then the others, which are chambers."""
+    require("unite = true", "manifold3d", install="python -m pip install manifold3d")
+    import trimesh  # takes long, and fingers do without
+
+    facing = max(shells, key=lambda shell: shell.volume).was_inward
+    parts = [shell for shell in shells if shell.was_inward == facing]
+    if len(parts) == 1:
+        raise MeshError(f"{path}: unite = true: has one part only, and {len(shells) - 1} chambers; remove unite")
+    union = trimesh.boolean.union(
+        [trimesh.Trimesh(part.vertices, part.triangles, process=False) for part in parts], engine="manifold"
+    )
+    chambers = [replace(shell, was_inward=True) for shell in shells if shell.was_inward != facing]
+    return [*closed_shells(np.asarray(union.vertices), np.asarray(union.faces, dtype=np.int32), f"{path}"), *chambers]
 
 
 def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> HollowBody:
@@ -308,7 +328,7 @@ def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> Holl
             raise MeshError(f"{shell.source}: lies inside a cavity (it spans {_extent(shell)}); remove it")
     if len(outside) != 1:
         volumes = ", ".join(f"{body.volume:.4g}" for body in outside)
-        source = outside[0].source.partition(", shell ")[0]
+        source = _file(outside[0])
         raise MeshError(
             f"{source}: has {len(outside)} bodies, of {volumes} mm^3, where one is expected; keep one of them"
         )
@@ -351,11 +371,17 @@ def _refuse_crossings(shells: Sequence[Shell], outermost: Shell) -> None:
         raise MeshError(f"{shells[first].source}: cuts through itself: {where}")
     if shells[second] is outermost:
         first, second = second, first
+    alike = _file(shells[first]) == _file(shells[second]) and shells[first].was_inward == shells[second].was_inward
+    parts = "; both face the same way: if they are parts of one body, unite = true joins them" if alike else ""
     crossed = "the outer surface" if shells[first] is outermost else "another cavity"
     raise MeshError(
         f"{shells[second].source}: crosses or touches {crossed}, {shells[first].source}: {where}; "
-        "silicone must remain between them"
+        f"silicone must remain between them{parts}"
     )
+
+
+def _file(shell: Shell) -> str:
+    return shell.source.partition(", shell ")[0]
 
 
 def _is_inside(shells: Sequence[Shell]) -> np.ndarray:

@@ -3,22 +3,21 @@
 import math
 import re
 from abc import abstractmethod
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
-from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from taichisoft.base import warn_caller
+from taichisoft.base import SIZE, implausible, warn_caller
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh, boundary_triangles, element_volumes
-from taichisoft.scene import BASE, Positive, Table
+from taichisoft.mesh import VolumeMesh, cavity_names, joined_pieces
+from taichisoft.scene import BASE, NotNegative, Positive, Table
 from taichisoft_meshing.body_tables import (
+    FINEST,
     BasePlane,
     Count,
     FittedSizes,
@@ -26,8 +25,10 @@ from taichisoft_meshing.body_tables import (
     SolidSizes,
     follow_curvature,
     follow_walls,
+    obey_wall_sizes,
     preset_sizes,
     set_sizes,
+    wall_sizes,
     with_base,
 )
 from taichisoft_meshing.cad_body import CadBody, Opening, import_solids, read_step, with_caps
@@ -40,29 +41,31 @@ from taichisoft_meshing.closed_shells import (
     diagonal,
     joined_sides,
     read_hollow_body,
-    undirected_sides,
 )
 from taichisoft_meshing.geometry_file import CheckedGeometry
 from taichisoft_meshing.gmsh_session import (
     NO_GROUPS,
     SURFACE_ALGORITHMS,
-    TETRAHEDRON,
     TRIANGLE,
     CurvedSides,
     compare_volumes,
     curve_sides,
     curved_sides,
-    first_success,
     gmsh_session,
     meshed_body,
+    successes,
     with_curved_sides,
 )
-from taichisoft_meshing.wall_quality import cavity_names, joined_pieces
+from taichisoft_meshing.inner_nodes import least_shape, with_elements_across, without_slivers
 
 # The mesher of STEP files: gmsh fills the solids that OpenCASCADE has read, and the mesh gets the drawing's names.
 
 FLAT_TOLERANCE = 1e-6
 """Largest error of a volume between flat faces, as a share of it [-]: only rounding may be missing."""
+
+
+Filling = tuple[VolumeMesh, CurvedSides | None]
+"""Tetrahedra of four nodes, and the curved sides for ten, if they are asked for."""
 
 
 def mesh_step(
@@ -75,8 +78,8 @@ def mesh_step(
     faces: Mapping[str, Sequence[int]] = NO_GROUPS,
     wall_ratio: float = 0.0,
     curved: bool = False,
-) -> tuple[VolumeMesh, CurvedSides | None]:
-    """Mesh the body of a STEP file with elements of four nodes and some sizes.
+) -> Iterator[Filling]:
+    """Mesh the body of a STEP file with elements of four nodes and some sizes, by one algorithm after the other.
 
     Args:
         body: the body.
@@ -91,9 +94,9 @@ def mesh_step(
     behind = [opening.faces for opening in closed]
     shells = [sorted(shell) for shell in (body.outside.difference(*behind), *body.voids, *behind)]
 
-    def make(gmsh: Any, algorithm: int) -> tuple[VolumeMesh, CurvedSides | None]:
+    def make(gmsh: Any, algorithm: int) -> Filling:
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
-        tags = list(import_solids(gmsh, body.path))
+        tags = list(import_solids(gmsh, body.path, body.defeature))
         set_sizes(gmsh, sizes, [face for shell in shells[1:] for face in shell])
         gmsh.model.mesh.generate(3)
         if wall_ratio:
@@ -109,135 +112,7 @@ def mesh_step(
         compare_volumes(shaped, body.volume, volumes, FLAT_TOLERANCE if body.flat else None, volumes_of_parts)
         return mesh, sides
 
-    return first_success(str(body.path), SURFACE_ALGORITHMS, make)
-
-
-# Two elements across every wall, by cuts inside a mesh that leave its surfaces unchanged.
-#
-# An edge that leads through the silicone from one point of the boundary to another makes a wall one element thick
-# there, which bends much too stiffly; so does one through a layer, from one of its faces to another. gmsh puts no node
-# into a thin wall, however small the size asked for; so such edges are cut in the middle, and all tetrahedra around
-# them with them.
-
-Edge = tuple[int, int]
-
-
-def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
-    """Cut a mesh so that no edge leads through a wall or layer, if its sizes ask for two elements across walls.
-
-    Nodes and triangles of its surfaces keep their numbers and places; triangles between element groups are cut, too.
-    """
-    if sizes.elements_across_walls == 1:
-        return mesh
-    part = np.zeros(len(mesh.elements), dtype=int)
-    for number, group in enumerate(mesh.element_groups.values()):  # the first has all
-        part[group] = number
-    numbers = np.unique(part)
-    layers = [mesh.elements[part == number] for number in numbers] if len(numbers) > 1 else []
-    through = np.unique(np.vstack([through_edges(its) for its in (mesh.elements, *layers)]), axis=0)
-    nodes, elements, parents = cut_edges(mesh.nodes, mesh.elements, through)
-    faces = [boundary_triangles(elements[part[parents] == number]) for number in numbers]
-    _, first = np.unique(np.sort(np.vstack(faces), axis=1), axis=0, return_index=True)
-    fixed = np.vstack(faces)[np.sort(first)]
-    nodes = without_inverted(nodes, _relocated(nodes, elements, fixed, mesh.source), elements)
-    groups = mesh.element_groups.items()
-    inherited = {name: np.flatnonzero(np.isin(parents, group)).astype(np.int32) for name, group in groups}
-    surfaces = {name: _cut_triangles(mesh.nodes, its, through) for name, its in mesh.surface_groups.items()}
-    return replace(mesh, nodes=nodes, elements=elements, surface_groups=surfaces, element_groups=inherited).check()
-
-
-def _cut_triangles(nodes: np.ndarray, triangles: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Triangles cut as `cut_edges` cuts the tetrahedra at them; those without such edges as they are."""
-    numbers = np.array([len(nodes), 1])
-    cut = np.isin(undirected_sides(triangles).astype(np.int64) @ numbers, edges.astype(np.int64) @ numbers)
-    here = cut.reshape(-1, 3).any(axis=1)
-    return np.concatenate([triangles[~here], cut_edges(nodes, triangles[here], edges)[1]]) if here.any() else triangles
-
-
-def through_edges(elements: np.ndarray) -> np.ndarray:
-    """Edges inside a body between two nodes of its boundary, shape (count, 2)."""
-    sides = np.unique(undirected_sides(boundary_triangles(elements)), axis=0)
-    pairs = np.sort(elements[:, list(combinations(range(4), 2))].reshape(-1, 2), axis=1)
-    between = np.unique(pairs[np.isin(pairs, sides).all(axis=1)], axis=0)
-    both = np.vstack([sides, between])
-    _, first, counts = np.unique(both, axis=0, return_index=True, return_counts=True)
-    inside: np.ndarray = both[np.sort(first[(counts == 1) & (first >= len(sides))])]
-    return inside
-
-
-def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Put a node in the middle of each edge, the longest first, and halve the tetrahedra, or triangles, around it.
-
-    Args:
-        nodes: [mm], shape (node_count, 3).
-        elements: tetrahedra or triangles, shape (element_count, 4 or 3).
-        edges: each between two nodes, the lower first, shape (edge_count, 2).
-
-    Returns:
-        Nodes, the new ones last, tetrahedra, and for each of these the one that it is a part of.
-    """
-    tetrahedra = dict(enumerate(elements.tolist()))
-    parents = list(range(len(elements)))
-    around: dict[Edge, set[int]] = defaultdict(set)
-    for number, corners in tetrahedra.items():
-        for edge in combinations(sorted(corners), 2):
-            around[edge].add(number)
-    lengths = np.linalg.norm(np.subtract(*nodes[edges.T]), axis=1)
-    ordered = edges[np.lexsort((edges[:, 1], edges[:, 0], -lengths))]
-    following = len(elements)
-    for middle, (begin, end) in enumerate(ordered.tolist(), len(nodes)):
-        for number in sorted(around.pop((begin, end), set())):
-            corners = tetrahedra.pop(number)
-            for edge in combinations(sorted(corners), 2):
-                around[edge].discard(number)
-            for left_out in (begin, end):
-                half = [middle if corner == left_out else corner for corner in corners]
-                tetrahedra[following] = half
-                parents.append(parents[number])
-                for edge in combinations(sorted(half), 2):
-                    around[edge].add(following)
-                following += 1
-    cut = np.array(list(tetrahedra.values()), dtype=np.int32)
-    return np.vstack([nodes, nodes[ordered].mean(axis=1)]), cut, np.array(parents)[list(tetrahedra)]
-
-
-def without_inverted(nodes: np.ndarray, moved: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """Moved nodes, but the nodes of inverted tetrahedra at their old places.
-
-    gmsh's relocation now and then moves a node past the opposite face of a flat tetrahedron, as they are beside thin
-    walls. No tetrahedron is inverted with all nodes at their old places, so this ends there at the latest.
-
-    Args:
-        nodes: old places, with which all volumes are positive [mm], shape (node_count, 3).
-        moved: new places [mm], shape (node_count, 3).
-        elements: tetrahedra, shape (element_count, 4).
-    """
-    moved = moved.copy()
-    while True:
-        corners = np.unique(elements[element_volumes(moved, elements) <= 0])
-        back = corners[(moved[corners] != nodes[corners]).any(axis=1)]
-        if len(back) == 0:
-            return moved
-        moved[back] = nodes[back]
-
-
-def _relocated(nodes: np.ndarray, elements: np.ndarray, boundary: np.ndarray, source: str) -> np.ndarray:
-    """The nodes, those not of the boundary moved to where the worst tetrahedra around them are better."""
-    on_boundary = np.unique(boundary)
-    inside = np.setdiff1d(np.arange(len(nodes)), on_boundary)
-    with gmsh_session(source) as gmsh:
-        mesh = gmsh.model.mesh
-        surface = gmsh.model.addDiscreteEntity(2)
-        volume = gmsh.model.addDiscreteEntity(3, -1, [surface])
-        for dimension, entity, numbers in ((2, surface, on_boundary), (3, volume, inside)):
-            mesh.addNodes(dimension, entity, numbers + 1, nodes[numbers].ravel())
-        mesh.addElementsByType(surface, TRIANGLE, [], (boundary + 1).ravel())
-        mesh.addElementsByType(volume, TETRAHEDRON, [], (elements + 1).ravel())
-        mesh.optimize("Relocate3D")
-        tags, coordinates, _ = mesh.getNodes()
-    moved = nodes.copy()
-    moved[tags.astype(int) - 1] = coordinates.reshape(-1, 3)
-    return moved
+    return successes(str(body.path), SURFACE_ALGORITHMS, make)
 
 
 # The mesher of bodies between closed surfaces, which gmsh remeshes, or keeps triangle by triangle.
@@ -272,8 +147,12 @@ def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMe
     return mesh
 
 
-def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str) -> VolumeMesh:
-    """Mesh a body with surface triangles of new sizes, which lie on the given ones.
+WALL_RATIOS = (4.0, 2.0)
+"""Longest edges in walls over their thickness, with which coarse meshes are tried again that have slivers there [-]."""
+
+
+def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str) -> Iterator[VolumeMesh]:
+    """Mesh a body with surface triangles of new sizes, which lie on the given ones, in one way after the other.
 
     Args:
         body: body that is meshed.
@@ -283,26 +162,50 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     """
     angle = math.radians(feature_angle)
     flat = all(_flat_faced(shell, angle) for shell in (body.outer, *body.cavities))
-    # gmsh cuts surfaces in parts that it can unroll, which flat faces need not be; the cuts stay edges of the mesh.
+    # gmsh cuts surfaces in parts that it can unroll, which flat faces need not be; the cuts stay edges of the mesh, and
+    # make slivers where they pass near others, so that all are tried without cuts in the end.
     ways = [(False, algorithm) for algorithm in SURFACE_ALGORITHMS[:1] if flat]
     ways += [(True, algorithm) for algorithm in SURFACE_ALGORITHMS]
+    ways += [(False, algorithm) for algorithm in SURFACE_ALGORITHMS[1 if flat else 0 :]]
+
+    rows = None
 
     def make(gmsh: Any, way: tuple[bool, int]) -> VolumeMesh:
         cut, algorithm = way
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
-        return _remesh(gmsh, body, sizes, angle, cut, flat, source)
+        return _remesh(gmsh, body, sizes, angle, cut, flat, source, rows)
 
-    return first_success(source, ways, make)
+    meshes = successes(source, ways, make)
+    yield (coarse := next(meshes))
+    yield from meshes
+    for ratio in WALL_RATIOS:
+        rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, FINEST * sizes.smallest)
+        if rows[:, 9:].min() > 0.9 * sizes.largest:  # they would change nothing
+            continue
+        warn_caller(
+            f"{source}: elements are flat in thin walls; tried again with at most {ratio:g} times the walls' thickness"
+        )
+        with suppress(MeshError):
+            yield from successes(source, ways, make)
 
 
 def _remesh(
-    gmsh: Any, body: HollowBody, sizes: FittedSizes, angle: float, cut: bool, flat: bool, source: str
+    gmsh: Any,
+    body: HollowBody,
+    sizes: FittedSizes,
+    angle: float,
+    cut: bool,
+    flat: bool,
+    source: str,
+    rows: np.ndarray | None,
 ) -> VolumeMesh:
     shells = (body.outer, *body.cavities)
     surfaces = _classify(gmsh.model, shells, angle, cut)
     gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
     set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
     follow_curvature(gmsh, sizes, [] if flat else shells, angle)
+    if rows is not None:
+        obey_wall_sizes(gmsh, sizes, rows)
     gmsh.model.mesh.generate(3)
     mesh = meshed_body(gmsh, surfaces, source)
     compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], FLAT_TOLERANCE if flat else None)
@@ -386,6 +289,9 @@ class StepTable(Table):
     """STEP file, beside the TOML; it names its unit itself, and is converted to millimetres."""
     cavities: Count | None = None
     """Number of cavities that the body must have; any number when it is not given."""
+    defeature: NotNegative = 0.0
+    """Radius up to which fillets, rounds and holes are dropped [mm], which coarse meshes need not follow; 0: none. The
+    faces that are left have other numbers, which `taichisoft mesh info --defeature` lists."""
     close_inlets: Annotated[bool, Field(strict=True)] | Numbers | None = None
     """Whether chambers that are open to the outside get caps and are cavities; or the numbers of their openings, from 1
     in the order of `taichisoft mesh info`. When it is not given, they stay open, and a warning names them."""
@@ -412,6 +318,9 @@ class SurfacesTable(Table):
     """Number of cavities that the files must have together; any number when it is not given."""
     scale: Positive = 1.0
     """Millimetres in one unit of the files, for example 1000 for metres."""
+    unite: Annotated[bool, Field(strict=True)] = False
+    """Whether the closed surfaces in `outer` that face as the largest does are parts of one body, and are united; those
+    that face the other way are chambers."""
     keep_surface: Annotated[bool, Field(strict=True)] = False
     """Whether the tetrahedra end at exactly the given triangles; otherwise the surfaces are remeshed."""
     feature_angle: Annotated[float, Field(strict=True, gt=0, lt=180)] = 40.0
@@ -446,13 +355,22 @@ class _BodyFromFiles(CheckedGeometry):
             sizes = self.table.mesh.fitted(body.extent, body.volume, size, self.cavity_volumes)
         except ValueError as error:
             raise MeshError(f"{self.file}: {error}") from error
-        mesh, sides = self._fill(sizes)
-        mesh = with_elements_across(mesh, sizes)
+        best: tuple[float, VolumeMesh, CurvedSides | None] | None = None
+        for filling, its_sides in self._fillings(sizes):
+            filled = without_slivers(with_elements_across(filling, sizes))
+            shape = least_shape(filled.nodes, filled.elements)
+            if best is None or shape > best[0]:
+                best = shape, filled, its_sides
+            if shape >= 1:
+                break
+        if best is None:
+            raise MeshError(f"{self.file}: no mesh came out; try another size")
+        _, mesh, sides = best
         return with_base(mesh if sides is None else with_curved_sides(mesh, sides), self.table.base)
 
     @abstractmethod
-    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
-        """Fill the body with tetrahedra of four nodes; and the curved sides for ten, if they are asked for."""
+    def _fillings(self, sizes: FittedSizes) -> Iterator[Filling]:
+        """Fill the body, in one way after the other; at least one succeeds."""
 
     def _check_cavities(self, count: int, place: Path, where: str, hint: str = "") -> None:
         """Raise MeshError for another number of cavities than the tables have; warn of a body without cavities."""
@@ -471,7 +389,7 @@ class StepBody(_BodyFromFiles):
     @cached_property
     def body(self) -> CadBody:
         """The body that the STEP file describes, checked."""
-        table, body = self.table, read_step(self.file.parent / self.table.file)
+        table, body = self.table, read_step(self.file.parent / self.table.file, self.table.defeature)
         solids, numbers = [solid.number for solid in body.solids], [face.number for face in body.faces]
         for name, solid in table.solids.items():
             self._refuse_numbers(f"solids.{name}", [solid], "solids", solids)
@@ -527,7 +445,7 @@ class StepBody(_BodyFromFiles):
             raise MeshError(f"{self.file}: solids.{twice[0]}: solid {others[twice[0]]} has this name; choose another")
         return {**others, **chosen} if len(self.body.solids) > 1 else dict(chosen)
 
-    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
+    def _fillings(self, sizes: FittedSizes) -> Iterator[Filling]:
         table, body = self.table, self.body
         faces = dict(table.faces)
         if table.base is None and BASE not in faces and body.flat_end:
@@ -555,7 +473,10 @@ class SurfacesBody(_BodyFromFiles):
     def body(self) -> HollowBody:
         """The body that the surface files describe, checked."""
         table, folder = self.table, self.file.parent
-        body = read_hollow_body(folder / table.outer, [folder / name for name in table.cavity], table.scale)
+        cavities = [folder / name for name in table.cavity]
+        body = read_hollow_body(folder / table.outer, cavities, table.scale, table.unite)
+        if doubt := implausible(f"{folder / table.outer}: its longest side", float(body.extent.max()), SIZE):
+            warn_caller(f"{doubt}; scale = {table.scale:g}: 1000 takes a file in metres, 10 in centimetres")
         self._check_cavities(len(body.cavities), folder / table.outer, "the files have")
         return body
 
@@ -564,7 +485,9 @@ class SurfacesBody(_BodyFromFiles):
         """Volumes of the cavities [mm^3]."""
         return self.body.cavity_volumes
 
-    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
+    def _fillings(self, sizes: FittedSizes) -> Iterator[Filling]:
         if self.table.keep_surface:
-            return keep_surfaces(self.body, sizes, str(self.file)), None
-        return remesh_surfaces(self.body, sizes, self.table.feature_angle, str(self.file)), None
+            yield keep_surfaces(self.body, sizes, str(self.file)), None
+        else:
+            for mesh in remesh_surfaces(self.body, sizes, self.table.feature_angle, str(self.file)):
+                yield mesh, None

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import re
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,13 +21,13 @@ from taichisoft.mesh import (
     SIDES,
     VolumeMesh,
     boundary_triangles,
+    cavity_names,
     element_volumes,
     enclosed_volume,
     least_volumes,
     tetrahedron_volumes,
     with_middle_nodes,
 )
-from taichisoft_meshing.wall_quality import cavity_names
 
 Way = TypeVar("Way")
 Made = TypeVar("Made")
@@ -74,30 +75,36 @@ def gmsh_session(body: str) -> Iterator[Any]:
     except Exception as error:
         if type(error) not in (Exception, GmshFailure):  # gmsh raises plain Exception; others are not its own
             raise
-        raise MeshError(f"gmsh cannot mesh {body}: {_one_line(error)}; {_kept_log(gmsh)}") from error
+        place = _place_of_surfaces(gmsh, str(error))
+        raise MeshError(f"gmsh cannot mesh {body}: {_one_line(error)}{place}; {_kept_log(gmsh)}") from error
     finally:
         gmsh.finalize()
 
 
-def first_success(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Made]) -> Made:
-    """Make something in several ways, each in a session of its own, until one does not fail.
+def successes(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Made]) -> Iterator[Made]:
+    """Make something in several ways, each in a session of its own, and give what comes out of those that do not fail.
 
     Args:
         body: name of what is meshed in errors.
         ways: ways to make it, in the order in which they are tried.
         make: called with gmsh and a way.
 
-    Returns:
-        The result of the first way that did not fail.
+    Raises:
+        MeshError: every way failed; the error is that of the last.
     """
+    made = False
     for number, way in enumerate(ways, 1):
+        result = None
         with gmsh_session(body) as gmsh:  # each its own: gmsh does nothing more after it has failed
             try:
-                return make(gmsh, way)
+                result = make(gmsh, way)
             except Exception as error:
-                if type(error) not in (Exception, GmshFailure, MeshError) or number == len(ways):
+                expected = type(error) in (Exception, GmshFailure, MeshError)
+                if not expected or (number == len(ways) and not made):
                     raise
-    raise ValueError("ways is empty; give at least one")
+        if result is not None:
+            made = True
+            yield result
 
 
 def tetrahedra(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -157,6 +164,16 @@ def _kept_log(gmsh: Any) -> str:
     except OSError as error:
         return f"gmsh's log cannot be written: {error.strerror or error}"
     return f"gmsh's log is {name}"
+
+
+def _place_of_surfaces(gmsh: Any, message: str) -> str:
+    """Where the boxes meet of the surfaces that a message of gmsh numbers, in words; empty where it numbers none."""
+    tags = [int(tag) for tag in re.findall(r"\bsurface (\d+)", message)]
+    if not tags:
+        return ""
+    boxes = np.reshape([gmsh.model.getBoundingBox(2, tag) for tag in tags], (-1, 2, 3))
+    middle = (boxes[:, 0].max(axis=0) + boxes[:, 1].min(axis=0)) / 2
+    return f", near {np.round(middle, 2).tolist()} mm; a smaller size, or defeature, may help"
 
 
 def _one_line(error: Exception) -> str:

@@ -49,6 +49,10 @@ Solid = Annotated[
 CloseInlets = Annotated[
     bool, typer.Option("--close-inlets", help="Close the chambers of a STEP body that are open to the outside.")
 ]
+Defeature = Annotated[
+    float | None,
+    typer.Option(metavar="MM", min=0.0, help="Drop fillets and holes of a STEP body of a radius up to this \\[mm]."),
+]
 Section = Annotated[
     str | None,
     typer.Option(
@@ -66,7 +70,7 @@ def geometry_job(name: str, overrides: Sequence[str] | None, request: Mapping[st
         overrides: texts "key=value" for the tables of the file.
         request: the result of `requested_size`.
     """
-    from taichisoft.mesh import SURFACE_SUFFIXES
+    from taichisoft.mesh import SURFACE_SUFFIXES, VOLUME_SUFFIXES
     from taichisoft.scene import find_file
     from taichisoft_meshing.geometry_file import read_tables
     from taichisoft_meshing.mesh_job import MeshJob
@@ -74,6 +78,11 @@ def geometry_job(name: str, overrides: Sequence[str] | None, request: Mapping[st
     file = find_file(name, "fingers", (".toml",), error=MeshError)
     if file.suffix.lower() in SURFACE_SUFFIXES:
         raise MeshError(f"{name}: is not a geometry file (.toml); --surfaces meshes it as it is")
+    if file.suffix.lower() in VOLUME_SUFFIXES:
+        raise MeshError(
+            f"{name}: is a mesh of tetrahedra already; a scene takes it as it is, mesh = '{name}', and the groups that "
+            "`taichisoft mesh info` lists"
+        )
     kind, tables = read_tables(file)
     return MeshJob(kind, overridden(tables, overrides), file, request)
 
@@ -95,7 +104,12 @@ def surfaces_job(names: Sequence[str], overrides: Sequence[str] | None, request:
 
 
 def with_options(
-    job: "MeshJob", order: int | None, faces: Sequence[str] | None, solids: Sequence[str] | None, close_inlets: bool
+    job: "MeshJob",
+    order: int | None,
+    faces: Sequence[str] | None,
+    solids: Sequence[str] | None,
+    close_inlets: bool,
+    defeature: float | None = None,
 ) -> "MeshJob":
     """A job with what the options of the same names say in its tables."""
     from taichisoft_meshing.mesh_job import merge_tables
@@ -115,6 +129,8 @@ def with_options(
         changes["mesh"] = {"order": order}
     if close_inlets:
         changes["close_inlets"] = True
+    if defeature is not None:
+        changes["defeature"] = defeature
     return replace(job, tables=merge_tables(job.tables, changes))
 
 
@@ -175,6 +191,7 @@ def mesh_info(
         ),
     ] = None,
     section: Section = None,
+    defeature: Defeature = None,
 ) -> None:
     """Show the figures of a mesh or surface (exit code 1 when it is not fit), or the faces of a STEP body."""
     from rich.console import Console  # --help need not wait for any of these
@@ -192,13 +209,15 @@ def mesh_info(
     plane = section_plane(section)
     if plane is not None and path.suffix.lower() not in VOLUME_SUFFIXES:
         raise MeshError(f"--section {section}: has no effect on {path}; only meshes (.msh, .vtk, .vtu) are cut open")
+    if defeature is not None and path.suffix.lower() not in STEP_SUFFIXES:
+        raise MeshError(f"--defeature {defeature:g}: has no effect on {path}; only STEP bodies have faces to drop")
     surface = path.suffix.lower() in SURFACE_SUFFIXES
     if output is not None:
         require_suffix(output, "report", (".json",) if surface else (".json", ".png"))
         prepare_folder(output.parent, output)
     console = Console()
     if path.suffix.lower() in STEP_SUFFIXES:
-        problems = _show_body(console, path, output)
+        problems = _show_body(console, path, output, defeature or 0.0)
     else:
         problems = _show_surface(console, path, output) if surface else _show_mesh(console, path, output, plane)
     if output is not None:
@@ -247,23 +266,40 @@ def _can_be_measured(mesh: "VolumeMesh") -> bool:
 
 
 def _show_surface(console: "Console", path: Path, output: Path | None) -> list[str]:
-    """Print and write the figures of a surface; returns its problems."""
+    """Print and write the figures of a surface, which is judged as meshing it would; returns its problems."""
+    import warnings
+
     import numpy as np
 
     from taichisoft.base import SIZE, implausible
-    from taichisoft.mesh import read_surface
+    from taichisoft.mesh import connected_pieces, read_surface
     from taichisoft.running import print_warning
+    from taichisoft_meshing.closed_shells import closed_shells, hollow_body
     from taichisoft_meshing.mesh_quality import surface_table
     from taichisoft_meshing.mesh_set import surface_figures, write_record
-    from taichisoft_meshing.wall_quality import connected_pieces, measure_surface
+    from taichisoft_meshing.wall_quality import measure_surface
 
     vertices, triangles = read_surface(path)
+    problems = []
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        try:
+            shells = closed_shells(vertices, triangles, str(path))
+            # as in the file, but for triangles that face the other way than their neighbours
+            facing = [shell.triangles[:, ::-1] if shell.was_inward else shell.triangles for shell in shells]
+            starts = np.cumsum([0, *(len(shell.vertices) for shell in shells)])
+            vertices = np.vstack([shell.vertices for shell in shells])
+            triangles = np.vstack([its + start for its, start in zip(facing, starts, strict=False)])
+            hollow_body(shells)
+        except MeshError as error:
+            problems = [str(error).removeprefix(f"{path}: ").replace(f"{path}, ", "")]
     surface = measure_surface(path.stem, vertices, triangles)
     pieces, extent = len(connected_pieces(triangles, len(vertices))), np.ptp(vertices, axis=0)
-    problems = [f"is not closed: {surface.open_edges} edges do not join two triangles"] if surface.open_edges else []
     console.print(surface_table(path.name, surface, pieces, extent))
+    for warning in warned:
+        print_warning(console, str(warning.message).removeprefix(f"{path}: ").replace(f"{path}, ", ""))
     if caution := implausible("its longest side", float(extent.max()), SIZE):
-        print_warning(console, caution)
+        print_warning(console, f"{caution}; `--set scale=1000` meshes a file in metres")
     if output is not None:
         figures = {**surface_figures(surface), "volume_mm3": surface.volume, "pieces": pieces}
         record = {"file": path.name, **figures, "extent_mm": extent.tolist(), "problems": problems}
@@ -271,14 +307,14 @@ def _show_surface(console: "Console", path: Path, output: Path | None) -> list[s
     return problems
 
 
-def _show_body(console: "Console", path: Path, output: Path | None) -> list[str]:
+def _show_body(console: "Console", path: Path, output: Path | None, defeature: float) -> list[str]:
     """Print the solids, faces and openings of a STEP body, and write or draw them."""
     from taichisoft.running import print_warning
     from taichisoft_meshing.body_pictures import body_tables, draw_faces
     from taichisoft_meshing.mesh_job import read_step_apart
     from taichisoft_meshing.mesh_set import body_figures, write_record
 
-    body = read_step_apart(path)
+    body = read_step_apart(path, defeature)
     console.print(body_tables(body))
     if body.doubt:
         print_warning(console, body.doubt)
@@ -461,6 +497,7 @@ def mesh(
     face: Face = None,
     solid: Solid = None,
     close_inlets: CloseInlets = False,
+    defeature: Defeature = None,
     section: Section = None,
     force: Force = False,
 ) -> None:
@@ -477,7 +514,7 @@ def mesh(
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
     request = requested_size(size, nodes, preset)
     job = surfaces_job(files, set_, request) if surfaces else geometry_job(files[0], set_, request)
-    job = with_options(job, order, face, solid, close_inlets)
+    job = with_options(job, order, face, solid, close_inlets, defeature)
     plane = section_plane(section)
     prepare(output)
     console = Console()

@@ -260,10 +260,10 @@ def call_with_plugins(
         raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}") from lost
 
 
-def read_step_apart(path: Path) -> CadBody:
+def read_step_apart(path: Path, defeature: float = 0.0) -> CadBody:
     """Read a STEP file as `read_step` does, in a process of its own."""
     try:
-        body: CadBody = call_apart("taichisoft_meshing.cad_body:read_step", path, time_limit=TIME_LIMIT)
+        body: CadBody = call_apart("taichisoft_meshing.cad_body:read_step", path, defeature, time_limit=TIME_LIMIT)
     except WorkerLost as lost:
         raise MeshError(f"{path}: the process that reads it ended: {lost}") from lost
     return body

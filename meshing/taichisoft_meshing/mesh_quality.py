@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.table import Table
 
 from taichisoft.base import SIZE, implausible, plain
-from taichisoft.mesh import ADVICE, TOO_STIFF, VolumeMesh, element_volumes
+from taichisoft.mesh import ADVICE, TOO_STIFF, VolumeMesh, element_volumes, joined_pieces
 from taichisoft_meshing.wall_quality import (
     MANY,
     SurfaceQuality,
@@ -18,7 +18,6 @@ from taichisoft_meshing.wall_quality import (
     cavities_outside,
     dihedral_angles,
     edge_lengths,
-    joined_pieces,
     measure_surfaces,
     measure_walls,
     neighbours,
@@ -37,6 +36,7 @@ class MeshQuality:
         radius_ratios: radius ratio of each element [-], shape (element_count,); 1 for a regular one.
         dihedral_angles: angles between the faces of each element [degrees], shape (element_count, 6).
         edges: shortest and longest edge of each element [mm], shape (element_count, 2).
+        centres: middle of each element [mm], shape (element_count, 3).
         duplicate_nodes: number of nodes at the position of another node.
         components: number of pieces of the mesh, in which elements are joined by faces.
         surfaces: figures of the outer skin, of every cavity, and of the other surface groups.
@@ -51,6 +51,7 @@ class MeshQuality:
     radius_ratios: np.ndarray
     dihedral_angles: np.ndarray
     edges: np.ndarray
+    centres: np.ndarray
     duplicate_nodes: int
     components: int
     surfaces: tuple[SurfaceQuality, ...]
@@ -81,6 +82,7 @@ def measure(mesh: VolumeMesh) -> MeshQuality:
         radius_ratios(mesh.nodes, mesh.elements),
         dihedral_angles(mesh.nodes, mesh.elements),
         edge_lengths(mesh.nodes, mesh.elements),
+        mesh.nodes[mesh.elements[:, :4]].mean(axis=1),
         len(mesh.nodes) - len(np.unique(mesh.nodes, axis=0)),
         _component_count(mesh.elements),
         surfaces,
@@ -145,20 +147,28 @@ def faults(quality: MeshQuality) -> list[str]:
 
 def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
     """Limits that a mesh misses, one line each with the measure, its value and the limit."""
-    across = quality.elements_across_walls
+    across, angles, edges = quality.elements_across_walls, quality.dihedral_angles, quality.edges
+    walls = np.array([across]) if across is not None else np.empty(0)
     measured = (
-        ("the smallest radius ratio", quality.radius_ratios.min(), "", "below", "radius_ratio"),
-        ("the smallest dihedral angle", quality.dihedral_angles.min(), " degrees", "below", "smallest_dihedral_angle"),
-        ("the shortest edge", quality.edges.min(), " mm", "below", "shortest_edge"),
-        *([("elements across walls", across, "", "below", "elements_across_walls")] if across is not None else []),
-        ("the largest dihedral angle", quality.dihedral_angles.max(), " degrees", "above", "largest_dihedral_angle"),
+        ("the smallest radius ratio", quality.radius_ratios, "", 1, "radius_ratio"),
+        ("the smallest dihedral angle", angles.min(axis=1), " degrees", 1, "smallest_dihedral_angle"),
+        ("the shortest edge", edges.min(axis=1), " mm", 1, "shortest_edge"),
+        ("elements across walls", walls, "", 1, "elements_across_walls"),
+        ("the largest dihedral angle", angles.max(axis=1), " degrees", -1, "largest_dihedral_angle"),
     )
-    return [
-        f"{measure}, {value:.4g}{unit}, is {side} {QUALITY}.{key} = {limit:g}"
-        for measure, value, unit, side, key in measured
-        for limit in (getattr(limits, key),)
-        if not (value >= limit if side == "below" else value <= limit)
-    ]
+    lines = []
+    for measure, values, unit, sign, key in measured:
+        limit = getattr(limits, key)
+        missed = ~(sign * values >= sign * limit)
+        if missed.any():
+            worst = int((sign * values).argmin())
+            side = "below" if sign > 0 else "above"
+            line = f"{measure}, {values[worst]:.4g}{unit}, is {side} {QUALITY}.{key} = {limit:g}"
+            if values is not walls:
+                place = np.round(quality.centres[worst], 2).tolist()
+                line += f" in {missed.sum()} element{'s' * bool(missed.sum() > 1)}, the worst at {place} mm"
+            lines.append(line)
+    return lines
 
 
 def cautions(quality: MeshQuality) -> list[str]:

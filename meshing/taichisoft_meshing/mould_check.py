@@ -13,9 +13,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import read_surface
+from taichisoft.mesh import joined_pieces, read_surface
 from taichisoft_meshing.closed_shells import area_vectors
-from taichisoft_meshing.wall_quality import joined_pieces
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.mesh import VolumeMesh, cavity_names, skins_and_cavities
 from taichisoft_meshing.body_tables import add_box_of_size
 from taichisoft_meshing.finger_dimensions import FingerDimensions, FingerParameters, starts
 from taichisoft_meshing.geometry_file import CheckedGeometry
@@ -20,7 +20,6 @@ from taichisoft_meshing.gmsh_session import (
     tetrahedra,
     with_curved_sides,
 )
-from taichisoft_meshing.wall_quality import cavity_names, skins_and_cavities
 
 # The boxes of a finger's slots, air and layers, in the axes of the mesh.
 

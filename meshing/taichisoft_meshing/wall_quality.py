@@ -8,15 +8,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
-from taichisoft.mesh import VolumeMesh, boundary_triangles, count_open_edges, enclosed_volume, tetrahedron_volumes
+from taichisoft.mesh import (
+    CAVITY,
+    OUTER,
+    VolumeMesh,
+    count_open_edges,
+    enclosed_volume,
+    named_surfaces,
+    tetrahedron_volumes,
+)
 
 # The surfaces of a mesh: whether they are closed, which way they face, and what they enclose.
-
-OUTER = "outer"
-CAVITY = "cavity"
 
 # Number of vertices of a cavity that are tested: if its surface does not cross the skin, one would be enough.
 SAMPLE = 50
@@ -62,12 +66,11 @@ def measure_surface(name: str, nodes: np.ndarray, triangles: np.ndarray) -> Surf
 
 def measure_surfaces(mesh: VolumeMesh) -> tuple[SurfaceQuality, ...]:
     """Measure the surfaces that a mesh names; where it names no outer skin, also the pieces of its boundary."""
-    named = dict(mesh.surface_groups)
-    if OUTER not in named:
-        skins, cavities = skins_and_cavities(mesh.nodes, mesh.elements)
-        outer = {OUTER: np.concatenate(skins)} if skins else {}
-        named = {**outer, **dict(zip(cavity_names(len(cavities)), cavities, strict=True)), **named}
-    return tuple(measure_surface(name, mesh.nodes, triangles) for name, triangles in named.items() if len(triangles))
+    return tuple(
+        measure_surface(name, mesh.nodes, triangles)
+        for name, triangles in named_surfaces(mesh).items()
+        if len(triangles)
+    )
 
 
 def cavities_outside(nodes: np.ndarray, surfaces: tuple[SurfaceQuality, ...]) -> tuple[str, ...]:
@@ -103,40 +106,6 @@ def winding_numbers(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.einsum("ptd,ptd->pt", first, second)
-
-
-def skins_and_cavities(nodes: np.ndarray, elements: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The closed pieces of a body's boundary: outer skins, which face outward, and cavities, which face the silicone.
-
-    Args:
-        nodes: positions [mm], shape (node_count, 3).
-        elements: tetrahedra of positive volume, shape (element_count, 4).
-
-    Returns:
-        Skins and cavities, each (count, 3) node indices; both enclose positive volumes.
-    """
-    outward = connected_pieces(boundary_triangles(elements), len(nodes))
-    skins = [piece for piece in outward if enclosed_volume(nodes, piece) > 0]
-    cavities = [piece[:, ::-1] for piece in outward if enclosed_volume(nodes, piece) <= 0]
-    return skins, cavities
-
-
-def cavity_names(count: int) -> list[str]:
-    """Names of the surface groups of cavities: "cavity" alone; "cavity_0", "cavity_1", ... where there are more."""
-    return [CAVITY] if count == 1 else [f"{CAVITY}_{number}" for number in range(count)]
-
-
-def connected_pieces(triangles: np.ndarray, node_count: int) -> list[np.ndarray]:
-    """The triangles, each (count, 3), of every piece of a surface that shares no node with the others."""
-    piece = joined_pieces(node_count, triangles[:, [0, 1, 1, 2]].reshape(-1, 2))[triangles[:, 0]]
-    return [triangles[piece == number] for number in np.unique(piece)]
-
-
-def joined_pieces(count: int, pairs: np.ndarray) -> np.ndarray:
-    """Number of the piece of each of `count` things, shape (count,), of which pairs, (pair_count, 2), are joined."""
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    pieces: np.ndarray = connected_components(graph, directed=False)[1]
-    return pieces
 
 
 # The shapes of tetrahedra, and their neighbours.

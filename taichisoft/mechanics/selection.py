@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from taichisoft.errors import SceneError
+from taichisoft.mesh.surface import named_surfaces
 from taichisoft.mesh.volume_mesh import VolumeMesh
 from taichisoft.scene.soft_body import Anchor, NodalForce, NodeSelection, Selection, SoftBodySettings
 from taichisoft.scene.table import Vector
@@ -207,15 +208,18 @@ def select_elements(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndar
 
 def surface_group(mesh: VolumeMesh, name: str, key: str) -> np.ndarray:
     """Triangles (count, 3) of a named surface of the mesh."""
-    if name not in mesh.surface_groups:
-        known = ", ".join(sorted(mesh.surface_groups)) or "none"
+    surfaces = mesh.surface_groups if name in mesh.surface_groups else named_surfaces(mesh)
+    if name not in surfaces:
+        known = ", ".join(sorted(surfaces)) or "none"
         raise SceneError(f"{key}.group = '{name}': {mesh.source} has no such surface group; there are: {known}")
-    return mesh.surface_groups[name]
+    return surfaces[name]
 
 
 def _group(mesh: VolumeMesh, name: str, key: str, surfaces: bool) -> np.ndarray:
     if surfaces and name in mesh.surface_groups:
         return mesh.surface_groups[name].reshape(-1)
+    if surfaces and name not in mesh.element_groups and name in named_surfaces(mesh):
+        return named_surfaces(mesh)[name].reshape(-1)
     if name in mesh.element_groups:
         elements = mesh.element_groups[name]
         return mesh.elements[elements].reshape(-1) if surfaces else elements

@@ -7,6 +7,8 @@ from itertools import islice, pairwise
 from typing import Self
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base.text import warn_caller
 from taichisoft.errors import MeshError
@@ -532,3 +534,53 @@ def _surface(whole: list[list[int]], left: list[tuple[int, ...]], ends: dict[int
         np.array(weights)[:, :columns],
         np.array(triangles, dtype=np.int32).reshape(-1, 6),
     )
+
+
+# The closed pieces of a body's boundary: the outside, and the walls of air chambers.
+
+OUTER = "outer"
+CAVITY = "cavity"
+
+
+def named_surfaces(mesh: volume_mesh.VolumeMesh) -> dict[str, np.ndarray]:
+    """The surface groups of a mesh by name, each (count, 3); "outer" and cavities too where the file names none."""
+    named = dict(mesh.surface_groups)
+    if OUTER in named:
+        return named
+    skins, cavities = skins_and_cavities(mesh.nodes, mesh.elements)
+    outer = {OUTER: np.concatenate(skins)} if skins else {}
+    return {**outer, **dict(zip(cavity_names(len(cavities)), cavities, strict=True)), **named}
+
+
+def skins_and_cavities(nodes: np.ndarray, elements: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The closed pieces of a body's boundary: outer skins, which face outward, and cavities, which face the silicone.
+
+    Args:
+        nodes: positions [mm], shape (node_count, 3).
+        elements: tetrahedra of positive volume, shape (element_count, 4).
+
+    Returns:
+        Skins and cavities, each (count, 3) node indices; both enclose positive volumes.
+    """
+    outward = connected_pieces(volume_mesh.boundary_triangles(elements), len(nodes))
+    skins = [piece for piece in outward if enclosed_volume(nodes, piece) > 0]
+    cavities = [piece[:, ::-1] for piece in outward if enclosed_volume(nodes, piece) <= 0]
+    return skins, cavities
+
+
+def cavity_names(count: int) -> list[str]:
+    """Names of the surface groups of cavities: "cavity" alone; "cavity_0", "cavity_1", ... where there are more."""
+    return [CAVITY] if count == 1 else [f"{CAVITY}_{number}" for number in range(count)]
+
+
+def connected_pieces(triangles: np.ndarray, node_count: int) -> list[np.ndarray]:
+    """The triangles, each (count, 3), of every piece of a surface that shares no node with the others."""
+    piece = joined_pieces(node_count, triangles[:, [0, 1, 1, 2]].reshape(-1, 2))[triangles[:, 0]]
+    return [triangles[piece == number] for number in np.unique(piece)]
+
+
+def joined_pieces(count: int, pairs: np.ndarray) -> np.ndarray:
+    """Number of the piece of each of `count` things, shape (count,), of which pairs, (pair_count, 2), are joined."""
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    pieces: np.ndarray = connected_components(graph, directed=False)[1]
+    return pieces

@@ -3,13 +3,15 @@
 import json
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from blocks import make_block
 
-from taichisoft import VolumeMesh, write_volume_mesh
+from taichisoft import Simulation, VolumeMesh, scene_from_dict, write_volume_mesh
 from taichisoft.command_line import main
 from taichisoft.mesh import write_stl
 
@@ -41,6 +43,21 @@ def test_every_mesh_format(info, tmp_path: Path, suffix: str) -> None:
     assert "warning: walls of one element" in output
 
 
+@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
+def test_scenes_know_the_surfaces_that_are_listed(tmp_path: Path, suffix: str) -> None:
+    """Without groups in the file the chamber of 30 mm is "cavity" all the same."""
+    write_volume_mesh(replace(hollow(), surface_groups={}), tmp_path / f"hollow{suffix}")
+    body = {
+        "mesh": str(tmp_path / f"hollow{suffix}"),
+        "density": 1e-6,
+        "young_modulus": 100.0,
+        "poisson_ratio": 0.3,
+        "cavities": {"air": {"group": "cavity"}},
+    }
+    simulation = Simulation(scene_from_dict({"soft_bodies": {"box": body}}, tmp_path))
+    assert simulation.observe().volumes["box.air"] == pytest.approx(27000.0, rel=1e-9)
+
+
 def test_a_shipped_mesh_by_its_name(info) -> None:
     code, output, _ = info("tutorial-coarse")
     assert code == 0
@@ -49,8 +66,6 @@ def test_a_shipped_mesh_by_its_name(info) -> None:
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
 def test_every_surface_format(info, tmp_path: Path, suffix: str) -> None:
-    import trimesh
-
     trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / f"box{suffix}")
     code, output, _ = info(tmp_path / f"box{suffix}")
     assert code == 0
@@ -64,10 +79,31 @@ def test_a_surface_with_a_hole_or_inside_out(info, tmp_path: Path) -> None:
     write_stl(mesh.nodes, cavity[1:], tmp_path / "open.stl")
     code, output, error = info(tmp_path / "open.stl")
     assert (code, "none" in output) == (1, True)
-    assert error == f"taichisoft: {tmp_path / 'open.stl'}: is not closed: 3 edges do not join two triangles\n"
+    assert error.startswith(
+        f"taichisoft: {tmp_path / 'open.stl'}: is not a closed surface: it has edges of one triangle"
+    )
+    assert error.endswith(" mm; fill the hole\n")
     write_stl(mesh.nodes, cavity[:, ::-1], tmp_path / "turned.stl")
     code, output, _ = info(tmp_path / "turned.stl")
     assert (code, "inward" in output) == (0, True)
+
+
+def test_a_surface_is_judged_as_it_is_meshed(info, tmp_path: Path) -> None:
+    """Triangles that face the wrong side are turned round with a word; walls that cross are refused; metres told."""
+    box = trimesh.creation.box((10.0, 20.0, 30.0))
+    box.faces[::2] = box.faces[::2, ::-1]
+    box.export(tmp_path / "mixed.stl")
+    code, output, _ = info(tmp_path / "mixed.stl")
+    assert (code, "6000.0" in output) == (0, True)
+    assert "warning: triangles that face the other way than their neighbours are turned round" in output
+    apart = trimesh.creation.box((10.0, 20.0, 30.0)).apply_translation([5.0, 1.0, 1.0])
+    trimesh.util.concatenate([trimesh.creation.box((10.0, 20.0, 30.0)), apart]).export(tmp_path / "parts.stl")
+    code, _, error = info(tmp_path / "parts.stl")
+    assert code == 1
+    assert "both face the same way: if they are parts of one body, unite = true joins them" in error
+    trimesh.creation.box((0.01, 0.02, 0.03)).export(tmp_path / "metres.stl")
+    code, output, _ = info(tmp_path / "metres.stl")
+    assert (code, "`--set scale=1000` meshes a file in metres" in " ".join(output.split())) == (0, True)
 
 
 def test_a_mesh_that_is_not_fit_is_shown_all_the_same(info, tmp_path: Path) -> None:
@@ -138,8 +174,6 @@ def test_what_speaks_against_a_mesh_is_written_and_drawn(info, tmp_path: Path) -
 
 
 def test_the_figures_of_a_surface_are_written_too(info, tmp_path: Path) -> None:
-    import trimesh
-
     trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
     assert info(tmp_path / "box.stl", "-o", tmp_path / "box.json")[0] == 0
     record = json.loads((tmp_path / "box.json").read_text())
@@ -150,8 +184,6 @@ def test_the_figures_of_a_surface_are_written_too(info, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("output", ["box.png", "box", "box.txt"])
 def test_another_kind_of_file_is_refused(info, tmp_path: Path, output: str) -> None:
-    import trimesh
-
     trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
     code, shown, error = info(tmp_path / "box.stl", "-o", tmp_path / output)
     assert (code, shown) == (2, "")

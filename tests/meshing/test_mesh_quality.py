@@ -1,5 +1,7 @@
 """The figures of a mesh: shapes of its elements, its walls, and the limits of a geometry file."""
 
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,8 +166,15 @@ def test_winding_numbers_tell_inside_from_outside() -> None:
         ({"elements_across_walls": 2}, "elements across walls, 1, is below quality.elements_across_walls = 2"),
     ],
 )
-def test_each_limit_is_named_with_the_measure_and_its_value(limit: dict, line: str) -> None:
-    assert missed_limits(measure(hollow()), QualityLimits(**limit)) == [line]
+def test_each_limit_is_named_with_value_and_place(limit: dict, line: str) -> None:
+    quality = measure(hollow())
+    (told,) = missed_limits(quality, QualityLimits(**limit))
+    assert told.startswith(line)
+    place = re.search(r" in \d+ elements?, the worst at (\[.+\]) mm$", told)
+    assert (place is None) == ("walls" in line)
+    if place is not None:
+        away = np.linalg.norm(quality.centres - json.loads(place[1]), axis=1)
+        assert away.min() < 0.01
 
 
 # The shapes of tetrahedra.

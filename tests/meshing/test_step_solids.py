@@ -26,8 +26,9 @@ from taichisoft.mesh import (
 from taichisoft.scene import scene_from_dict
 from taichisoft_meshing.body_pictures import draw_faces
 from taichisoft_meshing.cad_body import cap_triangles, read_step, rims
-from taichisoft_meshing.file_bodies import StepBody, through_edges
+from taichisoft_meshing.file_bodies import StepBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
+from taichisoft_meshing.inner_nodes import through_edges
 from taichisoft_meshing.mesh_commands import with_options
 from taichisoft_meshing.mesh_job import MeshJob, mesh_for_scene
 from taichisoft_meshing.mesh_quality import faults, measure
@@ -195,6 +196,41 @@ def test_the_volume_of_a_bore_converges_with_the_edges_around_it(tmp_path: Path)
         missing = (tetrahedron_volumes(mesh.nodes, mesh.elements).sum() - (2400 - bore)) / bore
         polygon = 1 - sides / (2 * np.pi) * np.sin(2 * np.pi / sides)
         assert polygon / 3 < missing < 1.25 * polygon
+
+
+def test_small_rounds_and_holes_are_dropped(tmp_path: Path) -> None:
+    """A plate with fillets of 1 mm and bores of 1.5 and 4 mm radius: below 2 mm only the largest bore is left."""
+
+    def plate(occ: Any) -> None:
+        box = occ.addBox(0, 0, 0, 40, 20, 6)
+        occ.synchronize()
+        upright = [edge for _, edge in occ.getEntities(1) if abs(np.ptp(occ.getBoundingBox(1, edge)[2::3]) - 6) < 1e-3]
+        (solid,) = occ.fillet([box], upright, [1.0])
+        occ.cut([solid], [(3, occ.addCylinder(x, 10, -1, 0, 0, 8, r)) for x, r in ((8, 1.5), (25, 4))])
+
+    path = write_step(tmp_path / "plate.step", plate)
+    corners, bores = (4 - np.pi) * 6, np.pi * np.array([1.5, 4]) ** 2 * 6
+    whole = read_step(path)
+    assert whole.volume == pytest.approx(4800 - corners - bores.sum(), rel=1e-6)
+    with pytest.warns(UserWarning, match=r"defeature = 2: 5 round faces are dropped, .* volume by 1.1 %$"):
+        plain = read_step(path, 2.0)
+    assert plain.volume == pytest.approx(4800 - bores[1], rel=1e-6)
+    assert len(plain.faces) == 7
+    with pytest.warns(UserWarning, match="no face has a radius up to 0.5 mm; it has no effect"):
+        assert len(read_step(path, 0.5).faces) == len(whole.faces)
+    sizes = {"largest": 8.0, "elements_across_walls": 1}
+    counts = [len(body(tmp_path, "plate.step", mesh=sizes, defeature=size).mesh().nodes) for size in (0.0, 2.0)]
+    assert counts[1] < 0.6 * counts[0]
+    with pytest.raises(MeshError, match="defeature = -1"):
+        body(tmp_path, "plate.step", defeature=-1)
+
+
+def test_faces_that_cannot_be_dropped_are_placed(tmp_path: Path) -> None:
+    path = write_step(tmp_path / "ball.step", lambda occ: occ.addSphere(5, 0, 0, 2))
+    with pytest.raises(
+        MeshError, match=r"ball.step: defeature = 3: cannot drop 1 faces, the first at \[.*\] mm; try a"
+    ):
+        read_step(path, 3.0)
 
 
 def test_smaller_elements_at_the_cavity(folder: Path) -> None:

@@ -1,6 +1,7 @@
 """Bodies between surfaces, meshed: kept or new triangles, walls of two elements, volumes as the files have them."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ from taichisoft import VolumeMesh
 from taichisoft.errors import MeshError
 from taichisoft.mesh import boundary_triangles, count_open_edges, enclosed_volume, read_surface, tetrahedron_volumes
 from taichisoft_meshing import file_bodies
-from taichisoft_meshing.file_bodies import SurfacesBody, cut_edges, through_edges, without_inverted
+from taichisoft_meshing.file_bodies import SurfacesBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 from taichisoft_meshing.gmsh_session import GmshFailure, _surfaces, compare_volumes
-from taichisoft_meshing.mesh_quality import measure
+from taichisoft_meshing.inner_nodes import cut_edges, through_edges, without_inverted, without_slivers
+from taichisoft_meshing.mesh_quality import QualityLimits, measure, missed_limits
 
 # Flat faces: the volumes are those of the drawing, but for the single precision of STL.
 FLAT = 1e-6
@@ -286,6 +288,40 @@ def test_nodes_moved_through_a_face_go_back(seed: int, distance: float) -> None:
         assert there.all()
 
 
+def test_overlapping_parts_are_united_on_request(tmp_path: Path) -> None:
+    """Two bars of one file, crossed as a T, and a chamber in one: the volume is that of the drawing."""
+    pytest.importorskip("manifold3d")
+    bars = together(box((30, 10, 10)), box((10, 30, 10), (0, 12, 0)), turned_round(box((6, 4, 4), (-8, 0, 0))))
+    with pytest.raises(MeshError, match="parts of one body, unite = true joins them"):
+        body(tmp_path, bars).mesh()
+    mesh = body(tmp_path, bars, unite=True, cavities=1, mesh={"largest": 6}).mesh()
+    assert_skins_are_the_boundary(mesh)
+    overlap = 10 * 8 * 10
+    assert silicone(mesh) == pytest.approx(3000 + 3000 - overlap - 96, rel=1e-5)
+    with pytest.raises(MeshError, match="unite = true: has one part only"):
+        body(tmp_path, box((30, 10, 10)), unite=True).mesh()
+
+
+@examples(10)
+@given(st.integers(0, 1000), st.floats(0.99, 0.9999))
+def test_slivers_vanish_by_moves_of_inner_nodes(seed: int, part: float) -> None:
+    """A node inside, moved until tetrahedra around it are nearly flat, comes back among them; all others stay."""
+    block = make_block((3, 3, 3), (3.0, 3.0, 3.0))
+    inside = np.setdiff1d(block.elements, boundary_triangles(block.elements))
+    node = int(np.random.default_rng(seed).choice(inside))
+    element = block.elements[(block.elements == node).any(axis=1)][0]
+    nodes = block.nodes.copy()
+    nodes[node] += part * (nodes[element[element != node]].mean(axis=0) - nodes[node])
+    flat = replace(block, nodes=nodes)
+    assert measure(flat).radius_ratios.min() < 0.03
+    mended = without_slivers(flat)
+    assert measure(mended).radius_ratios.min() > 0.03
+    assert tetrahedron_volumes(mended.nodes, mended.elements).min() > 0
+    stayed = np.isin(np.arange(len(nodes)), inside, invert=True)
+    assert np.array_equal(mended.nodes[stayed], nodes[stayed])
+    assert without_slivers(mended) is mended
+
+
 def test_a_kept_surface_gets_walls_of_two_elements(tmp_path: Path) -> None:
     save(box((30, 20, 20), parts=2), tmp_path / "body.stl")
     save(box((24, 14, 14), parts=2), tmp_path / "cavity.stl")
@@ -403,3 +439,20 @@ def test_the_tutorials_finger(keep: bool, cavity: list[str]) -> None:
         assert np.array_equal(first[np.lexsort(first.T)], given[np.lexsort(given.T)])
     else:
         assert 550 < len(mesh.nodes) < 700
+
+
+THIN = MESHES.parent / "strangers" / "meshes"
+
+
+@pytest.mark.skipif(not THIN.is_dir(), reason="needs ../shared/strangers, which are not part of the project")
+@pytest.mark.parametrize(
+    ("outer", "cavities", "size"),
+    [("sg_finger.stl", [], None), ("sg_finger.stl", [], 6.0), ("accordion.stl", ["accordion_cav.stl"], None)],
+)
+def test_thin_walls_of_others_keep_the_limits(outer: str, cavities: list[str], size: float | None) -> None:
+    """SofaGym's finger with four chambers and SoftRobots' bellows, which had slivers of 0.0006 to 0.015."""
+    geometry = SurfacesBody({"outer": outer, "cavity": cavities}, THIN / "body.toml")
+    mesh = geometry.mesh(size)
+    assert_skins_are_the_boundary(mesh)
+    assert not missed_limits(measure(mesh), QualityLimits())
+    assert silicone(mesh) == pytest.approx(geometry.body.volume, rel=0.04)

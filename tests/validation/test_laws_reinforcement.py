@@ -379,7 +379,7 @@ def test_a_sheet_that_is_thrown_gains_no_energy(strip: str, tension_only: bool, 
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"membranes": {"paper": {**PAPER, "group": "tpo"}}}, "no such surface group; there are: bottom, top"),
+        ({"membranes": {"paper": {**PAPER, "group": "tpo"}}}, "no such surface group; there are: bottom, outer, top"),
         ({"membranes": {"paper": {**PAPER, "directions": [[0.0, 0.0, 1.0]]}}}, "is across all of group 'top'"),
         ({"membranes": {"paper": {**PAPER, "directions": [[0.0, 0.0, 0.0]]}}}, "directions.0: [0.0, 0.0, 0.0] has no"),
         (
