@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from taichisoft.base import require, warn_caller
+from taichisoft.base import warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.mesh import common_points, enclosed_volume, joined_pieces, pairs_of_meeting_boxes, read_surface
 from taichisoft_meshing.wall_quality import winding_numbers
@@ -290,7 +290,6 @@ def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 
 
 def _united(shells: Sequence[Shell], path: Path) -> list[Shell]:
     """The union of all shells that face the same way as the largest, then the others, which are chambers."""
-    require("unite = true", "manifold3d", install="python -m pip install manifold3d")
     import trimesh  # takes long, and fingers do without
 
     facing = max(shells, key=lambda shell: shell.volume).was_inward

@@ -290,7 +290,6 @@ def test_nodes_moved_through_a_face_go_back(seed: int, distance: float) -> None:
 
 def test_overlapping_parts_are_united_on_request(tmp_path: Path) -> None:
     """Two bars of one file, crossed as a T, and a chamber in one: the volume is that of the drawing."""
-    pytest.importorskip("manifold3d")
     bars = together(box((30, 10, 10)), box((10, 30, 10), (0, 12, 0)), turned_round(box((6, 4, 4), (-8, 0, 0))))
     with pytest.raises(MeshError, match="parts of one body, unite = true joins them"):
         body(tmp_path, bars).mesh()
