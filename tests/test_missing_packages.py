@@ -19,6 +19,7 @@ LEFT_OUT = {
     "": {"gmsh", "imageio_ffmpeg", "matplotlib", "mpl_toolkits", "open3d", "PIL"},
     "arm": {"yourdfpy"},
     "gym": {"gymnasium"},
+    "notebook": {"ipykernel", "ipywidgets"},
     "site": {"furo", "myst_parser", "sphinx", "sphinx_copybutton"},
     "sofa": {"fissix"},
     "studies": {"cmaes", "distributed", "optuna", "pandas", "pyarrow"},

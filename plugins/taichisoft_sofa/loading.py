@@ -46,8 +46,7 @@ class SceneTree:
 
     def components(self) -> Iterator[Component]:
         """All components, node by node, in the order of their addition."""
-        for node in self.nodes():
-            yield from node.objects
+        return self.root.walk_components()
 
     @property
     def controllers(self) -> list[PythonComponent]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from taichisoft.base import cache_folder, checksum_file, is_as_kept, keep_checksum, named_os_errors, warn_caller
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft_sofa.loading import load_tree
+from taichisoft_sofa.loading import SceneTree, load_tree
 from taichisoft_sofa.translation.parts import NOTHING, Translation
 from taichisoft_sofa.translation.translate import translate
 
@@ -41,11 +41,9 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False, data
         SceneError: the scene cannot be read or translated.
         MeshError: the meshes cannot be written.
     """
-    folders, data_folders = split_path(python_path), split_path(data_path, "--data-path")
-    tree = load_tree(path, folders, data_folders)
+    tree, translation = translated(path, python_path, sofa_exact, data_path)
     for line in tree.converted:
         LOGGER.info("%s", line)
-    translation = translate(tree, sofa_exact)
     if translation.refused:
         more = len(translation.refused) - 1
         rest = f" (and {more} more: taichisoft sofa check {path})" if more else ""
@@ -59,14 +57,19 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False, data
     if translation.not_read:
         LOGGER.info("not read here: %s", translation.data_not_read)
     settings: dict[str, Any] = {"scene": str(path.resolve())}
-    if folders:
-        settings["python_path"] = [str(folder.resolve()) for folder in folders]
-    if data_folders:
-        settings["data_path"] = [str(folder.resolve()) for folder in data_folders]
+    for key, value in (("python_path", python_path), ("data_path", data_path)):
+        if folders := [str(folder.resolve()) for folder in split_path(value)]:
+            settings[key] = folders
     if sofa_exact:
         settings["exact"] = True
     tables = with_files_in(kept_files(translation, path.stem), translation.tables)
     return {**tables, "controller": {"name": CONTROLLER, "settings": settings}}
+
+
+def translated(scene: Path, python_path: str, exact: bool, data_path: str) -> tuple[SceneTree, Translation]:
+    """Load a scene, with its libraries and meshes in folders separated as in PYTHONPATH, and translate it."""
+    tree = load_tree(scene, split_path(python_path), split_path(data_path, "--data-path"))
+    return tree, translate(tree, exact)
 
 
 def split_path(folders: str, option: str = "--python-path") -> list[Path]:
@@ -143,8 +146,7 @@ def checked(scene: Path, python_path: str, exact: bool, data_path: str = "", ste
         warnings.simplefilter("always", UserWarning)
         try:
             with _kept(found.said):
-                tree = load_tree(scene, split_path(python_path), split_path(data_path, "--data-path"))
-                translation = translate(tree, exact)
+                tree, translation = translated(scene, python_path, exact, data_path)
             found.remarks += tree.converted
             found.counts = {"understood": translation.understood, "without effect": translation.ignored}
             found.not_read = translation.data_not_read

@@ -10,7 +10,7 @@ import typer
 from taichisoft.base import say
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.translation.parts import Translation
+    pass
 
 sofa = typer.Typer(help="Check scenes of SOFA, and convert them to native scenes.", no_args_is_help=True)
 
@@ -107,11 +107,11 @@ def convert(
 
     from taichisoft.base import atomic_file, named_os_errors
     from taichisoft.errors import SceneError
-    from taichisoft_sofa.scene_reader import with_files_in
+    from taichisoft_sofa.scene_reader import translated, with_files_in
 
     if output.suffix.lower() != ".toml":
         raise SceneError(f"--output {output}: '{output.suffix}' is not a kind of native scene; valid: .toml")
-    translation = _translated(scene, python_path, data_path, sofa_exact)
+    _, translation = translated(scene, python_path, sofa_exact, data_path)
     if translation.refused:
         raise SceneError(f"{translation.refused[0]}; taichisoft sofa check {scene} lists all")
     for line in translation.departures:
@@ -124,12 +124,3 @@ def convert(
     with atomic_file(output) as partial:
         partial.write_text(tomli_w.dumps(tables), encoding="utf-8")
     say(f"{output}, with its meshes in {meshes}")
-
-
-def _translated(scene: Path, python_path: str, data_path: str, exact: bool) -> "Translation":
-    from taichisoft_sofa.loading import load_tree
-    from taichisoft_sofa.scene_reader import split_path
-    from taichisoft_sofa.translation.translate import translate
-
-    folders, data_folders = split_path(python_path), split_path(data_path, "--data-path")
-    return translate(load_tree(scene, folders, data_folders), exact)

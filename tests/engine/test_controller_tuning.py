@@ -12,7 +12,7 @@ import pytest
 from taichisoft import KeyEvent, Output, Session, Simulation, Slider, load_plugin, load_scene, make_controller
 from taichisoft.errors import PluginError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.running import run_session
+from taichisoft.running.loop import run_session
 from taichisoft.running.run_command import _controller_with
 
 CODE = """

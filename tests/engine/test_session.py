@@ -23,7 +23,7 @@ from taichisoft import (
     unregister_plugin,
 )
 from taichisoft.errors import ControllerFailed, PluginError, SceneError
-from taichisoft.running import run_session
+from taichisoft.running.loop import run_session
 from taichisoft.running.session import KeyReplay
 from taichisoft.scene import scene_from_dict
 

@@ -17,7 +17,7 @@ from taichisoft import Control, Controller, Output, Session, Simulation, run
 from taichisoft.errors import BeyondLaw, GoalMissed, SimulationDiverged
 from taichisoft.mechanics import Stretches
 from taichisoft.mechanics.strain import HOOKE_STRETCH
-from taichisoft.running import run_session
+from taichisoft.running.loop import run_session
 from taichisoft.scene import scene_from_dict
 from taichisoft.step.divergence import StrainWatch
 

@@ -5,12 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from blocks import make_block
-from scenes_of_sofa import BODY, loaded
+from scenes_of_sofa import BODY, Run, loaded
 
 from taichisoft import Control, Simulation, make_model, write_volume_mesh
-from taichisoft.mesh import boundary_triangles, write_stl
+from taichisoft.errors import SceneError
+from taichisoft.mesh import boundary_triangles, enclosed_volume, write_stl
 from taichisoft.scene import scene_from_dict
+from taichisoft_sofa.loading import load_tree
 from taichisoft_sofa.scene_reader import with_files_in
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
@@ -131,10 +134,177 @@ def test_penalty_contacts_touch_without_free_motion(folder: Path) -> None:
         assert translation.tables["soft_bodies"]["body"].get("collides", True) is touches
 
 
+def test_force_below_a_mapped_node_acts_on_its_points(folder: Path) -> None:
+    """A node without points of its own acts on those of the nearest node above, which follow the body."""
+    push = '.addObject("ConstantForceField", indices=[1], totalForce=[0, 0, 7])\n'
+    create = "body(root)\n" + CHILD.format(body='root.getChild("body")')
+    tables = [
+        translated(folder, create + where + push).tables["soft_bodies"]["body"]["forces"]
+        for where in ("child", 'child.addChild("below")')
+    ]
+    assert tables[0] == tables[1]
+
+
+IDENTITY = 'child = body(root).addChild("child")\nchild.addObject("MechanicalObject")\n'
+IDENTITY += 'child.addObject("IdentityMapping")\nchild.addObject('
+ON_FRAME = """
+a = root.addChild("a")
+a.addObject("MechanicalObject", template="Rigid3")
+surface(a, "block.stl", name="b", mapping="RigidMapping").RigidMapping.index = 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("create", "line"),
+    [
+        ('body(root).addObject("UniformMass", name="more")', "is a second mass of its body, beside UniformMass"),
+        ("body(root).dofs.restScale = 0.5", "position differs from rest_position"),
+        ('body(root).addObject("EulerImplicitSolver", name="more")', "is a second time integration in its node"),
+        (IDENTITY + '"FixedProjectiveConstraint")', "acts on points that follow others by IdentityMapping"),
+        (ON_FRAME, "RigidMapping '/a/b/RigidMapping' "),
+        ('body(root).addObject("RestShapeSpringsForceField", external_rest_shape="@/gone")', "leads to no Mechanical"),
+        ('surface(body(root), "block.stl").BarycentricMapping.input = "@/gone"', "input = '@/gone' leads to nothing"),
+    ],
+)
+def test_values_without_a_meaning_here_are_refused(folder: Path, create: str, line: str) -> None:
+    assert line in refused(folder, create)
+
+
+PUSHED = """
+def createScene(root):
+    root.gravity = [0, 0, {gravity}]
+    node = body(root)
+    node.EulerImplicitSolver.rayleighMass = 0.0
+    node.addObject("FixedProjectiveConstraint", indices=[0, 1, 2, 3])
+    node.addObject("ConstantForceField", indices=[11], force=[0, 90, 0])
+    {mass}
+"""
+
+
+def test_body_without_mass_moves_by_its_stiffness(folder: Path) -> None:
+    """SOFA's system has no mass then: a steady force leads to the same place as with one, and weight is nothing."""
+    ends = []
+    without, light = 'node.removeObject(node.getObject("UniformMass"))', "node.UniformMass.totalMass = 1e-4"
+    for gravity, mass in ((-9810, without), (0, light)):
+        run = Run(folder, PUSHED.format(gravity=gravity, mass=mass))
+        ends.append(run.steps(150) - run.start)
+    assert np.abs(ends[1]).max() > 0.1
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-4 * np.abs(ends[1]).max())
+
+
+def test_included_files_are_nodes_with_other_names(folder: Path) -> None:
+    """An `include` is the outermost node of its file, with the attributes of the `include`."""
+    inside = '<Node name="floor"><MechanicalObject position="1 2 3"/><Node name="deeper"/></Node>'
+    (folder / "floor.xml").write_text(inside)
+    scene = "<Node>\n<include href='floor.xml' {}/>\n<Node name='last'/></Node>"
+    (folder / "scene.scn").write_text(scene.format("name='ground'"))
+    root = load_tree(folder / "scene.scn").root
+    assert [node.getPathName() for node in root.walk()] == ["/", "/ground", "/ground/deeper", "/last"]
+    assert root.ground.MechanicalObject.position.value.tolist() == [[1.0, 2.0, 3.0]]
+    (folder / "floor.xml").write_text("<Node><include href='floor.xml'/></Node>")
+    with pytest.raises(SceneError, match=r"floor\.xml', which includes it"):
+        load_tree(folder / "scene.scn")
+    (folder / "scene.scn").write_text(scene.format("Mass__totalMass='1'"))
+    with pytest.raises(SceneError, match="line 2: Mass__totalMass: sets a datum inside an included file"):
+        load_tree(folder / "scene.scn")
+
+
+def test_mass_of_what_a_surface_encloses(folder: Path) -> None:
+    create = """
+        root.addObject("MeshSTLLoader", name="loader", filename="block.stl")
+        surface = {"position": "@loader.position", "triangles": "@loader.triangles"}
+        root.addObject("GenerateRigidMass", density=3e-6, **surface)
+    """
+    tree = loaded(folder, create, BODY)
+    translate(tree)
+    a, b, c = SIZE
+    mass, volume, *inertia = tree.root.GenerateRigidMass.rigidMass.value
+    assert [mass, volume] == pytest.approx([3e-6 * a * b * c, a * b * c])
+    squares = np.array([b * b + c * c, a * a + c * c, a * a + b * b]) / 12.0
+    np.testing.assert_allclose(np.reshape(inertia, (3, 3)), np.diag(squares), atol=1e-9)
+
+
+def test_triangle_models_of_a_mesh_of_cells_are_its_skin(folder: Path) -> None:
+    translation = translated(folder, 'collisions(root)\nbody(root).addObject("TriangleCollisionModel")')
+    (surface,) = translation.tables["soft_bodies"]["body"]["collision_surface"]
+    translation.files.write(folder)
+    skin = trimesh.load_mesh(folder / surface["file"])
+    assert skin.is_watertight
+    assert skin.volume == pytest.approx(np.prod(SIZE))
+
+
+def test_friction_is_that_of_the_lcp_solver(folder: Path) -> None:
+    create = 'collisions(root, mu=0.3)\nroot.removeObject(root.getObject("GenericConstraintSolver"))\n'
+    create += 'root.addObject("LCPConstraintSolver")\nsurface(body(root), "block.stl")'
+    assert translated(folder, create).tables["contact"]["friction"] == 0.6
+
+
+def test_body_may_begin_as_a_rigid_motion_of_its_rest_shape(folder: Path) -> None:
+    create = 'state = body(root).getObject("dofs")\nrest = state.position.array()\nstate.rest_position = rest\n'
+    create += "turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])\nstate.position = rest @ turn.T + [7, 8, 9]\n"
+    translation = translated(folder, create)
+    assert not translation.refused
+    nodes = make_block((2, 1, 1), SIZE).nodes
+    moved = np.column_stack([7 - nodes[:, 1], 8 + nodes[:, 0], 9 + nodes[:, 2]])
+    assert translation.soft["body"].body.position == pytest.approx(moved)
+
+
+MOVEMENTS = [[0, 0, 0, 0, 0, 0], [20, 0, 4, 0, 0, 1]]
+RIGID = """
+def createScene(root):
+    root.gravity = [0, 0, -1000]
+    node = root.addChild("ball")
+    node.addObject("EulerImplicitSolver")
+    node.addObject("SparseLDLSolver")
+    node.addObject("MechanicalObject", template="Rigid3", position=[[0, 0, 0, 0, 0, 0, 1]])
+    node.addObject("UniformMass", totalMass=0.01)
+    node.addObject("UncoupledConstraintCorrection")
+    node.addObject({})
+"""
+
+
+@pytest.mark.parametrize(
+    ("component", "place", "turn"),
+    [
+        ('"PartialFixedProjectiveConstraint", fixedDirections=[1, 1, 1, 0, 0, 0]', [0, 0, 0], 0),
+        ('"PartialFixedProjectiveConstraint", fixedDirections=[0, 0, 0, 1, 1, 1]', [0, 0, -5.5], 0),
+        (
+            '"LinearMovementProjectiveConstraint", keyTimes=[0, 1], movements=[[0] * 6, [20, 0, 4, 0, 0, 1]]',
+            [2, 0, 0.4],
+            0.1,
+        ),
+    ],
+)
+def test_rigid_body_is_held_in_part_or_moved(folder: Path, component: str, place: list[float], turn: float) -> None:
+    """After ten steps of 0.01 s: free fall by g h^2 (1 + ... + 10), or a tenth of the movement."""
+    run = Run(folder, RIGID.format(component))
+    run.steps(10)
+    state = run.simulation.state
+    np.testing.assert_allclose(state.rigid_position[0], place, atol=1e-6)
+    np.testing.assert_allclose(state.rigid_rotation[0], [np.cos(turn / 2), 0, 0, np.sin(turn / 2)], atol=1e-9)
+
+
 def test_rest_position_beside_another_position_is_refused(folder: Path) -> None:
     create = 'state = body(root).getObject("dofs")\nstate.position = state.position.array()\n'
     create += "state.rest_position = state.position.array() * 1.2\n"
     assert "position differs from rest_position; a body begins at rest here" in refused(folder, create)
+
+
+@pytest.mark.parametrize("growth", [40.0, -90.0])
+def test_first_step_meets_the_growth_of_a_volume_linearly(folder: Path, growth: float) -> None:
+    """SOFA's constraint is of V(x) + dV/dx dx: the volume itself overshoots, as in its scene Springy.py."""
+    scene = """
+def createScene(root):
+    free_motion(root)
+    root.gravity = [0, 0, 0]
+    cavity = surface(body(root), "block.stl")
+    cavity.addObject("SurfacePressureConstraint", value={}, valueType="volumeGrowth")
+"""
+    run = Run(folder, scene.format(growth))
+    moved = run.steps(1) - run.start
+    skin = boundary_triangles(make_block((2, 1, 1), SIZE).elements)
+    ahead, behind = (enclosed_volume(run.start + way * moved, skin) for way in (1e-3, -1e-3))
+    assert (ahead - behind) / 2e-3 == pytest.approx(growth, rel=1e-6)
 
 
 def test_pressures_below_a_vacuum_act(folder: Path) -> None:

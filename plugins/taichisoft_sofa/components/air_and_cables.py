@@ -1,37 +1,28 @@
 """Air chambers and cables."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import trimesh
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from taichisoft_sofa.components.draft import DraftCable, DraftCavity
+from taichisoft_sofa.components.draft import DraftCable, DraftCavity, SceneDraft
 from taichisoft_sofa.components.meshes import split_quads
-from taichisoft_sofa.components.reading import TOPOLOGIES, flag, nearest, node_of, numbers, refusal, text, topology_of
+from taichisoft_sofa.components.reading import TOPOLOGIES, nearest, node_of, topology_of
 from taichisoft_sofa.components.topologies import surface_triangles
-from taichisoft_sofa.tree.component import component, without_effect
+from taichisoft_sofa.tree.component import Component, component, live, without_effect
 from taichisoft_sofa.tree.value_kinds import (
     ABOVE_0,
-    BOOL,
     FROM_0,
     INDICES,
-    INTEGER,
     LIMIT,
     LIMIT_FROM_0,
     LINK,
-    SCALAR,
-    TEXT,
-    VECTOR,
     fixed,
     index_rows,
     vectors,
 )
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import SceneDraft
-    from taichisoft_sofa.tree.component import Component
 
 # Cables that pull at areas of a surface: `method` "sphere" and "geodesic" of a CableConstraint.
 
@@ -49,15 +40,15 @@ def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") 
         points: points of the mechanical object in the cable's node [mm], shape (count, 3).
         draft: draft of the scene, which records refusals and departures.
     """
-    method, triangles = text(component, "method"), surface_triangles(topology_of(component, "surfaceTopology"))
+    method, triangles = component.read_text("method"), surface_triangles(topology_of(component, "surfaceTopology"))
     if not len(triangles) or triangles.max() >= len(points):
-        raise refusal(component, f"method '{method}' needs a surfaceTopology of the points of its node, with triangles")
-    centres = numbers(component, "centers").reshape(-1, 3)
+        raise component.refused(f"method '{method}' needs a surfaceTopology of the points of its node, with triangles")
+    centres = component.read_numbers("centers").reshape(-1, 3)
     if not len(centres):
-        centres = points[numbers(component, "indices").astype(np.int64)]
-    radii = numbers(component, "radii")
+        centres = points[component.read_numbers("indices").astype(np.int64)]
+    radii = component.read_numbers("radii")
     if len(radii) not in (1, len(centres)):
-        raise refusal(component, f"radii has {len(radii)} numbers for {len(centres)} places")
+        raise component.refused(f"radii has {len(radii)} numbers for {len(centres)} places")
     draft.depart(
         f"{component.getPathName()}: its length is measured to the weighted means of its areas; in SOFA to one vertex "
         "of each, which is not what it pulls at"
@@ -95,44 +86,50 @@ PRESSURE, VOLUME = "pressure", "volumeGrowth"
 
 def value_type(component: "Component") -> str:
     """Type of a cavity's value, PRESSURE or VOLUME; scenes may also write their numbers."""
-    given = text(component, "valueType")
+    given = component.read_text("valueType")
     return {"0": PRESSURE, "1": VOLUME}.get(given, given)
+
+
+FORCE, DISPLACEMENT = "force", "displacement"
 
 
 def is_driven_by_force(cable: "Component") -> bool:
     """Whether a cable's value is a force, else a displacement."""
-    return text(cable, "valueType") in ("force", "1")
+    given = cable.read_text("valueType")
+    if given not in (FORCE, DISPLACEMENT, "0", "1"):
+        raise cable.refused(f"valueType '{given}'; valid: {FORCE}, {DISPLACEMENT}")
+    return given in (FORCE, "1")
 
 
-VALUE = {"value": (VECTOR, (0.0,)), "valueIndex": (INTEGER, 0, FROM_0)}
+VALUE = {"value": live((0.0,)), "valueIndex": live(0, FROM_0)}
 
 
 @component(
     "SurfacePressureConstraint",
     **VALUE,
-    valueType=(TEXT, PRESSURE),
+    valueType=PRESSURE,
     triangles=index_rows(3),
     quads=index_rows(4),
-    flipNormal=BOOL,
-    **dict.fromkeys(("minPressure", "maxPressure", "minVolumeGrowth", "maxVolumeGrowth"), (SCALAR, 0.0, LIMIT)),
-    **dict.fromkeys(("maxPressureVariation", "maxVolumeGrowthVariation"), (SCALAR, 0.0, LIMIT_FROM_0)),
-    **dict.fromkeys(("pressure", "initialCavityVolume", "cavityVolume", "volumeGrowth"), SCALAR),
+    flipNormal=False,
+    **dict.fromkeys(("minPressure", "maxPressure", "minVolumeGrowth", "maxVolumeGrowth"), (0.0, LIMIT)),
+    **dict.fromkeys(("maxPressureVariation", "maxVolumeGrowthVariation"), live(0.0, LIMIT_FROM_0)),
+    **dict.fromkeys(("pressure", "initialCavityVolume", "cavityVolume", "volumeGrowth"), 0.0),
 )
 def cavity(component: "Component", draft: "SceneDraft") -> None:
     """Translate a closed surface with a pressure on its walls."""
     body = draft.body_of(component)
     if value_type(component) not in (PRESSURE, VOLUME):
-        raise refusal(component, f"valueType '{value_type(component)}'; valid: {PRESSURE}, {VOLUME}")
-    triangles = numbers(component, "triangles").astype(np.int64).reshape(-1, 3)
-    quads = numbers(component, "quads").astype(np.int64).reshape(-1, 4)
+        raise component.refused(f"valueType '{value_type(component)}'; valid: {PRESSURE}, {VOLUME}")
+    triangles = component.read_numbers("triangles").astype(np.int64).reshape(-1, 3)
+    quads = component.read_numbers("quads").astype(np.int64).reshape(-1, 4)
     if not len(triangles) and not len(quads):
         triangles = surface_triangles(nearest(node_of(component), TOPOLOGIES))
     walls = np.vstack([triangles, split_quads(quads)])
     if not len(walls):
-        raise refusal(component, "has no triangles, of its own or in a topology container of its node")
+        raise component.refused("has no triangles, of its own or in a topology container of its node")
     points = draft.points_of(component)
     draft.check_points(component, walls, len(points))
-    if flag(component, "flipNormal"):
+    if component.read_flag("flipNormal"):
         walls = walls[:, ::-1]
     body.cavities.append(DraftCavity(component, points, walls))
 
@@ -140,31 +137,31 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
 @component(
     "CableConstraint",
     **VALUE,
-    valueType=(TEXT, "displacement"),
+    valueType=DISPLACEMENT,
     indices=(INDICES, (0,), FROM_0),
-    pullPoint=fixed(3),
-    hasPullPoint=(BOOL, True),
-    **dict.fromkeys(("minForce", "maxForce", "maxPositiveDisp", "maxNegativeDisp"), (SCALAR, 0.0, LIMIT)),
-    maxDispVariation=(SCALAR, 0.0, LIMIT_FROM_0),
-    cableInitialLength=(SCALAR, 0.0, FROM_0),
-    **dict.fromkeys(("cableLength", "displacement", "force"), SCALAR),
-    **dict.fromkeys(("eqForce", "eqDisp"), VECTOR),
-    method=(TEXT, "point"),
+    pullPoint=live(fixed(3)),
+    hasPullPoint=True,
+    **dict.fromkeys(("minForce", "maxForce", "maxPositiveDisp", "maxNegativeDisp"), (0.0, LIMIT)),
+    maxDispVariation=live(0.0, LIMIT_FROM_0),
+    cableInitialLength=live(0.0, FROM_0),
+    **dict.fromkeys(("cableLength", "displacement", "force"), 0.0),
+    **dict.fromkeys(("eqForce", "eqDisp"), ()),
+    method="point",
     centers=vectors(3),
-    radii=(VECTOR, (1.0,), ABOVE_0),
+    radii=((1.0,), ABOVE_0),
     surfaceTopology=LINK,
     **without_effect("drawPullPoint"),
 )
 def cable(component: "Component", draft: "SceneDraft") -> None:
     """Translate a cable through points of a body, or to areas of its surface."""
     body = draft.body_of(component)
-    method = text(component, "method")
+    method = component.read_text("method")
     if method not in METHODS:
-        raise refusal(component, f"method '{method}'; valid: {', '.join(METHODS)}")
+        raise component.refused(f"method '{method}'; valid: {', '.join(METHODS)}")
     points = draft.points_of(component)
-    indices = numbers(component, "indices").astype(np.int64)
+    indices = component.read_numbers("indices").astype(np.int64)
     if not len(indices) or indices.min() < 0 or indices.max() >= len(points):
-        raise refusal(component, f"indices must be among the {len(points)} points of its MechanicalObject")
+        raise component.refused(f"indices must be among the {len(points)} points of its MechanicalObject")
     places = points[indices].tolist() if method == "point" else list_areas(component, points, draft)
     if places:
         body.cables.append(DraftCable(component, places))

@@ -1,31 +1,15 @@
 """Contact: pipeline, response, planes and collision surfaces."""
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
 
-from taichisoft_sofa.components.draft import DraftBody, DraftPlane, DraftSurface
-from taichisoft_sofa.components.reading import (
-    TOPOLOGIES,
-    described,
-    flag,
-    nearest,
-    node_of,
-    number,
-    numbers,
-    refusal,
-    text,
-    vector,
-)
-from taichisoft_sofa.components.topologies import surface_triangles
-from taichisoft_sofa.tree.component import component, unused, without_effect
-from taichisoft_sofa.tree.value_kinds import ABOVE_0, ANY, BOOL, FROM_0, INDICES, SCALAR, TEXT, VECTOR, fixed
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import SceneDraft
-    from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.components.draft import DraftBody, DraftPlane, DraftSurface, SceneDraft
+from taichisoft_sofa.components.reading import TOPOLOGIES, described, nearest, node_of
+from taichisoft_sofa.components.topologies import collision_triangles
+from taichisoft_sofa.tree.component import Component, component, unused, without_effect
+from taichisoft_sofa.tree.value_kinds import ABOVE_0, ANY, FROM_0, INDICES, fixed
 
 DEFAULT_FRICTION = 0.8
 """Default friction coefficient of SOFA's frictional contacts [-]."""
@@ -48,16 +32,11 @@ def broad_phase(component: "Component", draft: "SceneDraft") -> None:
     draft.pipeline["broad phase"] = component
 
 
-@component("BVHNarrowPhase", "ParallelBVHNarrowPhase")
-def narrow_phase(component: "Component", draft: "SceneDraft") -> None:
-    """The narrow phase of contacts, for which any stands."""
-
-
 @component(
     "RuleBasedContactManager",
-    response=TEXT,
-    responseParams=TEXT,
-    default=TEXT,
+    response="",
+    responseParams="",
+    default="",
     rules=unused(""),
     variables=unused(""),
 )
@@ -68,8 +47,8 @@ def response(component: "Component", draft: "SceneDraft") -> None:
 
 @component(
     *("LocalMinDistance", "MinProximityIntersection", "NewProximityIntersection", "DiscreteIntersection"),
-    alarmDistance=(SCALAR, 1.0, ABOVE_0),
-    contactDistance=(SCALAR, 0.5, FROM_0),
+    alarmDistance=(1.0, ABOVE_0),
+    contactDistance=(0.5, FROM_0),
 )
 def distance(component: "Component", draft: "SceneDraft") -> None:
     """The distances at which contacts begin."""
@@ -84,31 +63,39 @@ CONSTRAINT_SOLVERS = (
 MEASURED = ("currentNumConstraints", "currentNumConstraintGroups", "currentIterations", "currentError")
 """Data that scenes print, which have no value here."""
 SOLVER = {
-    "constraintForces": VECTOR,
+    "constraintForces": (),
     "regularizationTerm": unused(0.0),
     **dict.fromkeys(MEASURED, ANY),
     **without_effect("computeConstraintForces"),
 }
 
 
-@component("LCPConstraintSolver", **SOLVER, mu=unused(0.6))
+@component("BVHNarrowPhase", "ParallelBVHNarrowPhase")
 @component(*CONSTRAINT_SOLVERS[:-1], **SOLVER)
-def constraint_solver(component: "Component", draft: "SceneDraft") -> None:
-    """The solver of constraints, for which any stands."""
+def accept_any(component: "Component", draft: "SceneDraft") -> None:
+    """Accept a narrow phase of contacts, or a solver of constraints; the engine's own stands for any."""
+
+
+@component("LCPConstraintSolver", **SOLVER, mu=(0.6, FROM_0))
+def solver_with_friction(component: "Component", draft: "SceneDraft") -> None:
+    """The solver of constraints whose own friction holds for all contacts, whatever their response says, as in SOFA."""
+    draft.pipeline["friction"] = component
 
 
 def response_of(manager: "Component") -> str:
     """Type of the response of a contact manager."""
-    return (text(manager, "response") or text(manager, "default") or WITHOUT_FRICTION).partition("?")[0]
+    return (manager.read_text("response") or manager.read_text("default") or WITHOUT_FRICTION).partition("?")[0]
 
 
 def friction_of(manager: "Component", draft: "SceneDraft") -> float:
     """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA."""
-    sources = {name: text(manager, name) for name in ("responseParams", "response", "default")}
+    sources = {name: manager.read_text(name) for name in ("responseParams", "response", "default")}
     kind = response_of(manager)
     if "Friction" not in kind or kind.startswith("Frictionless"):
         draft.depart(f"{described(manager)}: response '{kind}': surfaces touch without friction, and do not give way")
         return 0.0
+    if "friction" in draft.pipeline:
+        return draft.pipeline["friction"].read_number("mu")
     for name, source in sources.items():
         if found := re.search(r"(?:^|[?&\s])mu\s*=\s*([^&\s]*)", source):
             try:
@@ -116,43 +103,39 @@ def friction_of(manager: "Component", draft: "SceneDraft") -> float:
             except ValueError:
                 friction = -1.0
             if not 0.0 <= friction < np.inf:
-                raise refusal(manager, f"{name} = '{source}': mu must be 0 or more")
+                raise manager.refused(f"{name} = '{source}': mu must be 0 or more")
             return friction
     return DEFAULT_FRICTION
-
-
-def distances_of(distance: "Component") -> tuple[float, float]:
-    """Alarm distance and contact distance [mm]."""
-    return number(distance, "alarmDistance"), number(distance, "contactDistance")
 
 
 @component(
     "PlaneForceField",
     normal=(fixed(3), (0.0, 1.0, 0.0)),
     planeNormal=(fixed(3), (0.0, 1.0, 0.0)),
-    d=SCALAR,
-    planeD=SCALAR,
-    bilateral=BOOL,
-    stiffness=(SCALAR, 500.0, FROM_0),
+    d=0.0,
+    planeD=0.0,
+    bilateral=False,
+    maxForce=unused(0.0),
+    stiffness=(500.0, FROM_0),
     indices=unused(()),
     localRange=unused(()),
 )
 def penalty_plane(component: "Component", draft: "SceneDraft") -> None:
     """Translate a plane that pushes the points of a body out of what is behind it."""
     body = draft.own_body_of(component)
-    normal = vector(component, "normal", "planeNormal")
+    normal = component.read_vector("normal", "planeNormal")
     length = float(np.linalg.norm(normal))
     if length == 0.0:
-        raise refusal(component, "normal = 0 0 0 has no direction")
-    if flag(component, "bilateral"):
-        raise refusal(component, "bilateral = true; planes push from one side here")
-    draft.planes.append(DraftPlane(component, body, normal / length, number(component, "d", "planeD") / length))
+        raise component.refused("normal = 0 0 0 has no direction")
+    if component.read_flag("bilateral"):
+        raise component.refused("bilateral = true; planes push from one side here")
+    draft.planes.append(DraftPlane(component, body, normal / length, component.read_number("d", "planeD") / length))
 
 
 MODEL = {
     "group": INDICES,
-    "selfCollision": BOOL,
-    "active": unused(True),
+    "selfCollision": False,
+    "active": True,
     "contactResponse": unused(""),
     "contactStiffness": unused(10.0),
     **{name: unused(0.0) for name in ("proximity", "contactDistance", "contactFriction", "contactRestitution")},
@@ -164,16 +147,20 @@ MODEL = {
 def collision_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate a collision model; all models of a node are one surface."""
     body = draft.carrier_of(component)
-    if body is None:
+    if body is None or not component.read_flag("active"):
         return
     path = node_of(component).getPathName()
+    groups = frozenset(component.read_numbers("group").astype(int).tolist())
     if path not in body.surfaces:
-        triangles = surface_triangles(nearest(node_of(component), TOPOLOGIES))
-        groups = frozenset(numbers(component, "group").astype(int).tolist())
+        triangles = collision_triangles(nearest(node_of(component), TOPOLOGIES))
         points = draft.points_of(component)
         draft.check_points(component, triangles, len(points))
         body.surfaces[path] = DraftSurface(component, points, triangles, groups, False)
-    body.surfaces[path].self_collision |= flag(component, "selfCollision")
+    surface = body.surfaces[path]
+    if groups != surface.groups:
+        draft.depart(f"{path}: its collision models have different groups; here its surface has all of them")
+        surface.groups |= groups
+    surface.self_collision |= component.read_flag("selfCollision")
 
 
 # Collision spheres about the points of mechanical objects.
@@ -183,24 +170,24 @@ FINEST, COARSEST = 2, 1
 FEW = 20
 
 
-@component("SphereCollisionModel", **MODEL, radius=(SCALAR, 1.0, ABOVE_0), listRadius=(VECTOR, (), ABOVE_0))
+@component("SphereCollisionModel", **MODEL, radius=(1.0, ABOVE_0), listRadius=((), ABOVE_0))
 def sphere_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate spheres about points: a single one of a rigid body or point stays round, others become polyhedra."""
     body = draft.carrier_of(component)
-    if body is None:
+    if body is None or not component.read_flag("active"):
         return
     centres = draft.points_of(component)
-    each = numbers(component, "listRadius")
-    radii = each if len(each) else np.full(len(centres), number(component, "radius"))
+    each = component.read_numbers("listRadius")
+    radii = each if len(each) else np.full(len(centres), component.read_number("radius"))
     if len(radii) != len(centres):
-        raise refusal(component, f"listRadius has {len(radii)} numbers for {len(centres)} points")
+        raise component.refused(f"listRadius has {len(radii)} numbers for {len(centres)} points")
     if not len(centres):
-        raise refusal(component, "has no points to be the centres of its spheres")
+        raise component.refused("has no points to be the centres of its spheres")
     ball = trimesh.creation.icosphere(subdivisions=FINEST if len(centres) <= FEW else COARSEST)
     points = (centres[:, None] + radii[:, None, None] * np.array(ball.vertices)).reshape(-1, 3)
     triangles = (np.arange(len(centres))[:, None, None] * len(ball.vertices) + np.array(ball.faces)).reshape(-1, 3)
-    groups = frozenset(numbers(component, "group").astype(int).tolist())
-    own = flag(component, "selfCollision")
+    groups = frozenset(component.read_numbers("group").astype(int).tolist())
+    own = component.read_flag("selfCollision")
     spheres = np.column_stack([centres, radii])
     surface = DraftSurface(component, points, triangles, groups, own, spheres=spheres)
     body.surfaces[f"{node_of(component).getPathName()} {component.getName()}"] = surface

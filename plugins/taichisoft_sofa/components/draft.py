@@ -15,14 +15,13 @@ from taichisoft_sofa.components.reading import (
     mapping_of,
     nearest,
     node_of,
-    refusal,
     upwards,
 )
 from taichisoft_sofa.components.states import frame_carrying, is_rigid, local_position, start_position, width_of
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.components.states import AnchorTarget
+    from taichisoft_sofa.components.states import AnchorTarget, FrameMotion
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 
@@ -82,6 +81,7 @@ class DraftAnchor:
         follows_rest: whether the points follow `rest_position`, else their target or initial positions.
         directions: axes along which they are held.
         target: what the points follow, or None.
+        angular: stiffness that holds the axes of a rigid body [mN mm]; None for that of the springs.
     """
 
     component: "Component"
@@ -89,7 +89,8 @@ class DraftAnchor:
     stiffness: float
     follows_rest: bool
     directions: str = "xyz"
-    target: "AnchorTarget | None" = None
+    target: "AnchorTarget | FrameMotion | None" = None
+    angular: float | None = None
 
 
 @dataclass(frozen=True)
@@ -311,25 +312,37 @@ class SceneDraft:
         """The body on which a component acts; without one, a SceneError refuses the component."""
         state = independent_state(node_of(component))
         if state is None:
-            raise refusal(component, "acts on nothing: there is no MechanicalObject in its node or above")
-        if width_of(state) == 1 or (is_assembled(state) and is_rigid(state)):
-            path = state.getPathName()
-            raise refusal(component, f"acts on {path}, which joints drive; only soft bodies follow it here")
+            raise component.refused("acts on nothing: there is no MechanicalObject in its node or above")
+        path = state.getPathName()
+        if width_of(state) == 1:
+            raise component.refused(f"acts on {path}, whose template is Vec1; bodies here have points or frames")
+        if is_assembled(state) and is_rigid(state):
+            raise component.refused(f"acts on {path}, which joints drive; only soft bodies follow it here")
         if id(state) not in self.bodies:
             self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
 
-    def own_body_of(self, component: "Component") -> DraftBody:
-        """As `body_of`, of a component that acts on points by their numbers: on points that follow it is refused."""
-        state = in_node(node_of(component), {STATE})
-        mapping = None if state is None or is_assembled(state) else mapping_of(state)
-        if mapping is not None and canonical(mapping.type_name) != "IdentityMapping":
-            raise refusal(
-                component,
+    def own_body_of(self, component: "Component", same: str = "IdentityMapping") -> DraftBody:
+        """As `body_of`, of a component that acts on points by their numbers: on points that follow it is refused, but
+        for those that follow by a mapping to the `same` points."""
+        mapping = self.mapping_above(component)
+        if mapping is not None and canonical(mapping.type_name) != same:
+            raise component.refused(
                 f"acts on points that follow others by {mapping.type_name}; only surfaces, cavities, cables and, by "
                 "BarycentricMapping, constant forces do so here",
             )
         return self.body_of(component)
+
+    def mapping_above(self, component: "Component") -> "Component | None":
+        """The mapping that moves the points on which a component acts by their numbers, or None."""
+        state = nearest(node_of(component), {STATE})
+        return None if state is None or is_assembled(state) else mapping_of(state)
+
+    def weigh(self, body: DraftBody, mass: Mass) -> None:
+        """Give a body its mass; a second one is refused."""
+        if body.mass is not None:
+            raise mass.component.refused(f"is a second mass of its body, beside {described(body.mass.component)}")
+        body.mass = mass
 
     def carrier_of(self, component: "Component") -> DraftBody | DraftFrame | None:
         """The body, or the frame that follows others, on which a surface or visual model is; None on other points."""
@@ -348,9 +361,7 @@ class SceneDraft:
 
     def points_of(self, component: "Component") -> np.ndarray:
         """Points of the mechanical object in a component's node, mapped or independent [mm], shape (count, 3)."""
-        state = in_node(node_of(component), {STATE})
-        if state is None:
-            state = independent_state(node_of(component))
+        state = nearest(node_of(component), {STATE})
         return np.zeros((0, 3)) if state is None else local_position(state)[:, :3]
 
     def check_points(self, component: "Component", named: np.ndarray, count: int) -> None:
@@ -358,7 +369,7 @@ class SceneDraft:
         outside = named[(named < 0) | (named >= count)]
         if len(outside):
             there = f"its points are 0 to {count - 1}" if count else "there are none"
-            raise refusal(component, f"names point {int(outside[0])}; {there}")
+            raise component.refused(f"names point {int(outside[0])}; {there}")
 
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
         """The component in `by_node` of a node, or of the nearest node above it, or None."""

@@ -2,48 +2,19 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from taichisoft_sofa.components.meshes import CORNERS, placed
-from taichisoft_sofa.components.reading import (
-    LOADERS,
-    STATE,
-    TOPOLOGIES,
-    computed,
-    flag,
-    in_node,
-    is_given,
-    nearest,
-    node_of,
-    number,
-    numbers,
-    refusal,
-    text,
-    vector,
-)
+from taichisoft_sofa.components.draft import SceneDraft
+from taichisoft_sofa.components.meshes import CORNERS, placed, split_quads
+from taichisoft_sofa.components.reading import LOADERS, STATE, TOPOLOGIES, computed, in_node, nearest, node_of
 from taichisoft_sofa.components.states import width_of
-from taichisoft_sofa.tree.component import component, derived, without_effect
-from taichisoft_sofa.tree.value_kinds import (
-    ANY,
-    BOOL,
-    FROM_0,
-    INDICES,
-    SCALAR,
-    TEXT,
-    VECTOR,
-    canonical,
-    fixed,
-    index_rows,
-    vectors,
-)
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import SceneDraft
-    from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.component import Component, component, derived, without_effect
+from taichisoft_sofa.tree.value_kinds import ANY, FROM_0, INDICES, canonical, fixed, index_rows, vectors
 
 # Points and cells inside the boxes and spheres of SOFA's ROI engines.
 
@@ -111,22 +82,14 @@ def cells_inside(points: np.ndarray, cells: np.ndarray, inside: Inside, strict: 
     return np.flatnonzero(inside(total / cells.shape[1]))
 
 
-CELLS_IN = {
-    "edgesInROI": "edges",
-    "trianglesInROI": "triangles",
-    "quadInROI": "quads",
-    "tetrahedraInROI": "tetrahedra",
-    "hexahedraInROI": "hexahedra",
+SELECTED = {
+    "edges": ("edgesInROI", "edgeIndices"),
+    "triangles": ("trianglesInROI", "triangleIndices"),
+    "quads": ("quadInROI", "quadIndices"),
+    "tetrahedra": ("tetrahedraInROI", "tetrahedronIndices"),
+    "hexahedra": ("hexahedraInROI", "hexahedronIndices"),
 }
-"""Data with the selected cells of an engine, and their kinds."""
-INDICES_OF = {
-    "edgeIndices": "edges",
-    "triangleIndices": "triangles",
-    "quadIndices": "quads",
-    "tetrahedronIndices": "tetrahedra",
-    "hexahedronIndices": "hexahedra",
-}
-"""Data with the indices of the selected cells."""
+"""Data of an engine with the selected cells of each kind, and with their indices."""
 
 DUST = 8.0 * np.finfo(np.float64).eps ** 2
 """A coordinate below this fraction of the largest counts as 0, because it is a round-off error."""
@@ -135,12 +98,12 @@ DUST = 8.0 * np.finfo(np.float64).eps ** 2
 def region_of(engine: "Component") -> Inside:
     """Predicate for points inside the region of an engine, or on its faces."""
     if canonical(engine.type_name) == "SphereROI":
-        centres, radii = numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii")
+        centres, radii = engine.read_numbers("centers").reshape(-1, 3), engine.read_numbers("radii")
         if len(radii) not in (1, len(centres)):
-            raise refusal(engine, f"radii has {len(radii)} numbers for {len(centres)} centers")
+            raise engine.refused(f"radii has {len(radii)} numbers for {len(centres)} centers")
         return in_spheres(centres, radii)
-    boxes = in_boxes(numbers(engine, "box").reshape(-1, 6))
-    oriented = in_oriented_boxes(numbers(engine, "orientedBox").reshape(-1, 10))
+    boxes = in_boxes(engine.read_numbers("box").reshape(-1, 6))
+    oriented = in_oriented_boxes(engine.read_numbers("orientedBox").reshape(-1, 10))
     return lambda points: boxes(points) | oriented(points)
 
 
@@ -163,8 +126,8 @@ def lost_to_round_off(engine: "Component") -> np.ndarray:
 
 
 def _given_points(engine: "Component") -> np.ndarray:
-    if is_given(engine, "position"):
-        return numbers(engine, "position").reshape(-1, 3)
+    if engine.is_given("position"):
+        return engine.read_numbers("position").reshape(-1, 3)
     state = in_node(node_of(engine), {STATE})
     if state is None:
         loader = in_node(node_of(engine), LOADERS)
@@ -177,12 +140,12 @@ def _given_points(engine: "Component") -> np.ndarray:
 
 def engine_cells(engine: "Component", kind: str) -> np.ndarray:
     """The cells among which an engine selects: its own data, or the cells of the topology in its node."""
-    if is_given(engine, kind):
-        return numbers(engine, kind).reshape(-1, CORNERS[kind]).astype(np.int64)
-    topology = in_node(node_of(engine), TOPOLOGIES)
-    if topology is None:
-        return np.zeros((0, CORNERS[kind]), dtype=np.int64)
-    return computed(topology, kind, CORNERS[kind])
+    own = engine.is_given(kind)
+    cells = computed(engine if own else in_node(node_of(engine), TOPOLOGIES), kind, CORNERS[kind])
+    count = len(_given_points(engine)) if cells.size else 0
+    if cells.size and not 0 <= cells.min() <= cells.max() < count:
+        raise engine.refused(f"{kind} has {cells.max()}; there are {count} points, counted from 0")
+    return cells
 
 
 def point_indices(engine: "Component") -> np.ndarray:
@@ -192,7 +155,7 @@ def point_indices(engine: "Component") -> np.ndarray:
 
 def cell_indices(engine: "Component", kind: str) -> np.ndarray:
     """Indices of the cells inside, shape (count,)."""
-    strict = flag(engine, "strict")
+    strict = engine.read_flag("strict")
     return cells_inside(engine_points(engine), engine_cells(engine, kind), region_of(engine), strict)
 
 
@@ -203,14 +166,14 @@ def cells_in(engine: "Component", kind: str) -> np.ndarray:
 
 SELECTION = {
     "position": vectors(3),
-    "strict": (BOOL, True),
-    "doUpdate": (BOOL, True),
+    "strict": True,
+    "doUpdate": True,
     **{kind: index_rows(corners) for kind, corners in CORNERS.items()},
     "indices": derived(INDICES, point_indices),
     "pointsInROI": derived(vectors(3), lambda engine: engine_points(engine)[point_indices(engine)]),
     "nbIndices": derived(ANY, lambda engine: len(point_indices(engine))),
-    **{name: derived(INDICES, partial(cell_indices, kind=kind)) for name, kind in INDICES_OF.items()},
-    **{name: derived(index_rows(CORNERS[kind]), partial(cells_in, kind=kind)) for name, kind in CELLS_IN.items()},
+    **{name: derived(index_rows(CORNERS[kind]), partial(cells_in, kind=kind)) for kind, (name, _) in SELECTED.items()},
+    **{name: derived(INDICES, partial(cell_indices, kind=kind)) for kind, (_, name) in SELECTED.items()},
     **without_effect("computeTriangles computeTrianglesInROI triAngle trianglesOutIndices"),
     **without_effect("trianglesOutROI tetrahedraOutROI hexahedraOutROI"),
 }
@@ -218,7 +181,7 @@ SELECTION = {
 
 
 @component("BoxROI", **SELECTION, box=vectors(6), orientedBox=vectors(10))
-@component("SphereROI", **SELECTION, centers=vectors(3), radii=(VECTOR, (), FROM_0))
+@component("SphereROI", **SELECTION, centers=vectors(3), radii=((), FROM_0))
 def accept_selection(component: "Component", draft: "SceneDraft") -> None:
     """Accept an engine, and record points whose selection differs from SOFA's by round-off."""
     lost = lost_to_round_off(component)
@@ -234,15 +197,15 @@ def accept_selection(component: "Component", draft: "SceneDraft") -> None:
 
 def transformed_points(engine: "Component") -> np.ndarray:
     """TransformEngine: points scaled, then rotated, then translated [mm], or, inverse, the other way round."""
-    points = numbers(engine, "input_position").reshape(-1, 3)
-    scale = vector(engine, "scale")
-    shift = vector(engine, "translation")
-    turn = numbers(engine, "rotation", default=(0.0, 0.0, 0.0))
+    points = engine.read_numbers("input_position").reshape(-1, 3)
+    scale = engine.read_vector("scale")
+    shift = engine.read_vector("translation")
+    turn = engine.read_numbers("rotation", default=(0.0, 0.0, 0.0))
     if len(turn) == 4:  # a quaternion
         turn = Rotation.from_quat(turn).as_euler("xyz", degrees=True)
     if len(turn) != 3:
-        raise refusal(engine, f"rotation has {len(turn)} numbers; three angles or a quaternion are needed")
-    if not flag(engine, "inverse"):
+        raise engine.refused(f"rotation has {len(turn)} numbers; three angles or a quaternion are needed")
+    if not engine.read_flag("inverse"):
         return placed(points, scale.tolist(), turn.tolist(), shift.tolist())
     back: np.ndarray = Rotation.from_euler("xyz", turn, degrees=True).inv().apply(points - shift) / scale
     return back
@@ -250,34 +213,36 @@ def transformed_points(engine: "Component") -> np.ndarray:
 
 def mapped_values(engine: "Component") -> np.ndarray:
     """IndexValueMapper: values, with another one at some indices; where there are none yet, the default value."""
-    values, indices = numbers(engine, "inputValues"), numbers(engine, "indices").astype(np.int64)
+    values, indices = engine.read_numbers("inputValues"), engine.read_numbers("indices").astype(np.int64)
     if len(indices) and indices.max() >= len(values):
-        rest = np.full(int(indices.max()) + 1 - len(values), number(engine, "defaultValue"))
+        rest = np.full(int(indices.max()) + 1 - len(values), engine.read_number("defaultValue"))
         values = np.concatenate([values, rest])
     if len(indices) and indices.min() < 0:
-        raise refusal(engine, f"indices has {int(indices.min())}; they count from 0")
-    values[indices] = number(engine, "value")
+        raise engine.refused(f"indices has {int(indices.min())}; they count from 0")
+    values[indices] = engine.read_number("value")
     return values
 
 
 def chosen_values(engine: "Component") -> np.ndarray:
     """ValuesFromIndices: the values at some indices."""
-    return _rows(engine, numbers(engine, "in"), 1).ravel()
+    return _rows(engine, engine.read_numbers("in"), 1).ravel()
 
 
 def chosen_points(engine: "Component") -> np.ndarray:
     """PointsFromIndices: the points at some indices [mm]."""
-    return _rows(engine, numbers(engine, "position"), 3)
+    return _rows(engine, engine.read_numbers("position"), 3)
 
 
 def _rows(engine: "Component", values: np.ndarray, width: int) -> np.ndarray:
-    rows, indices = values.reshape(-1, width), numbers(engine, "indices").astype(np.int64)
+    rows, indices = values.reshape(-1, width), engine.read_numbers("indices").astype(np.int64)
     outside = indices[(indices < 0) | (indices >= len(rows))]
     if len(outside):
-        raise refusal(engine, f"names row {int(outside[0])}; there are {len(rows)}, from 0 on")
+        raise engine.refused(f"names row {int(outside[0])}; there are {len(rows)}, from 0 on")
     return rows[indices]
 
 
+MOST_SETS = 20
+"""Sets of which an engine can make the complement."""
 SETS: dict[str, Any] = {
     "union": np.union1d,
     "intersection": np.intersect1d,
@@ -288,13 +253,37 @@ SETS: dict[str, Any] = {
 
 def merged_set(engine: "Component") -> np.ndarray:
     """MergeSets: what `op` makes of two sets of indices."""
-    operation = text(engine, "op").lower()
+    operation = engine.read_text("op").lower()
     if operation not in SETS:
-        raise refusal(engine, f"op '{operation}'; valid: {', '.join(SETS)}")
+        raise engine.refused(f"op '{operation}'; valid: {', '.join(SETS)}")
     merged: np.ndarray = SETS[operation](
-        numbers(engine, "in1").astype(np.int64), numbers(engine, "in2").astype(np.int64)
+        engine.read_numbers("in1").astype(np.int64), engine.read_numbers("in2").astype(np.int64)
     )
     return merged
+
+
+def other_indices(engine: "Component") -> np.ndarray:
+    """ComplementaryROI: indices of the points that are in none of the sets `setIndices1`, `setIndices2` and so on."""
+    count = int(engine.read_number("nbSet"))
+    if count >= MOST_SETS:
+        raise engine.refused(f"nbSet = {count}; at most {MOST_SETS - 1} sets are known here")
+    sets = [engine.read_numbers(f"setIndices{which or ''}") for which in range(count + 1)]
+    return np.setdiff1d(np.arange(len(engine.read_numbers("position")) // 3), np.concatenate(sets).astype(np.int64))
+
+
+def rigid_mass(engine: "Component") -> tuple[float, float, np.ndarray, np.ndarray]:
+    """GenerateRigidMass: mass, volume [mm^3], inertia over mass [mm^2] and centre [mm] of what a surface encloses."""
+    triangles = np.vstack([computed(engine, "triangles", 3), split_quads(computed(engine, "quads", 4))])
+    points = engine.read_numbers("position").reshape(-1, 3)
+    if not triangles.size or triangles.max() >= len(points):
+        raise engine.refused("needs position, and triangles or quads of its points")
+    solid = trimesh.Trimesh(points, triangles, process=False)
+    if solid.volume < 0.0:
+        solid.invert()
+    volume = float(solid.volume)
+    if volume == 0.0:
+        raise engine.refused("its surface encloses nothing")
+    return engine.read_number("density") * volume, volume, np.array(solid.moment_inertia) / volume, solid.center_mass
 
 
 CHOSEN = (INDICES, (), FROM_0)
@@ -304,26 +293,49 @@ CHOSEN = (INDICES, (), FROM_0)
     "TransformEngine",
     input_position=vectors(3),
     translation=fixed(3),
-    rotation=VECTOR,
+    rotation=(),
     scale=(fixed(3), (1.0, 1.0, 1.0)),
-    inverse=BOOL,
+    inverse=False,
     output_position=derived(vectors(3), transformed_points),
 )
 @component(
     "IndexValueMapper",
-    inputValues=VECTOR,
+    inputValues=(),
     indices=CHOSEN,
-    value=SCALAR,
-    defaultValue=(SCALAR, 1.0),
-    outputValues=derived(VECTOR, mapped_values),
+    value=0.0,
+    defaultValue=1.0,
+    outputValues=derived((), mapped_values),
 )
-@component("ValuesFromIndices", indices=CHOSEN, out=derived(VECTOR, chosen_values), **{"in": VECTOR})
+@component("ValuesFromIndices", indices=CHOSEN, out=derived((), chosen_values), **{"in": ()})
 @component(
     "PointsFromIndices",
     position=vectors(3),
     indices=CHOSEN,
     indices_position=derived(vectors(3), chosen_points),
 )
-@component("MergeSets", in1=INDICES, in2=INDICES, op=(TEXT, "union"), out=derived(INDICES, merged_set))
+@component(
+    "ComplementaryROI",
+    position=vectors(3),
+    nbSet=(0, FROM_0),
+    indices=derived(INDICES, other_indices),
+    pointsInROI=derived(
+        vectors(3), lambda engine: engine.read_numbers("position").reshape(-1, 3)[other_indices(engine)]
+    ),
+    **{f"setIndices{which or ''}": INDICES for which in range(MOST_SETS)},
+)
+@component(
+    "GenerateRigidMass",
+    position=vectors(3),
+    triangles=index_rows(3),
+    quads=index_rows(4),
+    density=(1000.0, FROM_0),
+    mass=derived(0.0, lambda engine: rigid_mass(engine)[0]),
+    volume=derived(0.0, lambda engine: rigid_mass(engine)[1]),
+    inertiaMatrix=derived((), lambda engine: rigid_mass(engine)[2].ravel()),
+    rigidMass=derived((), lambda engine: np.hstack([*rigid_mass(engine)[:2], rigid_mass(engine)[2].ravel()])),
+    massCenter=derived(fixed(3), lambda engine: rigid_mass(engine)[3]),
+    centerToOrigin=derived(fixed(3), lambda engine: -rigid_mass(engine)[3]),
+)
+@component("MergeSets", in1=INDICES, in2=INDICES, op="union", out=derived(INDICES, merged_set))
 def accept_engine(component: "Component", draft: "SceneDraft") -> None:
     """Accept an engine, whose result other components read."""

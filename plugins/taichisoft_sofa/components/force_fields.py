@@ -2,31 +2,17 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.mesh import divided_hexahedra
-from taichisoft_sofa.components.draft import DraftMaterial
-from taichisoft_sofa.components.reading import (
-    TOPOLOGIES,
-    computed,
-    described,
-    nearest,
-    node_of,
-    numbers,
-    refusal,
-    text,
-    topology_of,
-)
+from taichisoft_sofa.components.draft import DraftMaterial, SceneDraft
+from taichisoft_sofa.components.reading import TOPOLOGIES, computed, described, nearest, node_of, topology_of
 from taichisoft_sofa.components.topologies import divided, hexahedra_of, stiffness_factors
-from taichisoft_sofa.tree.component import Component, component, unused
-from taichisoft_sofa.tree.value_kinds import BOOL, FROM_0, LINK, RATIO, TEXT, VECTOR
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import SceneDraft
+from taichisoft_sofa.tree.component import Component, component, live, unused
+from taichisoft_sofa.tree.value_kinds import FROM_0, LINK, RATIO
 
 # SOFA's energies of hyperelastic materials, the native laws of the same moduli at rest, and how far they differ.
 #
@@ -158,48 +144,46 @@ EQUAL = 0.01
 COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "polar", "svd": "polar"}
 
 
-def young_modulus(component: Component, count: int) -> np.ndarray:
-    """Young's modulus of each tetrahedron of a force field [kPa], shape (count,)."""
-    return _of_cells(component, "youngModulus", count)
-
-
-def _of_cells(component: Component, name: str, count: int, cells: str = "tetrahedra") -> np.ndarray:
-    values = numbers(component, name)
+def of_cells(component: Component, name: str, count: int, cells: str = "tetrahedra") -> np.ndarray:
+    """A modulus or ratio of each of `count` cells of a force field, shape (count,)."""
+    values = component.read_numbers(name)
     if len(values) not in (1, count):
-        raise refusal(component, f"{name} has {len(values)} numbers for {count} {cells}")
+        raise component.refused(f"{name} has {len(values)} numbers for {count} {cells}")
     return np.broadcast_to(values, count)
 
 
 ELASTICITY = {
-    "youngModulus": (VECTOR, (5000.0,), FROM_0),
-    "poissonRatio": (VECTOR, (0.45,), RATIO),
-    "method": (TEXT, "large"),
-    "updateStiffness": BOOL,
+    "youngModulus": ((5000.0,), FROM_0),
+    "poissonRatio": ((0.45,), RATIO),
+    "method": "large",
+    "updateStiffness": False,
     "topology": LINK,
 }
+CHANGING = ELASTICITY | {"youngModulus": live((5000.0,), FROM_0), "updateStiffness": live(False)}
 RAYLEIGH = {"rayleighStiffness": unused(0.0), "isCompliance": unused(False)}
 
 
 @component(
     "TetrahedronFEMForceField",
-    **ELASTICITY,
+    **CHANGING,
     **RAYLEIGH,
     localStiffnessFactor=unused(()),
+    initialPoints=unused(()),
     plasticMaxThreshold=unused(0.0),
     plasticYieldThreshold=unused(0.0001),
     plasticCreep=unused(0.9),
 )
-@component("FastTetrahedralCorotationalForceField", "TetrahedralCorotationalFEMForceField", **ELASTICITY, **RAYLEIGH)
+@component("FastTetrahedralCorotationalForceField", "TetrahedralCorotationalFEMForceField", **CHANGING, **RAYLEIGH)
 def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the tetrahedra of the nearest topology."""
     body = draft.own_body_of(component)
-    method = text(component, "method").lower()
+    method = component.read_text("method").lower()
     if method not in COROTATIONS:
-        raise refusal(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
+        raise component.refused(f"method '{method}'; valid: {', '.join(COROTATIONS)}")
     tetrahedra = _tetrahedra_of(component)
     count = len(tetrahedra)
     draft.check_points(component, tetrahedra, len(body.position))
-    young, poisson = young_modulus(component, count), _of_cells(component, "poissonRatio", count)
+    young, poisson = (of_cells(component, name, count) for name in ("youngModulus", "poissonRatio"))
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, COROTATIONS[method]))
 
 
@@ -210,14 +194,14 @@ def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     topology = topology_of(component, fits=_has_hexahedra)
     hexahedra = computed(topology, "hexahedra", 8)
     if topology is None or not len(hexahedra):
-        raise refusal(component, "finds no hexahedra in a topology of its node or above")
+        raise component.refused("finds no hexahedra in a topology of its node or above")
     draft.check_points(component, hexahedra, len(body.position))
     try:
         tetrahedra = divided_hexahedra(body.position, hexahedra, described(component))
     except MeshError as error:
         raise SceneError(str(error)) from error
     count = len(hexahedra)
-    young, poisson = (_of_cells(component, name, count, "hexahedra") for name in ("youngModulus", "poissonRatio"))
+    young, poisson = (of_cells(component, name, count, "hexahedra") for name in ("youngModulus", "poissonRatio"))
     young, poisson = np.repeat(young * stiffness_factors(topology, count), 6), np.repeat(poisson, 6)
     draft.depart(
         f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
@@ -232,26 +216,25 @@ def _has_hexahedra(topology: Component) -> bool:
 
 @component(
     "TetrahedronHyperelasticityFEMForceField",
-    materialName=TEXT,
-    ParameterSet=VECTOR,
+    materialName="",
+    ParameterSet=(),
     topology=LINK,
-    updateStiffness=BOOL,
+    updateStiffness=False,
     **RAYLEIGH,
     AnisotropyDirections=unused(()),
 )
 def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate a law of rubber for the tetrahedra of the nearest topology, by its moduli at rest."""
     body = draft.own_body_of(component)
-    name, values = text(component, "materialName"), numbers(component, "ParameterSet")
+    name, values = component.read_text("materialName"), component.read_numbers("ParameterSet")
     if name not in MATERIALS:
-        raise refusal(component, f"materialName '{name}'; known are: {', '.join(MATERIALS)}")
+        raise component.refused(f"materialName '{name}'; known are: {', '.join(MATERIALS)}")
     count, make = MATERIALS[name]
     if len(values) != count:
-        raise refusal(component, f"ParameterSet = {values.tolist()}; {name} has {count} parameters")
+        raise component.refused(f"ParameterSet = {values.tolist()}; {name} has {count} parameters")
     made = make(*values.tolist())
     if not -1.0 < made.ratio < 0.5:
-        raise refusal(
-            component,
+        raise component.refused(
             f"ParameterSet = {values.tolist()} makes a shear modulus of {made.shear:.3g} kPa, and a Poisson's ratio of "
             f"{made.ratio:.3g}",
         )
@@ -277,7 +260,7 @@ def _tetrahedra_of(component: Component) -> np.ndarray:
         if with_cells is not None:
             tetrahedra = divided(*hexahedra_of(with_cells), alternating=True)
     if not len(tetrahedra):
-        raise refusal(component, "finds no tetrahedra in a topology container of its node or above")
+        raise component.refused("finds no tetrahedra in a topology container of its node or above")
     return tetrahedra
 
 

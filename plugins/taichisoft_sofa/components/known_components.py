@@ -45,14 +45,9 @@ RECORDS = """
     VisualModelOBJExporter WriteState WriteTopology
 """
 
-MODIFIERS = """
-    TetrahedronSetTopologyModifier TetrahedronSetTopologyAlgorithms TetrahedronSetGeometryAlgorithms
-    HexahedronSetTopologyModifier HexahedronSetTopologyAlgorithms HexahedronSetGeometryAlgorithms
-    TriangleSetTopologyModifier TriangleSetTopologyAlgorithms TriangleSetGeometryAlgorithms
-    QuadSetTopologyModifier QuadSetTopologyAlgorithms QuadSetGeometryAlgorithms
-    EdgeSetTopologyModifier EdgeSetTopologyAlgorithms EdgeSetGeometryAlgorithms
-    PointSetTopologyModifier PointSetTopologyAlgorithms PointSetGeometryAlgorithms
-"""
+CELLS = ("Tetrahedron", "Hexahedron", "Triangle", "Quad", "Edge", "Point")
+PARTS = ("TopologyModifier", "TopologyAlgorithms", "GeometryAlgorithms")
+MODIFIERS = " ".join(f"{cell}Set{part}" for cell in CELLS for part in PARTS)
 # Meshes never change here.
 
 EQUATIONS = """

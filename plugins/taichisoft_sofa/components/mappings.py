@@ -1,9 +1,8 @@
 """Mechanical objects, and the mappings and joints by which they follow others."""
 
-from typing import TYPE_CHECKING
-
+from taichisoft_sofa.components.draft import DraftJoint, SceneDraft
 from taichisoft_sofa.components.meshes import TRANSFORMED, TURNED_AGAIN
-from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of, numbers, refusal
+from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of
 from taichisoft_sofa.components.states import (
     FramePoses,
     index_pairs,
@@ -13,25 +12,8 @@ from taichisoft_sofa.components.states import (
     state_position,
     width_of,
 )
-from taichisoft_sofa.tree.component import component, derived, unused, without_effect
-from taichisoft_sofa.tree.value_kinds import (
-    BOOL,
-    FROM_0,
-    INDICES,
-    INTEGER,
-    LINK,
-    SCALAR,
-    TEXT,
-    VECTOR,
-    Declared,
-    ValueKind,
-    fixed,
-    vectors,
-)
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import DraftJoint, SceneDraft
-    from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.component import Component, component, derived, unused, without_effect
+from taichisoft_sofa.tree.value_kinds import FROM_0, INDICES, LINK, Declared, ValueKind, fixed, vectors
 
 
 def _coordinates(state: "Component") -> ValueKind:
@@ -45,20 +27,19 @@ def _derivatives(state: "Component") -> ValueKind:
 @component(
     STATE,
     position=derived(_coordinates, state_position),
-    rest_position=derived(_coordinates, rest_position),
+    rest_position=Declared(_coordinates, live=True, compute=rest_position),
     velocity=_derivatives,
     force=_derivatives,
     externalForce=Declared(_derivatives, unused=True),
     free_position=_coordinates,
     free_velocity=_derivatives,
     reset_position=_coordinates,
-    size=INTEGER,
+    size=0,
     **TRANSFORMED,
     **TURNED_AGAIN,
-    **{f"{letter}{axis}": SCALAR for letter in "dr" for axis in "xyz"},
-    showObject=BOOL,
-    topology=LINK,
-    filename=TEXT,
+    **{f"{letter}{axis}": 0.0 for letter in "dr" for axis in "xyz"},
+    showObject=False,
+    restScale=1.0,
     **without_effect("freePosition restPosition reset_velocity"),
 )
 def mechanical_object(component: "Component", draft: "SceneDraft") -> None:
@@ -82,17 +63,17 @@ MAPPING = {
 @component(
     "RigidMapping",
     **MAPPING,
-    index=INTEGER,
+    index=0,
     rigidIndexPerPoint=(INDICES, (), FROM_0),
-    globalToLocalCoords=BOOL,
+    globalToLocalCoords=False,
 )
-@component("SkinningMapping", **MAPPING, nbRef=INDICES, indices=INDICES, weight=VECTOR)
+@component("SkinningMapping", **MAPPING, nbRef=INDICES, indices=INDICES, weight=())
 @component("SubsetMapping", **MAPPING, indices=(INDICES, (), FROM_0))
-@component("ArticulatedHierarchyContainer", filename=TEXT)
+@component("ArticulatedHierarchyContainer", filename="")
 @component(
     "ArticulationCenter",
-    parentIndex=INTEGER,
-    childIndex=INTEGER,
+    parentIndex=0,
+    childIndex=0,
     posOnParent=fixed(3),
     posOnChild=fixed(3),
     articulationProcess=unused(0),
@@ -100,24 +81,24 @@ MAPPING = {
 )
 @component(
     "Articulation",
-    translation=BOOL,
-    rotation=BOOL,
+    translation=False,
+    rotation=False,
     rotationAxis=(fixed(3), (1.0, 0.0, 0.0)),
-    articulationIndex=INTEGER,
+    articulationIndex=0,
 )
 def accept_mapping(component: "Component", draft: "SceneDraft") -> None:
     """Accept a mapping or a part of a joint, by which points and frames follow others."""
 
 
-@component("ArticulatedSystemMapping", **MAPPING, indexInput2=INTEGER)
+@component("ArticulatedSystemMapping", **MAPPING, indexInput2=0)
 def articulated_mapping(component: "Component", draft: "SceneDraft") -> None:
     """Turn and shift frames by angles that springs hold to their rest position; soft bodies follow the frames."""
     state = in_node(node_of(component), {STATE})
     if state is None or not is_rigid(state):
-        raise refusal(component, "turns nothing: there is no MechanicalObject of Rigid3 in its node")
+        raise component.refused("turns nothing: there is no MechanicalObject of Rigid3 in its node")
     joint = next((draft.joint_of(angles) for angles in inputs_of(component)[:1]), None)
     if joint is None:
-        raise refusal(component, "input1 must be a MechanicalObject of Vec1")
+        raise component.refused("input1 must be a MechanicalObject of Vec1")
     FramePoses(start_values).of(state)
     joint.is_used = True
 
@@ -136,8 +117,8 @@ def subset_mapping(component: "Component", draft: "SceneDraft") -> None:
 
 def weigh_joint(component: "Component", joint: "DraftJoint") -> None:
     """Record the inertia of a joint: `vertexMass`, or a share of `totalMass`."""
-    each = numbers(component, "vertexMass", "mass")
-    total = numbers(component, "totalMass")[0]
+    each = component.read_numbers("vertexMass", "mass")
+    total = component.read_numbers("totalMass")[0]
     joint.mass = float(each[0]) if len(each) else float(total) / max(len(start_values(joint.state)), 1)
 
 

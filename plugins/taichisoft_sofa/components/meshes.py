@@ -11,19 +11,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import existing_file, read_msh, unreadable
-from taichisoft_sofa.components.reading import LOADERS, node_of, number, refusal, text, vector
-from taichisoft_sofa.tree.component import component, derived, unused, without_effect
-from taichisoft_sofa.tree.modules import running
-from taichisoft_sofa.tree.value_kinds import SCALAR, TEXT, Declared, fixed, index_rows, vectors
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.components.reading import LOADERS, node_of
+from taichisoft_sofa.tree.component import Component, component, derived, unused, without_effect
+from taichisoft_sofa.tree.scene_modules import running
+from taichisoft_sofa.tree.value_kinds import Declared, fixed, index_rows, vectors
+from taichisoft_sofa.tree.value_kinds import numbers as parse_numbers
 
 # Scale, rotation and translation as SOFA's loaders and mechanical objects apply them, to the last bit.
 #
@@ -359,13 +357,13 @@ OTHER_NAMES = {"tetrahedra": ("tetras",), "hexahedra": ("hexas",)}
 
 def read_loader(loader: "Component") -> LoadedMesh:
     """The mesh of a loader, as in the file."""
-    name = text(loader, "filename", "fileMesh", "fileTopology")
+    name = loader.read_text("filename", "fileMesh", "fileTopology")
     if not name:
-        raise refusal(loader, "filename is missing; name a mesh")
+        raise loader.refused("filename is missing; name a mesh")
     try:
         return read_mesh(find_mesh(name, file_finder(loader)))
     except MeshError as error:
-        raise refusal(loader, f"{error}") from error
+        raise loader.refused(f"{error}") from error
 
 
 def file_finder(component: "Component") -> Callable[[str], Path | None]:
@@ -377,14 +375,14 @@ def file_finder(component: "Component") -> Callable[[str], Path | None]:
 
 def loader_position(loader: "Component") -> np.ndarray:
     """Points of a loader [mm], scaled, rotated and translated, shape (count, 3)."""
-    scale = vector(loader, "scale3d", default=[number(loader, "scale")] * 3)
-    rotation = vector(loader, "rotation", "rotation2")
-    translation = vector(loader, "translation", "translation2")
+    scale = loader.read_vector("scale3d", default=[loader.read_number("scale")] * 3)
+    rotation = loader.read_vector("rotation", "rotation2")
+    translation = loader.read_vector("translation", "translation2")
     return placed_by_loader(read_loader(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())
 
 
 TRANSFORMED = {
-    "scale": (SCALAR, 1.0),
+    "scale": 1.0,
     "scale3d": (fixed(3), (1.0, 1.0, 1.0)),
     "rotation": fixed(3),
     "translation": fixed(3),
@@ -407,11 +405,35 @@ def _loader_cells(loader: "Component", kind: str) -> np.ndarray:
     return cells
 
 
+def _spheres(loader: "Component") -> np.ndarray:
+    """Centres and radii of a file of spheres, before their transformation [mm], shape (count, 4)."""
+    path = file_finder(loader)(loader.read_text("filename"))
+    if path is None:
+        raise loader.refused(
+            f"filename '{loader.read_text('filename')}': no such file beside the scene or in its folders"
+        )
+    content = path.read_text(encoding="utf-8", errors="replace")
+    rows = re.findall(r"^\s*sphe\s+\d+((?:\s+\S+){4})", content, re.MULTILINE)
+    return parse_numbers(" ".join(rows)).reshape(-1, 4)
+
+
+def _centres(loader: "Component") -> np.ndarray:
+    scale, turn, shift = (loader.read_vector(name).tolist() for name in ("scale3d", "rotation", "translation"))
+    return placed(_spheres(loader)[:, :3], scale, turn, shift)
+
+
+@component(
+    "SphereLoader",
+    filename="",
+    **TRANSFORMED,
+    position=derived(vectors(3), _centres),
+    listRadius=derived((), lambda loader: _spheres(loader)[:, 3]),
+)
 @component(
     *sorted(LOADERS),
-    filename=TEXT,
-    fileMesh=TEXT,
-    fileTopology=TEXT,
+    filename="",
+    fileMesh="",
+    fileTopology="",
     **TRANSFORMED,
     **TURNED_AGAIN,
     position=derived(vectors(3), loader_position),

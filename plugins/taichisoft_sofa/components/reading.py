@@ -1,78 +1,17 @@
 """What translations read: values of data of a component, and the components to which it is related in the tree."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.tree.value_kinds import FALSE, TRUE, WrongValue, canonical
+from taichisoft_sofa.tree.value_kinds import canonical
 from taichisoft_sofa.tree.value_kinds import numbers as parse_numbers
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
-
-
-def is_given(component: "Component", name: str) -> bool:
-    """Whether the scene wrote to a data."""
-    data = component.findData(name)
-    return data is not None and data.is_set()
-
-
-def value_of(component: "Component", *names: str) -> Any:
-    """The value of the first of these data that the scene wrote, else the declared default of the first, or None."""
-    for name in names:
-        if is_given(component, name) and (data := component.findData(name)) is not None:
-            return data.given()
-    data = component.findData(names[0]) if component.declared_data(names[0]) is not None else None
-    return None if data is None else data.given()
-
-
-def numbers(component: "Component", *names: str, default: Sequence[float] | None = None) -> np.ndarray:
-    """Numbers of the first of these data that the scene wrote, else the default, flattened, shape (n,).
-
-    A default replaces the declared one.
-    """
-    if default is not None and not any(is_given(component, name) for name in names):
-        return np.array(default, dtype=np.float64)
-    value = value_of(component, *names)
-    try:
-        return np.zeros(0) if value is None else parse_numbers(value, bools=True)
-    except WrongValue as error:
-        raise refusal(component, f"{names[0]}: {error}") from error
-
-
-def number(component: "Component", *names: str, default: float | None = None) -> float:
-    """The first number of a data."""
-    values = numbers(component, *names, default=None if default is None else [default])
-    if not len(values):
-        raise refusal(component, f"{names[0]} is empty; a number is needed")
-    return float(values[0])
-
-
-def vector(component: "Component", *names: str, default: Sequence[float] | None = None) -> np.ndarray:
-    """Three numbers of a data; a default replaces the declared one."""
-    values = numbers(component, *names, default=default)
-    if len(values) != 3:
-        raise refusal(component, f"{names[0]} has {len(values)} numbers; 3 are needed")
-    return values
-
-
-def flag(component: "Component", name: str) -> bool:
-    """A data that is true or false."""
-    value = value_of(component, name)
-    if isinstance(value, str):
-        if value.strip().lower() not in TRUE | FALSE:
-            raise refusal(component, f"{name} = '{value}'; must be true or false")
-        return value.strip().lower() in TRUE
-    return value is not None and bool(np.ravel(value)[0])
-
-
-def text(component: "Component", *names: str) -> str:
-    """A data as text."""
-    value = value_of(component, *names)
-    return "" if value is None else str(value).strip()
 
 
 def computed(component: "Component | None", name: str, width: int) -> np.ndarray:
@@ -160,12 +99,12 @@ def topology_of(
 ) -> "Component | None":
     """The topology to which a data links, else the nearest one that fits, or None."""
     linked: Component | None = component.linked(link)
-    return linked if text(component, link) else nearest(node_of(component), TOPOLOGIES, fits)
+    return linked if component.read_text(link) else nearest(node_of(component), TOPOLOGIES, fits)
 
 
 def mesh_of(component: "Component") -> "Component | None":
     """The component to which `src` links, else the topology or the loader in the node, or None."""
-    if text(component, "src"):
+    if component.read_text("src"):
         linked: Component | None = component.linked("src")
         return linked
     return in_node(node_of(component), TOPOLOGIES) or in_node(node_of(component), LOADERS)
@@ -216,8 +155,3 @@ def independent_state(node: "Node") -> "Component | None":
             return state
         state = next(iter(inputs_of(mapping)), None)
     return state
-
-
-def refusal(component: "Component", why: str) -> SceneError:
-    """Error that a component cannot be translated, and why."""
-    return SceneError(f"{described(component)}: {why}")

@@ -4,10 +4,10 @@ import contextlib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.meshes import multiply_quaternions, placed, quaternion
@@ -15,26 +15,17 @@ from taichisoft_sofa.components.reading import (
     STATE,
     TOPOLOGIES,
     computed,
-    flag,
     in_node,
     inputs_of,
-    is_given,
     linked_state,
     mapping_of,
     mesh_of,
     nearest,
     node_of,
-    number,
-    numbers,
-    refusal,
-    text,
     upwards,
-    vector,
 )
+from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.tree.component import Component
 
 NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -50,7 +41,7 @@ def is_rigid(state: "Component") -> bool:
 
 def width_of(state: "Component") -> int:
     """Numbers per point or frame of a mechanical object; 0 for an unknown template."""
-    template = text(state, "template").partition(",")[0]
+    template = state.read_text("template").partition(",")[0].removeprefix("Cuda")
     if template.startswith("Rigid"):
         return 3 if template.startswith("Rigid2") else 7
     found = re.fullmatch(r"(?:Ext)?Vec(\d+)[dfiu]?", template)
@@ -71,14 +62,17 @@ def start_position(state: "Component") -> np.ndarray:
         return kept
     width = width_of(state)
     if width not in WIDTHS:
-        raise refusal(state, f"template '{text(state, 'template')}'; known are Vec3 and Rigid3")
+        raise state.refused(f"template '{state.read_text('template')}'; known are Vec3 and Rigid3")
     found = _source(state, width)
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
-    scale = vector(state, "scale3d", default=[number(state, "scale")] * 3)
+    scale = state.read_vector("scale3d", default=[state.read_number("scale")] * 3)
     motions = [
-        (vector(state, "rotation", default=_axes(state, "r")), vector(state, "translation", default=_axes(state, "d"))),
-        (vector(state, "rotation2"), vector(state, "translation2")),
+        (
+            state.read_vector("rotation", default=_axes(state, "r")),
+            state.read_vector("translation", default=_axes(state, "d")),
+        ),
+        (state.read_vector("rotation2"), state.read_vector("translation2")),
     ]
     points, turns = found[:, :3], found[:, 3:]
     for rotation, translation in motions:
@@ -92,26 +86,26 @@ def start_position(state: "Component") -> np.ndarray:
 
 def _axes(state: "Component", letter: str) -> list[float]:
     """Translation (dx, dy, dz) or rotation (rx, ry, rz) in the older format."""
-    return [number(state, f"{letter}{axis}") for axis in "xyz"]
+    return [state.read_number(f"{letter}{axis}") for axis in "xyz"]
 
 
 def _source(state: "Component", width: int) -> np.ndarray:
     """Source of the positions of a mechanical object: its own data, a link, or its node's topology or loader."""
     for name in ("position", "rest_position"):
-        if is_given(state, name):
-            found = numbers(state, name)
+        if state.is_given(name):
+            found = state.read_numbers(name)
             if found.size % width:
-                raise refusal(state, f"{name} has {found.size} numbers; they are not rows of {width}")
-            if found.size > 3 or width == 7 or in_node(node_of(state), TOPOLOGIES) is None:
+                raise state.refused(f"{name} has {found.size} numbers; they are not rows of {width}")
+            if width == 7 or (found.size > 3 and name == "position") or in_node(node_of(state), TOPOLOGIES) is None:
                 return found.reshape(-1, width)  # a single point gives way to a topology, as in SOFA
     if width == 7:
         return np.zeros((0, 7))
     if (points := computed(mesh_of(state), "position", 3)).size:
         return points
     if (subset := in_node(node_of(state), {"SubsetMapping"})) is not None and inputs_of(subset):
-        whole, chosen = start_position(inputs_of(subset)[0]), numbers(subset, "indices").astype(np.int64)
+        whole, chosen = start_position(inputs_of(subset)[0]), subset.read_numbers("indices").astype(np.int64)
         if len(chosen) and chosen.max() >= len(whole):
-            raise refusal(subset, f"names point {int(chosen.max())}; there are {len(whole)}, from 0 on")
+            raise subset.refused(f"names point {int(chosen.max())}; there are {len(whole)}, from 0 on")
         return whole[chosen]
     if in_node(node_of(state), {"IdentityMapping"}) is not None:
         above = next((nearest(parent, {STATE}) for parent in node_of(state).parents), None)
@@ -123,13 +117,12 @@ def _source(state: "Component", width: int) -> np.ndarray:
 def start_velocity(state: "Component") -> np.ndarray:
     """Common initial velocity of all points of a mechanical object: (3,) [mm/s], or (6,) with [rad/s] for a frame."""
     width = 6 if is_rigid(state) else 3
-    rows = numbers(state, "velocity")
+    rows = state.read_numbers("velocity")
     if not rows.any():
         return np.zeros(width)
     rows, count = rows.reshape(-1, width), len(start_position(state))
     if len(rows) != count or not (rows == rows[0]).all():
-        raise refusal(
-            state,
+        raise state.refused(
             f"velocity has {len(rows)} rows, not all alike or not one for each of {count} points; "
             "a body here begins with one velocity of all its points",
         )
@@ -139,20 +132,14 @@ def start_velocity(state: "Component") -> np.ndarray:
 
 def state_position(state: "Component") -> np.ndarray:
     if (width := width_of(state)) not in WIDTHS:  # such a state has no effect here, but its scene may read it
-        return np.reshape(_given(state, "position"), (-1, max(width, 1)))
+        return np.reshape(state.read_data("position"), (-1, max(width, 1)))
     return start_position(state)
 
 
 def rest_position(state: "Component") -> np.ndarray:
-    given = state.findData("rest_position")
-    if given is not None and given.is_set():
-        return np.reshape(given.given(), (-1, max(width_of(state), 1)))
-    return state_position(state)
-
-
-def _given(state: "Component", name: str) -> Any:
-    data = state.findData(name)
-    return np.zeros(0) if data is None else data.given()
+    if state.is_given("rest_position"):
+        return np.reshape(state.read_data("rest_position"), (-1, max(width_of(state), 1)))
+    return state.read_number("restScale") * state_position(state)
 
 
 Values = Callable[["Component"], np.ndarray]
@@ -162,7 +149,7 @@ Values = Callable[["Component"], np.ndarray]
 def start_values(state: "Component") -> np.ndarray:
     """Rows of an independent mechanical object at the start: poses, shape (count, 7), or angles [rad], (count, 1)."""
     if width_of(state) == 1:
-        return np.reshape(numbers(state, "position", default=[0.0]), (-1, 1))
+        return np.reshape(state.read_numbers("position", default=[0.0]), (-1, 1))
     return start_position(state)
 
 
@@ -200,18 +187,18 @@ class FramePoses:
         if kind == "RigidMapping" and inputs:
             local, carriers = start_position(state), rigid_indices(mapping, len(start_position(state)))
             frames = np.array([self._frame(mapping, inputs[0], index) for index in carriers]).reshape(-1, 7)
-            if flag(mapping, "globalToLocalCoords"):
+            if mapping.read_flag("globalToLocalCoords"):
                 start = FramePoses(start_values)
                 local = relative(np.array([start._frame(mapping, inputs[0], i) for i in carriers]), local)
             return composed(frames, local)
         if not is_rigid(state):  # points that follow a body, whose values are known
             return self._values(state)
-        raise refusal(mapping, f"frames that follow others by {kind} are not known here")
+        raise mapping.refused(f"frames that follow others by {kind} are not known here")
 
     def _frame(self, mapping: "Component", state: "Component", index: int) -> np.ndarray:
         frames = self.of(state)
         if not 0 <= index < len(frames):
-            raise refusal(mapping, f"names frame {index} of {state.getPathName()}, which has {len(frames)}")
+            raise mapping.refused(f"names frame {index} of {state.getPathName()}, which has {len(frames)}")
         frame: np.ndarray = frames[index]
         return frame
 
@@ -225,24 +212,24 @@ class FramePoses:
         angles = self._values(inputs[0]).ravel()
         if base := mapping.linked_all("input2"):
             frames = self.of(linked_state(mapping, *base[0]))
-            poses[0] = frames[int(number(mapping, "indexInput2", default=len(frames) - 1))]
+            poses[0] = frames[int(mapping.read_number("indexInput2", default=len(frames) - 1))]
         for centre in centres_of(mapping):
-            parent, child = (int(number(centre, name)) for name in ("parentIndex", "childIndex"))
+            parent, child = (int(centre.read_number(name)) for name in ("parentIndex", "childIndex"))
             if not (0 <= parent < len(poses) and 0 <= child < len(poses)):
-                raise refusal(centre, f"parentIndex and childIndex must be among {len(poses)} frames")
+                raise centre.refused(f"parentIndex and childIndex must be among {len(poses)} frames")
             turn = Rotation.from_quat(poses[parent, 3:])
-            place = poses[parent, :3] + turn.apply(vector(centre, "posOnParent"))
+            place = poses[parent, :3] + turn.apply(centre.read_vector("posOnParent"))
             for joint in (one for one in node_of(centre).walk_components() if one.type_name == "Articulation"):
-                index = int(number(joint, "articulationIndex"))
+                index = int(joint.read_number("articulationIndex"))
                 if not 0 <= index < len(angles):
-                    raise refusal(joint, f"articulationIndex {index}; there are {len(angles)} angles")
-                axis = vector(joint, "rotationAxis")
+                    raise joint.refused(f"articulationIndex {index}; there are {len(angles)} angles")
+                axis = joint.read_vector("rotationAxis")
                 axis = axis / (np.linalg.norm(axis) or 1.0)
-                if flag(joint, "rotation"):
+                if joint.read_flag("rotation"):
                     turn = turn * Rotation.from_rotvec(angles[index] * axis)
-                if flag(joint, "translation"):
+                if joint.read_flag("translation"):
                     place = place + turn.apply(angles[index] * axis)
-            poses[child, :3] = place - turn.apply(vector(centre, "posOnChild"))
+            poses[child, :3] = place - turn.apply(centre.read_vector("posOnChild"))
             poses[child, 3:] = turn.as_quat()
         return poses
 
@@ -252,32 +239,34 @@ def centres_of(mapping: "Component") -> "list[Component]":
     for above in upwards(node_of(mapping)):
         if any(one.type_name == "ArticulatedHierarchyContainer" for one in above.objects):
             return [one for one in above.walk_components() if one.type_name == "ArticulationCenter"]
-    raise refusal(mapping, "finds no ArticulatedHierarchyContainer in its node or above")
+    raise mapping.refused("finds no ArticulatedHierarchyContainer in its node or above")
 
 
 def index_pairs(mapping: "Component", inputs: int) -> np.ndarray:
     """Input and index in it of each point or frame of a SubsetMultiMapping, shape (count, 2)."""
-    pairs = numbers(mapping, "indexPairs").astype(np.int64)
+    pairs = mapping.read_numbers("indexPairs").astype(np.int64)
     if len(pairs) % 2 or (len(pairs) and not 0 <= pairs[::2].min() <= pairs[::2].max() < inputs):
-        raise refusal(mapping, f"indexPairs must be pairs of one of {inputs} inputs and an index in it")
+        raise mapping.refused(f"indexPairs must be pairs of one of {inputs} inputs and an index in it")
     return pairs.reshape(-1, 2)
 
 
 def rigid_indices(mapping: "Component", count: int) -> np.ndarray:
     """The frame that each of `count` points follows by a RigidMapping, shape (count,)."""
-    each = numbers(mapping, "rigidIndexPerPoint").astype(np.int64)
+    each = mapping.read_numbers("rigidIndexPerPoint").astype(np.int64)
     if len(each) == count:
         return each
-    return np.full(count, int(number(mapping, "index")))
+    return np.full(count, int(mapping.read_number("index")))
 
 
 def local_position(state: "Component") -> np.ndarray:
     """Positions of points at the start [mm], in the axes of the frames that they follow by a RigidMapping."""
     points, mapping = start_position(state), mapping_of(state)
-    if mapping is None or canonical(mapping.type_name) != "RigidMapping" or not flag(mapping, "globalToLocalCoords"):
+    if mapping is None or canonical(mapping.type_name) != "RigidMapping" or not inputs_of(mapping):
         return points
-    frames = FramePoses(start_values).of(inputs_of(mapping)[0])
-    return relative(frames[rigid_indices(mapping, len(points))], points)
+    frames, own = FramePoses(start_values).of(inputs_of(mapping)[0]), rigid_indices(mapping, len(points))
+    if len(own) and not 0 <= own.min() <= own.max() < len(frames):
+        raise mapping.refused(f"names frame {own.max()}; there are {len(frames)}, counted from 0")
+    return relative(frames[own], points) if mapping.read_flag("globalToLocalCoords") else points
 
 
 def frame_carrying(component: "Component") -> "tuple[Component, int] | None":
@@ -286,14 +275,14 @@ def frame_carrying(component: "Component") -> "tuple[Component, int] | None":
     state = nearest(node, {STATE})
     if state is None or is_rigid(state):
         mapping = None if state is None or node is node_of(state) else in_node(node, {"RigidMapping"})
-        last = 0 if mapping is None else int(number(mapping, "index"))
+        last = 0 if mapping is None else int(mapping.read_number("index"))
         return None if state is None else (state, last)
     mapping = mapping_of(state)
     if mapping is None or canonical(mapping.type_name) != "RigidMapping":
         return None
     each = np.unique(rigid_indices(mapping, len(start_position(state))))
     if len(each) != 1:
-        raise refusal(component, f"follows {len(each)} frames; a surface follows one here")
+        raise component.refused(f"follows {len(each)} frames; a surface follows one here")
     return inputs_of(mapping)[0], int(each[0])
 
 
@@ -335,7 +324,7 @@ def bases_of(state: "Component") -> "list[Component]":
     if mapping is None:
         return [state]
     above = inputs_of(mapping)
-    if text(mapping, "input2"):
+    if mapping.read_text("input2"):
         above += [linked_state(mapping, *link) for link in mapping.linked_all("input2")]
     return list({id(base): base for one in above for base in bases_of(one)}.values())
 
@@ -420,3 +409,27 @@ class MotionTarget:
 
     def sources(self) -> "Sequence[Component]":
         return []
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """Frames of rigid bodies that are shifted and turned in time, from key to key.
+
+    Attributes:
+        start: poses at the start, shape (count, 7).
+        times: times of the keys, rising [s], shape (key_count,).
+        movements: shifts [mm] and angles about x, y and z [rad] at the keys, shape (key_count, 6).
+    """
+
+    start: np.ndarray
+    times: np.ndarray
+    movements: np.ndarray
+
+    def poses(self, time: float) -> np.ndarray:
+        """Poses of all frames, shape (count, 7)."""
+        time = float(np.clip(time, self.times[0], self.times[-1]))
+        shift = [np.interp(time, self.times, column) for column in self.movements[:, :3].T]
+        turns = Rotation.from_euler("xyz", self.movements[:, 3:])
+        turn = Slerp(self.times, turns)(time) if len(self.times) > 1 else turns[0]
+        own = Rotation.from_quat(self.start[:, 3:]) * turn
+        return np.column_stack([self.start[:, :3] + shift, own.as_quat()])

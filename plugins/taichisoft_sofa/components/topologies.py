@@ -1,12 +1,13 @@
 """Points and cells of topologies: containers, regular and sparse grids, and what mappings make of other cells."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import trimesh
 from scipy import ndimage
 
 from taichisoft.mesh import SIX_TETRAHEDRA, boundary_quads, boundary_triangles
+from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.components.meshes import (
     CORNERS,
     OTHER_NAMES,
@@ -17,75 +18,44 @@ from taichisoft_sofa.components.meshes import (
     read_loader,
     split_quads,
 )
-from taichisoft_sofa.components.reading import (
-    LOADERS,
-    TOPOLOGIES,
-    computed,
-    flag,
-    in_node,
-    is_given,
-    nearest,
-    node_of,
-    number,
-    numbers,
-    refusal,
-    text,
-    vector,
-)
-from taichisoft_sofa.tree.component import component, derived, unused
-from taichisoft_sofa.tree.value_kinds import (
-    ABOVE_0,
-    ANY,
-    BOOL,
-    FROM_0,
-    INDICES,
-    INTEGER,
-    LINK,
-    SCALAR,
-    TEXT,
-    canonical,
-    fixed,
-    vectors,
-)
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import SceneDraft
-    from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.components.reading import LOADERS, TOPOLOGIES, computed, in_node, nearest, node_of
+from taichisoft_sofa.tree.component import Component, component, derived, unused
+from taichisoft_sofa.tree.value_kinds import ABOVE_0, ANY, FROM_0, INDICES, LINK, canonical, fixed, vectors
 
 # Containers.
 
 
 def source_of(component: "Component") -> "Component | None":
     """The component of `src`, else the loader in the container's node; None if the container reads a file itself."""
-    link = text(component, "src")
+    link = component.read_text("src")
     if link:
         return component.linked("src")
-    if text(component, "filename", "fileTopology"):
+    if component.read_text("filename", "fileTopology"):
         return None
     return in_node(node_of(component), LOADERS)
 
 
 def container_position(container: "Component") -> np.ndarray:
     """Points of a topology container [mm], shape (count, 3)."""
-    if is_given(container, "position"):
-        return numbers(container, "position").reshape(-1, 3)
+    if container.is_given("position"):
+        return container.read_numbers("position").reshape(-1, 3)
     source = source_of(container)
     if source is not None:
         return computed(source, "position", 3)
-    return loader_position(container) if text(container, "filename", "fileTopology") else np.zeros((0, 3))
+    return loader_position(container) if container.read_text("filename", "fileTopology") else np.zeros((0, 3))
 
 
 def container_cells(container: "Component", kind: str) -> np.ndarray:
     """Cells of a topology container: the cells of its source, or what a topological mapping makes of others."""
     for name in (kind, *OTHER_NAMES.get(kind, ())):
-        if is_given(container, name):
-            return numbers(container, name).astype(np.int64).reshape(-1, CORNERS[kind])
+        if container.is_given(name):
+            return container.read_numbers(name).astype(np.int64).reshape(-1, CORNERS[kind])
     if (mapped := mapped_cells(container, kind)) is not None:
         return mapped
     source = source_of(container)
     if source is not None:
         return computed(source, kind, CORNERS[kind])
-    own = text(container, "filename", "fileTopology")
+    own = container.read_text("filename", "fileTopology")
     return getattr(read_loader(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
 
 
@@ -94,24 +64,40 @@ def surface_triangles(topology: "Component | None") -> np.ndarray:
     return np.vstack([computed(topology, "triangles", 3), split_quads(computed(topology, "quads", 4))])
 
 
-@component(
-    "MeshTopology",
-    "TetrahedronSetTopologyContainer",
-    "TriangleSetTopologyContainer",
-    "QuadSetTopologyContainer",
-    "HexahedronSetTopologyContainer",
-    "EdgeSetTopologyContainer",
-    "PointSetTopologyContainer",
-    filename=TEXT,
-    fileTopology=TEXT,
-    fileMesh=ANY,
-    nbPoints=(INTEGER, 0, FROM_0),
-    **TRANSFORMED,
-    position=derived(vectors(3), container_position),
-    **cells_by(container_cells),
-)
-def accept_container(component: "Component", draft: "SceneDraft") -> None:
-    """Accept a container of points and cells, which other components read."""
+EDGES_OF = {
+    "tetrahedra": [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]],
+    "hexahedra": [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]],
+    "triangles": [[0, 1], [1, 2], [2, 0]],
+    "quads": [[0, 1], [1, 2], [2, 3], [3, 0]],
+}
+FACES_OF = {
+    "triangles": ("tetrahedra", [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]),
+    "quads": ("hexahedra", [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
+}
+
+
+def all_cells(topology: "Component", kind: str) -> np.ndarray:
+    """Cells of a topology; where it has no edges or faces of its own, those of its larger cells, as in SOFA."""
+    own = computed(topology, kind, CORNERS[kind])
+    if len(own) or canonical(topology.type_name) not in DERIVING:
+        return own
+    if kind in FACES_OF:
+        larger, faces = FACES_OF[kind]
+        return computed(topology, larger, CORNERS[larger])[:, faces].reshape(-1, CORNERS[kind])
+    if kind == "edges":
+        sides = [computed(topology, cells, CORNERS[cells])[:, ends].reshape(-1, 2) for cells, ends in EDGES_OF.items()]
+        volume = sides[:2] if len(sides[0]) or len(sides[1]) else sides[2:]
+        return np.vstack(volume)
+    return own
+
+
+def collision_triangles(topology: "Component | None") -> np.ndarray:
+    """Triangles of a surface that collides; of a mesh of larger cells alone those of its skin, shape (count, 3)."""
+    own = surface_triangles(topology)
+    if len(own) or topology is None or canonical(topology.type_name) not in DERIVING:
+        return own
+    hexahedra, tetrahedra = computed(topology, "hexahedra", 8), computed(topology, "tetrahedra", 4)
+    return np.vstack([boundary_triangles(tetrahedra), split_quads(boundary_quads(hexahedra))])
 
 
 # Cells that topological mappings make of others.
@@ -129,7 +115,7 @@ def mapped_cells(container: "Component", kind: str) -> np.ndarray | None:
             hexahedra, grid = hexahedra_of(source)
             if mapping.type_name == "Hexa2QuadTopologicalMapping":
                 return boundary_quads(hexahedra)
-            return divided(hexahedra, grid, flag(mapping, "swapping"))
+            return divided(hexahedra, grid, mapping.read_flag("swapping"))
     return None
 
 
@@ -143,30 +129,27 @@ MADE = {
 
 
 def _output_of(mapping: "Component") -> "Component | None":
-    output = mapping.linked("output") if text(mapping, "output") else None
+    output = mapping.linked("output") if mapping.read_text("output") else None
     return output if output is not None and canonical(getattr(output, "type_name", "")) in TOPOLOGIES else None
 
 
 def input_of(mapping: "Component") -> "Component":
     """The topology of which a mapping makes cells: linked, or the nearest one above its node."""
-    link = text(mapping, "input")
+    link = mapping.read_text("input")
     parent = next(iter(node_of(mapping).parents), None)
     found: Any = mapping.linked("input") if link else None if parent is None else nearest(parent, TOPOLOGIES)
     if getattr(found, "type_name", "") == "Node":
         found = in_node(found, TOPOLOGIES)
     if found is None or canonical(found.type_name) not in TOPOLOGIES:
-        raise refusal(mapping, f"input '{link}' is not a container of cells")
+        raise mapping.refused(f"input '{link}' is not a container of cells")
     return found
-
-
-@component(*MADE, input=LINK, output=LINK, flipNormals=unused(False), swapping=BOOL)
-def accept_topological_mapping(component: "Component", draft: "SceneDraft") -> None:
-    """Accept a mapping that makes cells of others; the container in its node has them."""
 
 
 # Regular grids.
 
 GRID = "RegularGridTopology"
+DERIVING = {"MeshTopology", GRID, "SparseGridTopology"}
+"""Topologies that make edges and faces of their larger cells."""
 MOST_POINTS = 1_000_000
 """Largest number of points of a grid."""
 
@@ -176,11 +159,11 @@ MIRRORED = np.array([[1, 0, 3, 2, 5, 4, 7, 6], [3, 2, 1, 0, 7, 6, 5, 4], [4, 5, 
 
 def grid_size(grid: "Component") -> tuple[int, int, int]:
     """Number of points of a grid along x, y and z: `n`, or `nx`, `ny` and `nz`."""
-    size = numbers(grid, "n").astype(int)
-    if not is_given(grid, "n"):
-        size = np.array([int(number(grid, name)) for name in ("nx", "ny", "nz")])
+    size = grid.read_numbers("n").astype(int)
+    if not grid.is_given("n"):
+        size = np.array([int(grid.read_number(name)) for name in ("nx", "ny", "nz")])
     if len(size) != 3 or (size < 1).any() or np.prod(size.astype(float)) > MOST_POINTS:
-        raise refusal(grid, f"n = {size.tolist()}: three numbers of 1 or more, of at most {MOST_POINTS} points")
+        raise grid.refused(f"n = {size.tolist()}: three numbers of 1 or more, of at most {MOST_POINTS} points")
     return int(size[0]), int(size[1]), int(size[2])
 
 
@@ -188,17 +171,24 @@ def grid_position(grid: "Component") -> np.ndarray:
     """Points of a grid [mm], shape (count, 3), x fastest: `min` to `max`, or cells of `cellWidth`, and `p0`."""
     size = grid_size(grid)
     low, high = (
-        vector(grid, end, default=[number(grid, f"{axis}{end}") for axis in "xyz"])
-        for end, value in (("min", 0.0), ("max", 1.0))
+        grid.read_vector(end) if grid.is_given(end) else np.array([grid.read_number(f"{axis}{end}") for axis in "xyz"])
+        for end in ("min", "max")
     )
-    width = number(grid, "cellWidth")
+    width = grid.read_number("cellWidth")
     if width > 0.0:
         high = low + width * (np.array(size) - 1)
     axes = [
         np.linspace(a, b, count) if count > 1 else np.array([a]) for a, b, count in zip(low, high, size, strict=True)
     ]
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel(), z.ravel()]) + vector(grid, "p0")
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()]) + grid.read_vector("p0")
+
+
+def _corners(place: np.ndarray) -> list[np.ndarray]:
+    """The eight corners of all cells of a grid, of the numbers of its points [z, y, x], each without the last ones."""
+    z, y, x = (count - 1 for count in place.shape)
+    ends = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    return [place[k : z + k, j : y + j, i : x + i] for i, j, k in ends]
 
 
 def grid_cells(grid: "Component", kind: str) -> np.ndarray:
@@ -207,9 +197,7 @@ def grid_cells(grid: "Component", kind: str) -> np.ndarray:
     place = np.arange(np.prod(size)).reshape(size[::-1])  # [z, y, x]
     long = [axis for axis, count in enumerate(size) if count > 1]
     if kind == "hexahedra" and len(long) == 3:
-        ends = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-        corners = [place[k : size[2] - 1 + k, j : size[1] - 1 + j, i : size[0] - 1 + i].ravel() for i, j, k in ends]
-        return np.column_stack(corners)
+        return np.column_stack([corner.ravel() for corner in _corners(place)])
     flat = place.reshape([count for count in place.shape if count > 1])
     if kind == "quads" and len(long) == 2:
         return np.column_stack(
@@ -247,23 +235,10 @@ def hexahedra_of(topology: "Component") -> tuple[np.ndarray, "Component | None"]
 
 GRID_SIZE = {
     "n": (INDICES, (2, 2, 2), ABOVE_0),
-    **{f"n{axis}": (INTEGER, 2, ABOVE_0) for axis in "xyz"},
+    **{f"n{axis}": (2, ABOVE_0) for axis in "xyz"},
     "min": fixed(3),
-    "cellWidth": (SCALAR, 0.0, FROM_0),
+    "cellWidth": (0.0, FROM_0),
 }
-
-
-@component(
-    GRID,
-    **GRID_SIZE,
-    max=(fixed(3), (1.0, 1.0, 1.0)),
-    p0=fixed(3),
-    **{f"{axis}{end}": (SCALAR, value) for axis in "xyz" for end, value in (("min", 0.0), ("max", 1.0))},
-    position=derived(vectors(3), grid_position),
-    **cells_by(grid_cells),
-)
-def accept_grid(component: "Component", draft: "SceneDraft") -> None:
-    """Accept a grid of points and cells, which other components read."""
 
 
 # Sparse grids: the cells of a regular grid that a closed surface touches or encloses.
@@ -289,7 +264,7 @@ def sparse_cells(grid: "Component", kind: str) -> np.ndarray:
 
 def stiffness_factors(topology: "Component", count: int) -> np.ndarray:
     """Share of its stiffness that each of `count` hexahedra has: a half where a surface goes through a sparse cell."""
-    if canonical(topology.type_name) != SPARSE or not flag(topology, "fillWeighted"):
+    if canonical(topology.type_name) != SPARSE or not topology.read_flag("fillWeighted"):
         return np.ones(count)
     return np.where(_content(topology)[2], 0.5, 1.0)
 
@@ -303,32 +278,35 @@ def _content(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _surface(grid: "Component") -> tuple[np.ndarray, np.ndarray]:
     """Points [mm] and triangles of the surface: of a file, a source, or the data themselves."""
-    if text(grid, "fileTopology", "filename"):
+    if grid.read_text("fileTopology", "filename"):
         mesh = read_loader(grid)
         return loader_position(grid), np.vstack([mesh.triangles, split_quads(mesh.quads)])
-    if text(grid, "src"):
+    if grid.read_text("src"):
         source = grid.linked("src")
         return computed(source, "position", 3), surface_triangles(source)
-    quads = numbers(grid, "quads").astype(np.int64).reshape(-1, 4)
-    triangles = numbers(grid, "triangles").astype(np.int64).reshape(-1, 3)
-    return numbers(grid, "vertices", "position").reshape(-1, 3), np.vstack([triangles, split_quads(quads)])
+    quads = grid.read_numbers("quads").astype(np.int64).reshape(-1, 4)
+    triangles = grid.read_numbers("triangles").astype(np.int64).reshape(-1, 3)
+    return grid.read_numbers("vertices", "position").reshape(-1, 3), np.vstack([triangles, split_quads(quads)])
 
 
 def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points [mm], hexahedra, and whether the surface goes through each."""
     points, triangles = _surface(grid)
     if not len(triangles):
-        raise refusal(grid, "has no surface of triangles; name a file with fileTopology, or a source")
-    low, high = (vector(grid, end) for end in ("min", "max"))
+        raise grid.refused("has no surface of triangles; name a file with fileTopology, or a source")
+    low, high = (grid.read_vector(end) for end in ("min", "max"))
     if not low.any() and not high.any():
         size = np.ptp(points, axis=0)
         low, high = points.min(axis=0) - MARGIN * size, points.max(axis=0) + MARGIN * size
     count = np.array(grid_size(grid))
-    if (width := number(grid, "cellWidth")) > 0.0:
+    if (width := grid.read_number("cellWidth")) > 0.0:
         count = np.ceil((high - low) / width).astype(int) + 1
     if (count < 2).any() or np.prod(count.astype(float)) > MOST_POINTS:
-        raise refusal(grid, f"n = {count.tolist()}: 2 points or more along each axis, {MOST_POINTS} at most")
+        raise grid.refused(f"n = {count.tolist()}: 2 points or more along each axis, {MOST_POINTS} at most")
     cell = (high - low) / (count - 1)
+    area = trimesh.Trimesh(points, triangles, process=False).area
+    if (high <= low).any() or area > MOST_POINTS * cell.min() ** 2:
+        raise grid.refused(f"min {low.tolist()}, max {high.tolist()}, n {count.tolist()}: no cells, or too small ones")
     samples, _ = trimesh.remesh.subdivide_to_size(points, triangles, PITCH * cell.min(), max_iter=30)
     touched = np.zeros(count - 1, dtype=bool)
     place = np.floor((samples - low) / cell).astype(int)
@@ -337,26 +315,47 @@ def _make(grid: "Component") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     outside, _ = ndimage.label(np.pad(~touched, 1, constant_values=True))
     kept = (outside != outside[0, 0, 0])[1:-1, 1:-1, 1:-1].transpose(2, 1, 0)  # [z, y, x]
     at = np.arange(np.prod(count)).reshape(count[::-1])
-    ends = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    corners = [at[k : count[2] - 1 + k, j : count[1] - 1 + j, i : count[0] - 1 + i][kept] for i, j, k in ends]
-    used, hexahedra = np.unique(np.column_stack(corners), return_inverse=True)
+    cells = np.column_stack([corner[kept] for corner in _corners(at)])
+    used, hexahedra = np.unique(cells, return_inverse=True)
     x, y, z = used % count[0], used // count[0] % count[1], used // (count[0] * count[1])
     return low + np.column_stack([x, y, z]) * cell, hexahedra.reshape(-1, 8), touched.transpose(2, 1, 0)[kept]
 
 
 @component(
+    *sorted(TOPOLOGIES - {GRID, SPARSE}),
+    filename="",
+    fileTopology="",
+    fileMesh=ANY,
+    nbPoints=(0, FROM_0),
+    **TRANSFORMED,
+    position=derived(vectors(3), container_position),
+    **cells_by(container_cells),
+)
+@component(*MADE, input=LINK, output=LINK, flipNormals=unused(False), swapping=False)
+@component(
+    GRID,
+    **GRID_SIZE,
+    max=(fixed(3), (1.0, 1.0, 1.0)),
+    p0=fixed(3),
+    **{f"{axis}{end}": value for axis in "xyz" for end, value in (("min", 0.0), ("max", 1.0))},
+    position=derived(vectors(3), grid_position),
+    **cells_by(grid_cells),
+)
+@component(
     SPARSE,
     **GRID_SIZE,
     max=fixed(3),
-    filename=TEXT,
-    fileTopology=TEXT,
+    filename="",
+    fileTopology="",
     fileMesh=ANY,
-    src=TEXT,
-    fillWeighted=(BOOL, True),
+    src="",
+    fillWeighted=True,
+    nbVirtualFinerLevels=unused(0),
     **TRANSFORMED,
     vertices=vectors(3),
     position=derived(vectors(3), sparse_position),
     **cells_by(sparse_cells),
 )
-def accept_sparse_grid(component: "Component", draft: "SceneDraft") -> None:
-    """Accept a grid of the cells that a surface touches or encloses, which other components read."""
+def accept_topology(component: "Component", draft: "SceneDraft") -> None:
+    """Accept points and cells that other components read: given ones, those of a file, those that a mapping makes of
+    others, those of a regular grid, or those of its cells that a surface touches or encloses."""

@@ -3,33 +3,18 @@
 import contextlib
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from taichisoft.errors import SceneError
+from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.components.meshes import placed, read_loader, split_quads
-from taichisoft_sofa.components.reading import (
-    computed,
-    described,
-    flag,
-    independent_state,
-    mesh_of,
-    node_of,
-    number,
-    text,
-    value_of,
-    vector,
-)
-from taichisoft_sofa.components.reading import numbers as numbers_of
+from taichisoft_sofa.components.reading import computed, described, independent_state, mesh_of, node_of
 from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.components.topologies import surface_triangles
-from taichisoft_sofa.tree.component import component, without_effect
-from taichisoft_sofa.tree.value_kinds import ANY, BOOL, TEXT, WrongValue, fixed, numbers
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import SceneDraft
-    from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.component import Component, component, without_effect
+from taichisoft_sofa.tree.value_kinds import ANY, WrongValue, fixed, numbers
 
 NAMED = {
     "white": "#ffffff",
@@ -49,9 +34,9 @@ NAMED = {
     "OglModel",
     "VisualModel",
     color=ANY,
-    filename=TEXT,
-    fileMesh=TEXT,
-    fileTopology=TEXT,
+    filename="",
+    fileMesh="",
+    fileTopology="",
     **dict.fromkeys(("scale", "scale3d", "rotation", "translation"), ANY),  # of a picture alone: any value is valid
     **without_effect("transformation"),
 )
@@ -82,14 +67,14 @@ def visible_shapes(components: "Sequence[Component]") -> list[tuple[np.ndarray, 
 
 def _shape(component: "Component") -> tuple[np.ndarray, np.ndarray]:
     """Points [mm] and triangles of a visual model: those of a file, its source, or the nearest mesh in its node."""
-    if text(component, "filename", "fileMesh"):
+    if component.read_text("filename", "fileMesh"):
         mesh = read_loader(component)
         points, triangles = mesh.points, np.vstack([mesh.triangles, split_quads(mesh.quads)])
     else:
         source = mesh_of(component)
         points, triangles = computed(source, "position", 3), surface_triangles(source)
-    scale = vector(component, "scale3d", default=[number(component, "scale", default=1.0)] * 3)
-    turn, shift = (vector(component, name, default=(0.0, 0.0, 0.0)) for name in ("rotation", "translation"))
+    scale = component.read_vector("scale3d", default=[component.read_number("scale", default=1.0)] * 3)
+    turn, shift = (component.read_vector(name, default=(0.0, 0.0, 0.0)) for name in ("rotation", "translation"))
     return placed(points, scale.tolist(), turn.tolist(), shift.tolist()), triangles
 
 
@@ -101,16 +86,16 @@ def background(component: "Component", draft: "SceneDraft") -> None:
         draft.appearance["background"] = colour
 
 
-@component("OglSceneFrame", draw=(BOOL, True))
+@component("OglSceneFrame", draw=True)
 def axes(component: "Component", draft: "SceneDraft") -> None:
     """Show the axes in a corner of pictures."""
-    draft.appearance["frame"] = flag(component, "draw")
+    draft.appearance["frame"] = component.read_flag("draw")
 
 
 @component("Camera", "InteractiveCamera", position=fixed(3), lookAt=fixed(3))
 def camera(component: "Component", draft: "SceneDraft") -> None:
     """Translate the camera, if the scene gives `position` and `lookAt`."""
-    eye, target = (numbers_of(component, name, default=()) for name in ("position", "lookAt"))
+    eye, target = (component.read_numbers(name, default=()) for name in ("position", "lookAt"))
     if len(eye) == 3:
         draft.appearance["eye"] = eye.tolist()
         if len(target) == 3 and not np.array_equal(eye, target):
@@ -119,7 +104,7 @@ def camera(component: "Component", draft: "SceneDraft") -> None:
 
 def _colour(component: "Component", draft: "SceneDraft") -> str | None:
     """Colour of a component as "#rrggbb"; None without a valid one."""
-    value = value_of(component, "color")
+    value = component.read_data("color")
     if value is None:
         return None
     colour = read_colour(value)

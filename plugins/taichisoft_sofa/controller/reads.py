@@ -13,16 +13,9 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.mechanics import State, embed
 from taichisoft_sofa.components.contact import CONSTRAINT_SOLVERS
-from taichisoft_sofa.components.reading import (
-    STATE,
-    independent_state,
-    inputs_of,
-    mapping_of,
-    node_of,
-    refusal,
-)
+from taichisoft_sofa.components.reading import STATE, independent_state, inputs_of, mapping_of, node_of
 from taichisoft_sofa.components.states import base_frames, composed, index_pairs, is_rigid, relative, start_position
-from taichisoft_sofa.controller.writes import DrivenFrames, JointMotion
+from taichisoft_sofa.controller.writes import DrivenFrames
 from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.translation.rigid_bodies import rigid_parts
@@ -106,8 +99,8 @@ class RunValues:
             raise SceneError(f"has a body '{missing[0]}' that the run does not have")
         self._provide(tree.root.findData("time"), lambda: self._seen.time)
         for joint in driven.joints:
-            self._provide(joint.state.findData("position"), partial(_column, joint, "angle"))
-            self._provide(joint.state.findData("velocity"), partial(_column, joint, "velocity"))
+            self._provide(joint.state.findData("position"), partial(lambda joint: joint.angle[:, None], joint))
+            self._provide(joint.state.findData("velocity"), partial(lambda joint: joint.velocity[:, None], joint))
         for frames in driven.frames:
             self._provide(frames.findData("position"), partial(driven.poses, frames))
         for component in tree.components():
@@ -224,15 +217,9 @@ class RunValues:
             self._provide(cable.findData(data), value)
 
 
-def _column(joint: JointMotion, name: str) -> np.ndarray:
-    """Angles or angular velocities of a joint in rows of one number."""
-    column: np.ndarray = getattr(joint, name)[:, None]
-    return column
-
-
 def _no_force(state: Component) -> np.ndarray:
     """Refuse to read a force, which is not computed; an empty array would be misleading."""
-    raise refusal(state, "force is not known in a run; cables have force, cavities have pressure")
+    raise state.refused("force is not known in a run; cables have force, cavities have pressure")
 
 
 def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]:

@@ -11,9 +11,9 @@ from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftMaterial
-from taichisoft_sofa.components.force_fields import young_modulus
+from taichisoft_sofa.components.force_fields import of_cells
 from taichisoft_sofa.components.known_components import is_without_effect
-from taichisoft_sofa.components.reading import STATE, described, flag, is_given, mapping_of, number, numbers, refusal
+from taichisoft_sofa.components.reading import STATE, described, mapping_of
 from taichisoft_sofa.components.states import FramePoses, base_frames, bases_of, is_rigid, start_values, width_of
 from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation
@@ -26,9 +26,6 @@ from taichisoft_sofa.tree.value_kinds import numbers as parse_numbers
 
 if TYPE_CHECKING:
     from taichisoft.contact import Model
-
-SPRING = 100.0
-"""SOFA's default stiffness of rest shape springs, here of angles [mN mm]."""
 
 
 class JointMotion:
@@ -59,40 +56,18 @@ class JointMotion:
         solver = self._joint.solver
         if solver is None:
             return
-        stiffness, rest = self._stiffness(), self._rest()
+        stiffness, rest = self._joint.stiffness(), self._joint.rest()
         mass = self._joint.mass
         stretched = rest - self.angle
-        if flag(solver, "firstOrder"):
+        if solver.read_flag("firstOrder"):
             self.velocity = stiffness * stretched / (mass + time_step * stiffness)
         else:
-            lag = time_step + number(solver, "rayleighStiffness")
-            drag = mass * number(solver, "rayleighMass")
+            lag = time_step + solver.read_number("rayleighStiffness", default=0.0)
+            drag = mass * solver.read_number("rayleighMass", default=0.0)
             force = stiffness * (stretched - lag * self.velocity) - drag * self.velocity
             inertia = mass + time_step * drag + time_step * lag * stiffness
             self.velocity = self.velocity + time_step * force / inertia
         self.angle = self.angle + time_step * self.velocity
-
-    def _stiffness(self) -> np.ndarray:
-        springs = self._joint.springs
-        given = numbers(springs, "stiffness", default=[SPRING])
-        points = numbers(springs, "points", "indices").astype(np.int64)
-        chosen = points if len(points) else np.arange(len(self.angle))
-        stiffness = np.zeros(len(self.angle))
-        if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(self.angle)):
-            raise refusal(springs, f"names an angle outside 0..{len(self.angle) - 1}")
-        stiffness[chosen] = given if len(given) == len(chosen) else given[0]
-        if (stiffness <= 0.0).any():
-            raise refusal(springs, "stiffness = 0: an angle that nothing holds is not known here")
-        return stiffness
-
-    def _rest(self) -> np.ndarray:
-        data = self._joint.state.findData("rest_position")
-        # Not the computed value, which does not follow a link to a data that the scene changes.
-        rest = start_values(self._joint.state) if data is None or not data.is_set() else data.given()
-        if np.size(rest) != len(self.angle):
-            where = f"{described(self._joint.state)}: rest_position"
-            raise SceneError(f"{where} has {np.size(rest)} angles; {len(self.angle)} are needed")
-        return np.ravel(rest)
 
 
 class DrivenFrames:
@@ -105,7 +80,7 @@ class DrivenFrames:
         self._driven = [component for component in tree.components() if self._is_driven(component)]
         self._poses = FramePoses(start_values)
         self._time = 0.0
-        self._sprung, self._frames = translation.sprung, translation.driven
+        self._sprung, self._frames, self._motions = translation.sprung, translation.driven, translation.motions
 
     def advance(self, time_step: float) -> None:
         """Move all joints by a time step [s], and all frames with them."""
@@ -153,6 +128,8 @@ class DrivenFrames:
     def _present(self, state: Component) -> np.ndarray:
         if id(state) in self._joints:
             return self._joints[id(state)].angle
+        if state in self._motions:
+            return self._motions[state].poses(self._time)
         rest = state.findData("rest_position") if state in self._sprung else None
         if state in self._sprung:
             given = rest is not None and rest.is_set()
@@ -226,21 +203,16 @@ class PartStiffness:
 def _present_stiffness(field: DraftMaterial) -> DraftMaterial:
     """A force field with its present moduli; the same object if unchanged."""
     component = field.component
-    if not component.reinit_requested and not flag(component, "updateStiffness"):
+    declared = component.declared_data("youngModulus")
+    if declared is None or not declared.live:
+        return field
+    if not component.reinit_requested and not component.read_flag("updateStiffness"):
         return field
     component.reinit_requested = False
-    young = young_modulus(component, len(field.tetrahedra))
+    young = of_cells(component, "youngModulus", len(field.tetrahedra))
     return field if np.array_equal(young, field.young_modulus) else replace(field, young_modulus=young)
 
 
-USED = {
-    "SurfacePressureConstraint": {"value", "valueIndex", "maxPressureVariation", "maxVolumeGrowthVariation"},
-    "CableConstraint": {"value", "valueIndex", "pullPoint", "maxDispVariation"},
-    "MechanicalObject": {"rest_position"},
-    "TetrahedronFEMForceField": {"youngModulus", "updateStiffness"},
-    "Node": {"gravity"},
-}
-"""Data whose changes have an effect, by type of component; for nodes, data of the root."""
 STEERING = {"position", "rest_position", "stiffness"}
 """Data of joints, of their springs and of frames that the scene moves, whose changes have an effect."""
 SILENT = {"name", "listening", "printLog", "bbox", "animate"}
@@ -261,20 +233,17 @@ class SceneWrites:
         self._steering |= {id(base) for base in bases}
         self._steering |= {id(joint.springs) for joint in translation.joints}
         self.time_step = model.scene.time.step
-        self._cavities, self._cables = [], []
+        kinds = {"SurfacePressureConstraint": model.cavities.names, "CableConstraint": model.cables.names}
+        actuators: dict[str, list[tuple[Component, str]]] = {kind: [] for kind in kinds}
         for component, name in translation.names.items():
-            kind = canonical(component.type_name)
-            if kind == "SurfacePressureConstraint":
-                if name not in model.cavities.names:
-                    raise SceneError(f"has a cavity '{name}' that the run does not have")
-                self._cavities.append((component, name))
-            elif kind == "CableConstraint":
-                if name not in model.cables.names:
-                    raise SceneError(f"has a cable '{name}' that the run does not have")
-                self._cables.append((component, name))
+            if (kind := canonical(component.type_name)) in kinds:
+                if name not in kinds[kind]:
+                    raise SceneError(f"has a {kind} '{name}' that the run does not have")
+                actuators[kind].append((component, name))
+        self._cavities, self._cables = actuators.values()
         lengths = dict(zip(model.cables.names, model.cables.rest_value, strict=True))
         self._paid_out = {
-            name: number(cable, "cableInitialLength", default=lengths[name]) - lengths[name]
+            name: cable.read_number("cableInitialLength", default=lengths[name]) - lengths[name]
             for cable, name in self._cables
         }
         self._rest = {name: known_data(part.body.state, "rest_position") for name, part in translation.soft.items()}
@@ -320,7 +289,7 @@ class SceneWrites:
             else:
                 pull[name] = self._varied(cable, value, "maxDispVariation", "displacement") - self._paid_out[name]
             place = cable.findData("pullPoint")
-            if place is not None and flag(cable, "hasPullPoint") and (moved := place.take()) is not None:
+            if place is not None and cable.read_flag("hasPullPoint") and (moved := place.take()) is not None:
                 pull_points[name] = parse_numbers(moved)
         self._driven.advance(self.time_step)
         anchors = {}
@@ -355,12 +324,12 @@ class SceneWrites:
         SOFA compares with a growth or displacement at the beginning of the last step, not of this one: so it changes by
         the allowed variation every two steps.
         """
-        if not is_given(actuator, limit):
+        if not actuator.is_given(limit):
             return value
         now = float(parse_numbers(known_data(actuator, quantity).read_value())[0])
         before = self._before.get(id(actuator), 0.0)
         self._before[id(actuator)] = now
-        middle, variation = now if quantity == "pressure" else before, number(actuator, limit)
+        middle, variation = now if quantity == "pressure" else before, actuator.read_number(limit)
         return min(max(value, middle - variation), middle + variation)
 
     def without_effect(self) -> Iterator[str]:
@@ -374,10 +343,12 @@ class SceneWrites:
                 yield f"{line}, which has no effect in a run"
 
     def _unused_writes(self, owner: TreeObject) -> Iterator[str]:
-        of_type = USED.get(canonical(owner.type_name), set()) | (STEERING if id(owner) in self._steering else set())
-        used = set() if isinstance(owner, Node) and owner is not self._tree.root else of_type
+        steering = STEERING if id(owner) in self._steering else set()
+        acts = not isinstance(owner, Node) or owner is self._tree.root
         for data in owner.data_by_name.values():
-            known = data.name in used | SILENT or data.is_own() or id(data) in self._reported
+            declared = owner.declared_data(data.name)
+            known = data.name in steering | SILENT or data.is_own() or id(data) in self._reported
+            known |= acts and declared is not None and declared.live
             if not known and data.revision > self._revisions.get(id(data), 0):
                 self._reported.add(id(data))
                 where = f"{owner.described()} ({data.place})"
@@ -402,9 +373,9 @@ def _present(component: Component) -> float:
     """The present value of an actuator."""
     data = component.findData("value")
     values = parse_numbers(data.read_value()) if data is not None and data.is_set() else np.zeros(1)
-    index = int(number(component, "valueIndex"))
+    index = int(component.read_number("valueIndex"))
     if index >= len(values):
-        raise refusal(component, f"value has {len(values)} numbers; number {index} is needed")
+        raise component.refused(f"value has {len(values)} numbers; number {index} is needed")
     return float(values[index])
 
 

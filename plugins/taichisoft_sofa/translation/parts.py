@@ -5,22 +5,19 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import taichisoft
 from taichisoft.mesh import VolumeMesh, write_stl, write_volume_mesh
-from taichisoft_sofa.components.contact import distances_of, friction_of, response_of
-from taichisoft_sofa.components.draft import SceneDraft
+from taichisoft_sofa.components.contact import friction_of, response_of
+from taichisoft_sofa.components.draft import DraftBody, SceneDraft
+from taichisoft_sofa.components.dynamics import SPRING
 from taichisoft_sofa.components.reading import node_of, upwards
-from taichisoft_sofa.components.states import FramePoses, start_values
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import DraftBody
-    from taichisoft_sofa.components.states import AnchorTarget
-    from taichisoft_sofa.tree.component import Component
-    from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.components.states import AnchorTarget, FrameMotion, FramePoses, start_values
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.node import Node
 
 # The contact table of a scene.
 
@@ -48,7 +45,7 @@ def contact_table(draft: SceneDraft) -> dict[str, Any]:
     )
     table: dict[str, Any] = {"friction": friction_of(draft.pipeline["response"], draft)}
     if "distance" in draft.pipeline:
-        alarm, contact = distances_of(draft.pipeline["distance"])
+        alarm, contact = map(draft.pipeline["distance"].read_number, ("alarmDistance", "contactDistance"))
         table |= {"alarm_distance": alarm, "contact_distance": contact, "spacing": SPACING * alarm}
     return table
 
@@ -149,6 +146,30 @@ class Joint:
     mass: float
     solver: "Component | None"
 
+    def stiffness(self) -> np.ndarray:
+        """Present stiffness of the springs of each angle [mN mm], shape (count,)."""
+        count = len(start_values(self.state))
+        given = self.springs.read_numbers("stiffness")
+        given = given if len(given) else np.array([SPRING])
+        points = self.springs.read_numbers("points", "indices").astype(np.int64)
+        chosen = points if len(points) else np.arange(count)
+        stiffness = np.zeros(count)
+        if len(chosen) and (chosen.min() < 0 or chosen.max() >= count):
+            raise self.springs.refused(f"names an angle outside 0..{count - 1}")
+        stiffness[chosen] = given if len(given) == len(chosen) else given[0]
+        if (stiffness <= 0.0).any():
+            raise self.springs.refused("stiffness = 0: an angle that nothing holds is not known here")
+        return stiffness
+
+    def rest(self) -> np.ndarray:
+        """Present angles at rest [rad], shape (count,)."""
+        data, start = self.state.findData("rest_position"), start_values(self.state).ravel()
+        # Not the computed value, which does not follow a link to a data that the scene changes.
+        rest = start if data is None or not data.is_set() else np.ravel(data.given())
+        if len(rest) != len(start):
+            raise self.state.refused(f"rest_position has {len(rest)} angles; {len(start)} are needed")
+        return rest
+
 
 NOTHING = "holds nothing that moves, touches or can be seen: there is nothing to run"
 """Why a scene is refused that SOFA opens, and where nothing happens."""
@@ -169,6 +190,7 @@ class Translation:
         driven: mechanical object of SOFA, and index in it, of each native frame, by its name.
         joints: angles that turn frames.
         sprung: mechanical objects of frames that lead to `rest_position`, not `position`.
+        motions: motion in time of frames, by their mechanical object.
         springs: how far the cables that stand for springs are pulled in [mm], by native name.
         departures: differences from SOFA, one line each.
         understood: number of components of each type that were translated.
@@ -187,6 +209,7 @@ class Translation:
     driven: "dict[str, tuple[Component, int]]" = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
     sprung: "dict[Component, None]" = field(default_factory=dict)
+    motions: "dict[Component, FrameMotion]" = field(default_factory=dict)
     springs: dict[str, float] = field(default_factory=dict)
     departures: list[str] = field(default_factory=list)
     understood: dict[str, int] = field(default_factory=dict)
@@ -236,11 +259,9 @@ class MeshFiles:
     def fingerprint(self) -> str:
         """Hash of all content to be written."""
         whole = hashlib.sha256(taichisoft.__version__.encode())
-        for name, mesh in self._volumes.items():
-            for array in (mesh.nodes, mesh.elements, *mesh.element_groups.values()):
-                whole.update(f"{name} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes())
-        for name, surface in self._surfaces.items():
-            for array in surface:
+        meshes = {name: (m.nodes, m.elements, *m.element_groups.values()) for name, m in self._volumes.items()}
+        for name, arrays in (meshes | self._surfaces).items():
+            for array in arrays:
                 whole.update(f"{name} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes())
         return whole.hexdigest()
 

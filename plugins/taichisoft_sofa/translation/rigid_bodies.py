@@ -2,7 +2,7 @@
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft.mesh import tetrahedron_volumes
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftFrame, DraftMaterial, SceneDraft
 from taichisoft_sofa.components.dynamics import HELD, SPRING
-from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of, number
+from taichisoft_sofa.components.reading import inputs_of, is_assembled, mapping_of, node_of
 from taichisoft_sofa.components.states import (
     DrivenFrameTarget,
     PointsTarget,
@@ -24,10 +24,8 @@ from taichisoft_sofa.components.states import (
     width_of,
 )
 from taichisoft_sofa.translation.parts import NO_TRIANGLES, Translation, collides
+from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.tree.component import Component
 
 # Rigid parts of soft bodies: points that follow a frame, which joints drive, or which moves with the body.
 
@@ -204,13 +202,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     ball = only_sphere(body)
     if not body.rigid and ball is not None:
         ball = np.array([0.0, 0.0, 0.0, ball[3]])  # its centre is the point itself
-    shape: dict[str, Any]
-    if ball is not None and not ball[:3].any():
-        shape = {"sphere": {"radius": float(ball[3])}}
-    else:
-        shape = {"surface": translation.files.surface(name, points, triangles)}
-    if not len(triangles):  # an invisible body has no shape in SOFA, but a native body needs one
-        shape = {"box": [1.0, 1.0, 1.0]}
+    shape = shape_of(name, points, triangles, ball, translation)
     table: dict[str, Any] = {
         **shape,
         "collides": bool(len(triangles)) and collides(draft),
@@ -235,7 +227,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
         draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA assumes 1 mm^2 per mass")
     _note_lost_weight(body, float(mass), draft)
     solver = draft.above(body.node, draft.solvers)
-    if solver is not None and number(solver, "rayleighMass") > 0.0:
+    if solver is not None and solver.read_number("rayleighMass", default=0.0) > 0.0:
         draft.depart(f"{body.node.getPathName()}: rayleighMass does not slow a rigid body down here; in SOFA it does")
     _add_springs(name, body, table, draft, translation)
     for push in body.forces:
@@ -258,9 +250,11 @@ def _add_springs(
             return
         solver = draft.above(body.node, draft.solvers)
         table["springs"] = {
-            "stiffness": anchor.stiffness,
-            "angular_stiffness": number(anchor.component, "angularStiffness", default=SPRING),
-            "rayleigh_stiffness": 0.0 if solver is None else number(solver, "rayleighStiffness"),
+            "stiffness": float(anchor.stiffness),
+            "angular_stiffness": anchor.component.read_number("angularStiffness", default=SPRING)
+            if anchor.angular is None
+            else anchor.angular,
+            "rayleigh_stiffness": 0.0 if solver is None else solver.read_number("rayleighStiffness", default=0.0),
             "follows": name,
         }
         if isinstance(anchor.target, PointsTarget):
@@ -273,7 +267,12 @@ def _add_springs(
 def add_obstacle(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add an obstacle to a translation; without surfaces or collisions it is omitted."""
     points, triangles = joined_surfaces(body)
-    if not len(triangles) or not collides(draft):
+    if not collides(draft):
+        return
+    for surface in body.surfaces.values():
+        if not len(surface.triangles):
+            draft.refuse(surface.component, NO_TRIANGLES)
+    if not len(triangles):
         return
     ball = only_sphere(body)
     if body.rigid:
@@ -295,14 +294,28 @@ def only_sphere(body: DraftBody | DraftFrame) -> np.ndarray | None:
     return surfaces[0].spheres[0] if len(surfaces) == 1 and len(surfaces[0].spheres) == 1 else None
 
 
+def shape_of(
+    name: str, points: np.ndarray, triangles: np.ndarray, ball: np.ndarray | None, translation: Translation
+) -> dict[str, Any]:
+    """The shape of a native rigid body: a ball about its origin, a surface, or a box for a body without any."""
+    if ball is not None and not ball[:3].any():
+        return {"sphere": {"radius": float(ball[3])}}
+    return (
+        {"surface": translation.files.surface(name, points, triangles)} if len(triangles) else {"box": [1.0, 1.0, 1.0]}
+    )
+
+
 def joined_surfaces(body: DraftBody | DraftFrame) -> tuple[np.ndarray, np.ndarray]:
     """Points and triangles of all collision surfaces of a body."""
-    points, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
-    for surface in body.surfaces.values():
-        points.append(surface.points)
-        triangles.append(surface.triangles + count)
-        count += len(surface.points)
-    return np.vstack(points), np.vstack(triangles)
+    return joined([(surface.points, surface.triangles) for surface in body.surfaces.values()])
+
+
+def joined(shapes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Points and triangles of all shapes together."""
+    first = np.cumsum([0, *(len(points) for points, _ in shapes)])
+    points = np.vstack([np.zeros((0, 3)), *(points for points, _ in shapes)])
+    triangles = [triangles + start for (_, triangles), start in zip(shapes, first[:-1], strict=True)]
+    return points, np.vstack([np.zeros((0, 3), dtype=np.int64), *triangles])
 
 
 def groups_of(body: DraftBody | DraftFrame) -> list[int]:
@@ -325,7 +338,7 @@ def _note_lost_weight(body: DraftBody, mass: float, draft: SceneDraft) -> None:
         return
     root = node_of(body.state).getRoot()
     load = mass * float(root.dt.read_value()) * float(np.linalg.norm(root.gravity.read_value()))
-    if 0.0 < mass * load**2 < number(solver, "threshold"):
+    if 0.0 < mass * load**2 < solver.read_number("threshold"):
         draft.depart(
             f"{body.node.getPathName()}: has its weight, which SOFA loses below the threshold of CGLinearSolver"
         )

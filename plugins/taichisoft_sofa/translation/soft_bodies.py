@@ -12,8 +12,14 @@ from taichisoft.mesh import VolumeMesh, count_open_edges, enclosed_volume, tetra
 from taichisoft.scene import lame_parameters
 from taichisoft_sofa.components.air_and_cables import PRESSURE, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
-from taichisoft_sofa.components.reading import TOPOLOGIES, computed, flag, is_given, nearest, node_of, number, vector
-from taichisoft_sofa.components.states import DrivenFrameTarget, MotionTarget, rest_position, start_velocity
+from taichisoft_sofa.components.reading import TOPOLOGIES, computed, nearest, node_of
+from taichisoft_sofa.components.states import (
+    DrivenFrameTarget,
+    FrameMotion,
+    MotionTarget,
+    rest_position,
+    start_velocity,
+)
 from taichisoft_sofa.translation.parts import (
     NO_TRIANGLES,
     SoftPart,
@@ -36,6 +42,8 @@ PULL_LIMITS = {"lowest_pull": ("maxNegativeDisp", -1.0), "highest_pull": ("maxPo
 """Limits of actuators: data and sign of each."""
 SAME = 1e-9
 """Difference of a rest position that is round-off, over the size of a body [-]."""
+MASSLESS = 1e-12
+"""Mass of a body to which its scene gives none, so that stiffness alone moves it [kg]."""
 LARGEST = 1e30
 """Beyond any tension [mN] and pull [mm]: scenes use the largest number as no limit."""
 
@@ -65,11 +73,8 @@ def add_soft_body(
         draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
         return
     if moves and body.mass is None:
-        draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
-        return
-    rest = rest_position(body.state).reshape(-1, 3)
-    moved = np.abs(rest - body.position).max(initial=0.0) if rest.shape == body.position.shape else 0.0
-    if is_given(body.state, "rest_position") and moved > SAME * np.ptp(body.position, axis=0).max():
+        draft.depart(f"{body.node.getPathName()}: has no mass; here it has {MASSLESS:g} kg, with the same motion")
+    if _strain(rest_position(body.state).reshape(-1, 3), body.position) > SAME:
         draft.refuse(body.state, "position differs from rest_position; a body begins at rest here")
         return
     if moves and (young <= 0.0).all():
@@ -102,8 +107,8 @@ def add_soft_body(
     if solver is not None:
         if (velocity := start_velocity(body.state)).any() and not translation.is_static:
             table["velocity"] = velocity.tolist()
-        table["rayleigh_mass"] = number(solver, "rayleighMass")
-        table["rayleigh_stiffness"] = number(solver, "rayleighStiffness")
+        table["rayleigh_mass"] = solver.read_number("rayleighMass", default=0.0)
+        table["rayleigh_stiffness"] = solver.read_number("rayleighStiffness", default=0.0)
         # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
         prescribed = (DrivenFrameTarget, MotionTarget)
         table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)
@@ -137,6 +142,18 @@ def add_soft_body(
     translation.soft[name] = _held_part(SoftPart(body, points, elements, element_material), anchors, node_of_point)
 
 
+def _strain(rest: np.ndarray, position: np.ndarray) -> float:
+    """How far points differ from a rigid motion of their rest positions, over the size of the body."""
+    size = float(np.ptp(position, axis=0).max(initial=0.0))
+    if rest.shape != position.shape or size == 0.0:
+        return 0.0
+    before, after = rest - rest.mean(axis=0), position - position.mean(axis=0)
+    # Rotation by Kabsch; points without extent in some direction are turned about it by any angle.
+    left, _, right = np.linalg.svd(before.T @ after)
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return float(np.abs(before @ turn - after).max()) / size
+
+
 def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np.ndarray) -> SoftPart:
     """A soft body with what its anchored nodes follow; where two anchors hold a node, the later one decides."""
     count = len(part.points)
@@ -150,7 +167,7 @@ def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np
         follows[nodes] &= anchor.follows_rest
     targets = []
     for place, anchor in enumerate(anchors):
-        if anchor.target is not None and (by[held] == place).any():
+        if anchor.target is not None and not isinstance(anchor.target, FrameMotion) and (by[held] == place).any():
             chosen = np.flatnonzero(by[held] == place)
             targets.append((anchor.target, chosen, row[held][chosen]))
     return replace(part, anchored=np.flatnonzero(held), anchored_follows=follows[held], targets=tuple(targets))
@@ -197,7 +214,7 @@ def merged_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def _mass(mass: Mass | None, kept: int, all_points: int, nodes: np.ndarray, elements: np.ndarray) -> dict[str, float]:
     """Mass or density, without the share of omitted points."""
     if mass is None:
-        return {"mass": 1.0}
+        return {"mass": MASSLESS}
     if mass.density:
         return {"density": mass.density}
     if mass.density == 0.0 and mass.total is not None:
@@ -315,9 +332,9 @@ def _add_cables(name: str, body: DraftBody, table: dict[str, Any], draft: SceneD
     for cable_name, cable in zip(names, body.cables, strict=True):
         component = cable.component
         made: dict[str, Any] = {"points": cable.places, "pull_point_moves": False}
-        if flag(component, "hasPullPoint"):
-            made["pull_point"] = vector(component, "pullPoint").tolist()
-        if not is_given(component, "minForce") or number(component, "minForce") < 0.0:
+        if component.read_flag("hasPullPoint"):
+            made["pull_point"] = component.read_vector("pullPoint").tolist()
+        if not component.is_given("minForce") or component.read_number("minForce") < 0.0:
             made["rod"] = True
         made |= _limits(component, TENSION_LIMITS, draft.effort_of_value)
         made |= _limits(component, PULL_LIMITS, 1.0)
@@ -329,7 +346,7 @@ def _add_cables(name: str, body: DraftBody, table: dict[str, Any], draft: SceneD
 
 def _note_stops(component: Component, names: Mapping[str, tuple[str, float]], draft: SceneDraft) -> None:
     """Record that stops engage later than in SOFA, which counts the response to a force or pressure twice."""
-    given = [data for data, _ in names.values() if is_given(component, data)]
+    given = [data for data, _ in names.values() if component.is_given(data)]
     if given:
         draft.depart(f"{component.getPathName()}: {' and '.join(given)} engages where it is reached; in SOFA earlier")
 
@@ -337,9 +354,9 @@ def _note_stops(component: Component, names: Mapping[str, tuple[str, float]], dr
 def _limits(component: Component, names: Mapping[str, tuple[str, float]], factor: float) -> dict[str, float]:
     """Native limits of an actuator; a negative factor exchanges lowest and highest."""
     found = {
-        key: max(-LARGEST, min(LARGEST, sign * factor * number(component, data)))
+        key: max(-LARGEST, min(LARGEST, sign * factor * component.read_number(data)))
         for key, (data, sign) in names.items()
-        if is_given(component, data)
+        if component.is_given(data)
     }
     if factor >= 0.0:
         return found

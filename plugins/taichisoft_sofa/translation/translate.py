@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from taichisoft.mesh import boundary_triangles
 from taichisoft_sofa.components.draft import DraftBody, DraftFrame, SceneDraft
 from taichisoft_sofa.components.known_components import instead_of, is_without_effect, known_types
 from taichisoft_sofa.components.mappings import check_joints
-from taichisoft_sofa.components.reading import described, flag, independent_state, node_of
+from taichisoft_sofa.components.reading import described, independent_state, node_of
 from taichisoft_sofa.components.states import (
+    FrameMotion,
     FramePoses,
     PointsTarget,
     base_frames,
@@ -23,6 +24,7 @@ from taichisoft_sofa.components.states import (
     start_values,
 )
 from taichisoft_sofa.components.visuals import visible_shapes
+from taichisoft_sofa.loading import SceneTree
 from taichisoft_sofa.translation.parts import Joint, Translation, body_names, clean, collides, contact_table
 from taichisoft_sofa.translation.rigid_bodies import (
     add_obstacle,
@@ -31,20 +33,18 @@ from taichisoft_sofa.translation.rigid_bodies import (
     degrees,
     groups_of,
     is_driven,
+    joined,
     joined_surfaces,
     note_springs,
     only_sphere,
     parts_of_bodies,
+    shape_of,
 )
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
-from taichisoft_sofa.tree.component import misspelt, names_of
+from taichisoft_sofa.tree.component import Component, misspelt, names_of
+from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.scene_controller import OwnComponent
-from taichisoft_sofa.tree.value_kinds import Declared, canonical
-
-if TYPE_CHECKING:
-    from taichisoft_sofa.loading import SceneTree
-    from taichisoft_sofa.tree.component import Component
-    from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.value_kinds import LINK, Declared, canonical
 
 # Springs between points as native cables that stretch, push as well as pull, and are held at their rest length.
 
@@ -151,6 +151,10 @@ def _is_mere_points(body: DraftBody) -> bool:
 def moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
     """The solver that moves a body; None if it stands still."""
     solver = draft.above(body.node, draft.solvers)
+    if solver is not None and draft.above(body.node, draft.linear_solvers) is None:
+        draft.depart(
+            f"{body.node.getPathName()}: moves, though it has no linear solver, without which SOFA moves nothing"
+        )
     if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:
         return solver
     path = body.node.getPathName()
@@ -170,8 +174,15 @@ def is_placed(body: DraftBody, solver: "Component | None") -> bool:
     """Whether the scene places a moving rigid body: it has no mass, or springs lead it in overdamped dynamics."""
     if not body.rigid or solver is None:
         return False
+    if motion_of(body) is not None:
+        return True
     held = any(anchor.follows_rest or anchor.target for anchor in body.anchors)
-    return body.mass is None or (held and flag(solver, "firstOrder"))
+    return body.mass is None or (held and solver.read_flag("firstOrder"))
+
+
+def motion_of(body: DraftBody) -> FrameMotion | None:
+    """The motion that the scene prescribes for the frames of a rigid body, or None."""
+    return next((anchor.target for anchor in body.anchors if isinstance(anchor.target, FrameMotion)), None)
 
 
 def driven_frames(draft: "SceneDraft") -> list[DraftFrame]:
@@ -221,22 +232,17 @@ def add_driven_body(name: str, frame: DraftFrame, draft: "SceneDraft", translati
     points, triangles = joined_surfaces(frame)
     touches, ball = bool(len(triangles)) and collides(draft), only_sphere(frame)
     if not len(triangles):
-        points, triangles = _joined(frame.shapes)
-    shape: dict[str, Any] = {"box": [1.0, 1.0, 1.0]}
-    if ball is not None and not ball[:3].any():
-        shape = {"sphere": {"radius": float(ball[3])}}
-    elif len(triangles):
-        shape = {"surface": translation.files.surface(name, points, triangles)}
+        points, triangles = joined(frame.shapes)
     pose = FramePoses(start_values).of(frame.state)[frame.index]
     translation.tables.setdefault("rigid_bodies", {})[name] = {
-        **shape,
+        **shape_of(name, points, triangles, ball, translation),
         "follows": name,
         "collides": touches,
         "groups": groups_of(frame),
         "position": pose[:3].tolist(),
         "rotation": degrees(pose[3:]),
         **({"colour": frame.colours[0]} if frame.colours else {}),
-        **({"axes": True} if flag(frame.state, "showObject") else {}),
+        **({"axes": True} if frame.state.read_flag("showObject") else {}),
     }
     translation.add_frame(name, frame.state, frame.index)
     if touches:
@@ -245,7 +251,7 @@ def add_driven_body(name: str, frame: DraftFrame, draft: "SceneDraft", translati
 
 def add_picture(draft: "SceneDraft", translation: "Translation") -> None:
     """Let a scene in which nothing moves or touches show its visual models, as one body that does neither."""
-    points, triangles = _joined(visible_shapes(draft.visuals))
+    points, triangles = joined(visible_shapes(draft.visuals))
     if translation.tables.keys() & {"soft_bodies", "rigid_bodies"} or not len(triangles) or draft.refused:
         return
     name = clean(node_of(draft.visuals[0]).getName())
@@ -254,25 +260,19 @@ def add_picture(draft: "SceneDraft", translation: "Translation") -> None:
     draft.depart("nothing moves or touches anything; the run shows the visual models")
 
 
-def _joined(shapes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Points and triangles of all shapes together."""
-    first = np.cumsum([0, *(len(points) for points, _ in shapes)])
-    points = np.vstack([np.zeros((0, 3)), *(points for points, _ in shapes)])
-    triangles = [triangles + start for (_, triangles), start in zip(shapes, first[:-1], strict=True)]
-    return points, np.vstack([np.zeros((0, 3), dtype=np.int64), *triangles])
-
-
 # Data of a scene without effect: data with an effect in SOFA only, and data that nothing here reads.
 
 LONGEST = 60
 """Largest number of characters of a value in a line."""
+UNREAD = {"name", "template", "tags", "printLog", "listening", "componentState", "bbox"}
+"""Data that move nothing in SOFA either."""
 
 
 def _note_data(component: "Component", draft: SceneDraft, translation: Translation) -> None:
     """List the data of the scene that nothing reads; misspelt ones, and those with an effect in SOFA, one by one."""
     names = names_of(component.type_name)
     for name, data in component.data_by_name.items():
-        if not data.is_set() or data.is_own():
+        if not data.is_set() or data.is_own() or name in UNREAD:
             continue
         known = component.declared_data(name)
         line = f"{described(component)}: {name} = {_shown(data.written_text())}"
@@ -281,6 +281,11 @@ def _note_data(component: "Component", draft: SceneDraft, translation: Translati
                 draft.depart(f"{line} is not read here; did you mean '{meant}'?")
             else:
                 translation.not_read.setdefault(component.type_name, {})[name] = None
+        elif not (known.unused or data.was_read or known.live):
+            translation.not_read.setdefault(component.type_name, {})[name] = None
+        elif known.kind is LINK:
+            broken = [path for path, target in component.linked_all(name) if path.startswith("@") and target is None]
+            draft.refused += [f"{described(component)}: {name} = '{path}' leads to nothing" for path in broken]
         elif known.unused and not _is_default(data.given(), known):
             draft.depart(f"{line} has no effect here")
 
@@ -332,10 +337,10 @@ PURPOSES = {
 def refuse_unknown(component: "Component") -> str:
     """Reason for which a component of a type that is not known here is refused."""
     kind = component.type_name
-    purpose = next((what for ending, what in PURPOSES.items() if kind.endswith(ending)), "an unknown purpose")
+    purposes = [f"; it would be needed for {what}" for ending, what in PURPOSES.items() if kind.endswith(ending)]
     near = difflib.get_close_matches(kind, known_types(), n=1, cutoff=0.9)  # a misspelt name, not another component
     hint = f"; did you mean '{near[0]}'?" if near else ""
-    return f"{described(component)}: is not known here; it would be needed for {purpose}{hint}"
+    return f"{described(component)}: is not known here{''.join(purposes[:1])}{hint}"
 
 
 def refuse_inverse(components: "Sequence[Component]") -> str:
@@ -375,10 +380,12 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     root._exact, root._find_file = exact, tree.find_file
     draft, translation = SceneDraft(exact=exact), Translation()
     for node in root.walk():
-        if not _is_active(node):
-            continue
-        for component in node.objects:
-            _gather(component, draft, translation)
+        for name in ("gravity", "dt"):
+            if node is not root and node.is_given(name):
+                translation.not_read.setdefault("Node", {})[name] = None
+    active = [component for node in root.walk() if _is_active(node) for component in node.objects]
+    for component in active:
+        _gather(component, draft, translation)
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
@@ -413,13 +420,25 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         for joint in draft.joints.values()
         if joint.springs is not None
     ]
+    for joint in translation.joints:
+        try:
+            joint.stiffness(), joint.rest()
+        except SceneError as error:
+            draft.refused.append(str(error))
     _add_bodies(bodies, frames, draft, translation)
     add_springs(draft, translation)
     add_planes(draft, translation)
     add_picture(draft, translation)
     translation.sprung = draft.sprung
+    translation.motions = {body.state: motion for body in bodies if (motion := motion_of(body)) is not None}
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
+    for component in active:
+        if canonical(component.type_name) in known_types():
+            try:
+                _note_data(component, draft, translation)
+            except SceneError as error:
+                draft.refused.append(str(error))
     translation.departures += draft.departures
     translation.refused += dict.fromkeys(draft.refused)  # several components may refuse the same value
     return translation
@@ -442,10 +461,6 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
             known.translate(component, draft)
         except SceneError as error:
             draft.refused.append(str(error))
-        try:
-            _note_data(component, draft, translation)
-        except SceneError as error:
-            draft.refused.append(str(error))
     elif is_without_effect(kind):
         translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
         if missed := instead_of(kind):
@@ -454,7 +469,7 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
         draft.inverse.append(component)
     elif isinstance(component, OwnComponent):
         draft.refuse(component, component.refusal)
-    elif not is_controller(component):
+    elif type(component) is Component:  # else a controller that the scene defines
         draft.refused.append(refuse_unknown(component))
 
 
@@ -462,20 +477,13 @@ def _dynamics(bodies: list[DraftBody], draft: SceneDraft) -> str:
     """How bodies move: without inertia ("overdamped"), to equilibrium ("static"), or ""; mixed scenes are refused."""
     found = [(body, moved_by(body, draft)) for body in bodies]
     moved = [solver for body, solver in found if solver is not None and not is_placed(body, solver)]
-    first_order = {flag(solver, "firstOrder") for solver in moved}
+    first_order = {solver.read_flag("firstOrder") for solver in moved}
     static = {solver.type_name == "StaticSolver" for solver in moved}
     if len(first_order) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
     if len(static) > 1:
         draft.refuse(moved[0], "StaticSolver for some of the bodies; all of a scene are at equilibrium, or none is")
     return "static" if static == {True} else "overdamped" if first_order == {True} else ""
-
-
-def is_controller(component: "Component") -> bool:
-    """Whether a component is a controller defined by the scene."""
-    from taichisoft_sofa.tree.component import Component
-
-    return type(component) is not Component
 
 
 def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneDraft, translation: Translation) -> None:
@@ -494,14 +502,15 @@ def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneD
         for kind in BODIES:
             if body.colours and name in translation.tables.get(kind, {}):
                 translation.tables[kind][name]["colour"] = body.colours[0]
-        if flag(body.state, "showObject") and name in translation.tables.get("rigid_bodies", {}):
+        if body.state.read_flag("showObject") and name in translation.tables.get("rigid_bodies", {}):
             translation.tables["rigid_bodies"][name]["axes"] = True  # for soft bodies SOFA shows the points
 
 
 def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a body as a rigid body, soft body or obstacle."""
     solver = moved_by(body, draft)
-    if body.rigid and any(anchor.directions == "xyz" and not anchor.follows_rest for anchor in body.anchors):
+    fixed = any(anchor.directions == "xyz" and not anchor.follows_rest for anchor in body.anchors)
+    if body.rigid and fixed and motion_of(body) is None:
         solver = None  # its frame is fixed
     if not body.rigid and len(body_tetrahedra(body)):
         add_soft_body(name, body, solver, draft, translation)

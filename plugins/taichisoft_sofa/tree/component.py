@@ -4,57 +4,51 @@ import difflib
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
 from types import ModuleType
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from taichisoft.errors import nearest
+from taichisoft.errors import SceneError, nearest
 from taichisoft_sofa.tree.data import Data, LinkPath, getter
 from taichisoft_sofa.tree.place import Place, here
 from taichisoft_sofa.tree.value_kinds import (
     ANY,
     BOOL,
+    FALSE,
     INTEGER,
+    LINK,
     SCALAR,
     TEXT,
     TEXTS,
+    TRUE,
     VECTOR,
     Declared,
-    KindOf,
     ValueKind,
+    WrongValue,
     canonical,
     kind_called,
+    numbers,
 )
 
 # Paths of links between components: @loader.position, @../finger1/boxROI.indices, @/Config.
 
 
-class Branch(Protocol):
-    """Interface of a node for paths."""
-
-    @property
-    def parents(self) -> Sequence[Any]: ...
-    @property
-    def objects(self) -> Sequence[Any]: ...
-    def getChild(self, name: str, warning: bool = ...) -> Any: ...
-    def own_object(self, name: str) -> Any: ...
-    def getRoot(self) -> Any: ...
-
-
-def follow(path: str, start: Branch, owner: Any = None) -> Any:
+def follow(path: str, start: Any, owner: Any = None) -> Any:
     """Resolve a path to a component, a node or a data; None for a broken path.
 
     Args:
         path: path, with or without @.
-        start: node at which the path starts.
+        start: node at which the path starts; None of a component without a node, all of whose paths are broken.
         owner: component with the path; @[-1] is the component added before it.
 
     A path that begins with a name is searched in the node, then in its ancestors.
     """
+    if start is None:
+        return None
     path = path.strip().removeprefix("@")
     folder, slash, last = path.rpartition("/")
     name, _, data = last.partition(".") if last.strip(".") else (last, "", "")
@@ -68,7 +62,7 @@ def follow(path: str, start: Branch, owner: Any = None) -> Any:
     return found.findData(data) if found is not None and data else found
 
 
-def _first_above(node: Branch, names: list[str], owner: Any) -> Any:
+def _first_above(node: Any, names: list[str], owner: Any) -> Any:
     found = _descend(node, names, owner)
     for parent in node.parents:
         if found is not None:
@@ -94,7 +88,7 @@ def _descend(place: Any, names: list[str], owner: Any) -> Any:
     return place
 
 
-def _neighbour(node: Branch, owner: Any, offset: int) -> Any:
+def _neighbour(node: Any, owner: Any, offset: int) -> Any:
     """The component added `offset` places after `owner`, before it if negative."""
     objects = list(node.objects)
     here = next((index for index, item in enumerate(objects) if item is owner), len(objects))
@@ -207,8 +201,8 @@ class TreeObject(ABC):
     # Names and paths.
 
     @abstractmethod
-    def link_start(self) -> "Branch":
-        """The node from which links start."""
+    def link_start(self) -> Any:
+        """The node from which links start, or None."""
 
     def getName(self) -> str:
         data = self.data_by_name.get("name")
@@ -256,6 +250,66 @@ class TreeObject(ABC):
             (str(link), link.target if isinstance(link, LinkPath) else follow(str(link), self.link_start(), self))
             for link in links
         ]
+
+    # Values for the translation.
+
+    def is_given(self, name: str) -> bool:
+        """Whether the scene wrote to a data."""
+        data = self.findData(name)
+        return data is not None and data.is_set()
+
+    def read_data(self, *names: str) -> Any:
+        """The value of the first of these data that the scene wrote, else the default of the first, or None."""
+        for name in names:
+            if self.is_given(name) and (data := self.findData(name)) is not None:
+                return data.given()
+        data = self.findData(names[0]) if self.declared_data(names[0]) is not None else None
+        return None if data is None else data.given()
+
+    def read_numbers(self, *names: str, default: Sequence[float] | None = None) -> np.ndarray:
+        """Numbers of the first of these data that the scene wrote, else the default, flattened, shape (n,).
+
+        A default replaces the declared one.
+        """
+        if default is not None and not any(self.is_given(name) for name in names):
+            return np.array(default, dtype=np.float64)
+        value = self.read_data(*names)
+        try:
+            return np.zeros(0) if value is None else numbers(value, bools=True)
+        except WrongValue as error:
+            raise self.refused(f"{names[0]}: {error}") from error
+
+    def read_number(self, *names: str, default: float | None = None) -> float:
+        """The first number of a data."""
+        values = self.read_numbers(*names, default=None if default is None else [default])
+        if not len(values):
+            raise self.refused(f"{names[0]} is empty; a number is needed")
+        return float(values[0])
+
+    def read_vector(self, *names: str, default: Sequence[float] | None = None) -> np.ndarray:
+        """Three numbers of a data; a default replaces the declared one."""
+        values = self.read_numbers(*names, default=default)
+        if len(values) != 3:
+            raise self.refused(f"{names[0]} has {len(values)} numbers; 3 are needed")
+        return values
+
+    def read_flag(self, name: str) -> bool:
+        """A data that is true or false."""
+        value = self.read_data(name)
+        if isinstance(value, str):
+            if value.strip().lower() not in TRUE | FALSE:
+                raise self.refused(f"{name} = '{value}'; must be true or false")
+            return value.strip().lower() in TRUE
+        return value is not None and bool(np.ravel(value)[0])
+
+    def read_text(self, *names: str) -> str:
+        """A data as text."""
+        value = self.read_data(*names)
+        return "" if value is None else str(value).strip()
+
+    def refused(self, why: str) -> SceneError:
+        """Error that this cannot be translated, and why."""
+        return SceneError(f"{self.described()} ({self.place}): {why}")
 
     # Attributes.
 
@@ -334,14 +388,15 @@ class ComponentType:
 
 Translate = TypeVar("Translate", bound=Callable[[Any, Any], None])
 MARK = "component_types"
-OF_COMPONENTS = {**COMMON, "template": Declared(TEXT), "src": Declared(TEXT)}
+OF_COMPONENTS = {**COMMON, "template": Declared(TEXT), "src": Declared(LINK)}
 
 
 def component(*type_names: str, **data: Any) -> Callable[[Translate], Translate]:
     """Declare the types that a function translates, and the data that are read of them.
 
-    A data is a kind, a kind with SOFA's default and perhaps bounds, `youngModulus=(SCALAR, 5000, ABOVE_0)`, or what
-    `derived` or `unused` return. `register` makes the declarations known.
+    A data is SOFA's default, with bounds `radius=(1.0, ABOVE_0)`; a kind, with a default and bounds where that says too
+    little, `indices=(INDICES, (0,), FROM_0)`; or what `derived`, `live` or `unused` return. `register` makes the
+    declarations known.
     """
 
     def mark(function: Translate) -> Translate:
@@ -352,21 +407,31 @@ def component(*type_names: str, **data: Any) -> Callable[[Translate], Translate]
     return mark
 
 
+KINDS: dict[type, ValueKind] = {bool: BOOL, int: INTEGER, float: SCALAR, str: TEXT, tuple: VECTOR}
+"""Kinds of data by the type of SOFA's default; a tuple of numbers is one of any length."""
+
+
 def _declaration(given: Any) -> Declared:
     if isinstance(given, Declared):
         return given
-    return Declared(*given) if isinstance(given, tuple) else Declared(given)
+    is_alone = not isinstance(given, tuple) or all(isinstance(part, int | float) for part in given)
+    first, *others = (given,) if is_alone else given
+    return Declared(KINDS[type(first)], first, *others) if type(first) in KINDS else Declared(first, *others)
 
 
-def derived(kind: KindOf, compute: Callable[[Any], Any]) -> Declared:
+def derived(given: Any, compute: Callable[[Any], Any]) -> Declared:
     """A data that is computed from others by a function of the component, which reads values by `Data.given`."""
-    return Declared(kind, compute=compute)
+    return replace(_declaration(given), compute=compute)
+
+
+def live(*given: Any) -> Declared:
+    """A data of this kind or default, and bounds, that a run reads in every step."""
+    return replace(_declaration(given if len(given) > 1 else given[0]), live=True)
 
 
 def unused(default: Any) -> Declared:
     """A data that affects the motion of bodies in SOFA, but not here: reported unless it has SOFA's default."""
-    kinds: dict[type, ValueKind] = {bool: BOOL, int: INTEGER, float: SCALAR, tuple: VECTOR}
-    return Declared(kinds.get(type(default), TEXT), default, unused=True)
+    return replace(_declaration(default), unused=True)
 
 
 def without_effect(names: str) -> dict[str, Declared]:
@@ -447,7 +512,7 @@ class Component(TreeObject):
         return list(declared(self.type_name))
 
     def link_start(self) -> Any:
-        return self._context if self._context is not None else NOWHERE
+        return self._context
 
     def getPathName(self) -> str:
         return f"{self._context.getPathName().rstrip('/') if self._context is not None else ''}/{self.getName()}"
@@ -462,22 +527,3 @@ class Component(TreeObject):
     def reinit(self) -> None:
         """Request an update after changes of data, such as of the stiffness by Young's modulus."""
         self.reinit_requested = True
-
-
-class _Nowhere:
-    """Start of the links of a component without a node."""
-
-    parents: tuple[Any, ...] = ()
-    objects: tuple[Any, ...] = ()
-
-    def getChild(self, _name: str, warning: bool = True) -> None:
-        return None
-
-    def own_object(self, _name: str) -> None:
-        return None
-
-    def getRoot(self) -> "_Nowhere":
-        return self
-
-
-NOWHERE = _Nowhere()

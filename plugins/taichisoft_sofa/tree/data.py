@@ -146,6 +146,7 @@ class Data(Arithmetic):
         revision: number of writes.
         place: line of the last write.
         provider: function that returns the value in a run, or None.
+        was_read: whether anything has read what the scene wrote.
         names_given: number of writes to names of any component or node.
     """
 
@@ -157,6 +158,7 @@ class Data(Arithmetic):
         self.revision = 0
         self.place: Place | None = None
         self.provider: Callable[[], Any] | None = None
+        self.was_read = False
         self._own = Declared(kind, default, None) if kind is not None else None
         self._written: Any = None
         self._converted: tuple[ValueKind, Any, Any] | None = None  # kind, converted value, and result
@@ -219,6 +221,7 @@ class Data(Arithmetic):
 
     def given(self) -> Any:
         """Written value or target of the link, converted to the kind; else the default."""
+        self.was_read = True
         if self._path is not None:
             self._parent = self.owner.linked_data(self._path, self.name)
             if self._parent is None:
@@ -248,6 +251,7 @@ class Data(Arithmetic):
 
     def written(self) -> Any:
         """Written value, as in the scene; None for a link that was resolved."""
+        self.was_read = True
         return self._path or self._written
 
     def written_text(self) -> str:

@@ -18,7 +18,7 @@ from taichisoft_sofa.tree.data import Data, LinkPath
 from taichisoft_sofa.tree.node import MAKERS, Node
 from taichisoft_sofa.tree.place import PACKAGE, here
 from taichisoft_sofa.tree.scene_controller import KEYS, DataEngine, ForceField, PythonScriptController, SceneController
-from taichisoft_sofa.tree.scene_modules import OurLoader, SceneFinder, SceneLoader, is_ours
+from taichisoft_sofa.tree.scene_modules import RUNNING, OurLoader, SceneFinder, SceneLoader, is_ours, running
 
 # A stand-in for pyserial, for scenes that talk to a robot: no port is there, and nothing is sent or read.
 
@@ -267,7 +267,7 @@ def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
     simulation = StandIn(
         "Sofa.Simulation", init=lambda node: node.init(), **{name: _own_loop(name) for name in OWN_LOOPS}
     )
-    types = StandIn("Sofa.Types")
+    types = StandIn("Sofa.Types", RGBAColor=_colour)
     gui = StandIn("Sofa.Gui")
     sofa = StandIn(
         "Sofa",
@@ -287,8 +287,16 @@ def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
     runtime = StandIn(
         "SofaRuntime", DataRepository=repository, PluginRepository=Repository([]), importPlugin=lambda name: True
     )
-    every = (sofa, core, gui, helper, simulation, types, constants, key, runtime, StandIn("SofaTypes"))
+    # Scenes import a module of bindings so that its components have Python methods; data alone are needed here.
+    bindings = (StandIn(name) for name in ("SofaTypes", "Sofa.SofaLinearSystem", "Sofa.SofaDeformable", "SofaExporter"))
+    every = (sofa, core, gui, helper, simulation, types, constants, key, runtime, *bindings)
     return {module.__name__: module for module in every}
+
+
+def _colour(*parts: Any) -> list[float]:
+    """Sofa.Types.RGBAColor: red, green, blue and opacity, of numbers or a list of them."""
+    given = [float(part) for part in (parts[0] if len(parts) == 1 else parts)]
+    return [*given, 1.0] if len(given) == 3 else given
 
 
 OWN_LOOPS = ("animate", "animateNSteps", "load", "reset", "unload", "updateVisual", "initVisual")
@@ -327,10 +335,6 @@ def _message(level: int) -> Callable[..., None]:
     return message
 
 
-# Running scenes, innermost last, since a scene may load another.
-_running: list["SceneModules"] = []
-
-
 class SceneModules:
     """A reusable context for a scene's code: `with modules: ...`.
 
@@ -359,7 +363,7 @@ class SceneModules:
         self._depth += 1
         if self._depth > 1:
             return self
-        _running.append(self)
+        RUNNING.append(self)
         self._known = dict(sys.modules)
         self._path, self._hooks = list(sys.path), list(sys.meta_path)
         self._path_cache = set(sys.path_importer_cache)
@@ -376,7 +380,7 @@ class SceneModules:
         self._depth -= 1
         if self._depth:
             return
-        _running.remove(self)
+        RUNNING.remove(self)
         imported = [name for name, module in sys.modules.items() if self._known.get(name) is not module]
         belonging = {name for name in imported if self._is_of_scene(sys.modules[name])}
         self._modules |= {name: sys.modules[name] for name in belonging}
@@ -436,13 +440,6 @@ class SceneModules:
             or (isinstance(value, type) and value.__module__.partition(".")[0] == PACKAGE)
             for value in list(getattr(module, "__dict__", {}).values())
         )
-
-
-def running() -> SceneModules:
-    """Modules of the running scene."""
-    if not _running:
-        raise RuntimeError("no scene is running")
-    return _running[-1]
 
 
 def _names_of_modules(folder: Path) -> set[str]:

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from taichisoft_sofa.tree.component import COMMON, Component, TreeObject, follow
+from taichisoft_sofa.tree.component import COMMON, Component, TreeObject, follow, live
 from taichisoft_sofa.tree.data import Data, getter
 from taichisoft_sofa.tree.place import here
 from taichisoft_sofa.tree.value_kinds import ABOVE_0, ALIASES, BOOL, INTEGER, SCALAR, Declared, canonical, fixed
@@ -12,7 +12,7 @@ from taichisoft_sofa.tree.value_kinds import ABOVE_0, ALIASES, BOOL, INTEGER, SC
 LOG = logging.getLogger(__name__)
 OF_NODES = {
     **COMMON,
-    "gravity": Declared(fixed(3), (0.0, -9.81, 0.0)),
+    "gravity": live(fixed(3), (0.0, -9.81, 0.0)),
     "dt": Declared(SCALAR, 0.01, ABOVE_0),
     "time": Declared(SCALAR, 0.0),
     "animate": Declared(BOOL),

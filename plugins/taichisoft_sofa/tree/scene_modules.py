@@ -44,15 +44,11 @@ def _join(words: Any, separator: str = " ") -> str:
     return separator.join(words)
 
 
-METHODS = (
-    *("upper", "lower", "capitalize", "swapcase", "strip", "lstrip", "rstrip", "split", "rsplit", "replace", "find"),
-    *("rfind", "index", "rindex", "count", "ljust", "rjust", "center", "zfill", "expandtabs", "translate"),
-)
 OF_STRING: dict[str, Any] = {
+    **{name: getattr(str, name) for name in dir(str) if not name.startswith("_")},
     "join": _join,
     "joinfields": _join,
     "splitfields": str.split,
-    **{name: getattr(str, name) for name in METHODS},
     "atof": float,
     "atoi": int,
     "atol": int,
@@ -221,6 +217,17 @@ def _is_neighbour_alone(name: str, path: Path) -> bool:
     return importlib.util.find_spec(name) is None
 
 
+RUNNING: list[Any] = []
+"""The environments of running scenes, innermost last, since a scene may load another."""
+
+
+def running() -> Any:
+    """The environment of the running scene, a `SceneModules`."""
+    if not RUNNING:
+        raise RuntimeError("no scene is running")
+    return RUNNING[-1]
+
+
 # Scenes in XML (.scn) as programs: each element is a statement of `createScene` on its own line.
 
 KEYWORD = b"<"
@@ -238,15 +245,8 @@ def xml_program(path: Path, source: bytes) -> ast.Module:
     A `Node` is a child, the outermost the root itself; any other element a component of its type, or of its attribute
     `type` where it is an `Object`. Values are the texts of the attributes.
     """
-    builder = _Builder(path)
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = lambda tag, given: builder.begin(tag, given, parser.CurrentLineNumber)
-    parser.EndElementHandler = builder.end
-    try:
-        parser.Parse(source, True)
-    except expat.ExpatError as error:
-        what = expat.ErrorString(error.code)
-        raise SceneError(f"{path}, line {error.lineno}: no scene in XML: {what}") from error
+    builder = _Builder()
+    builder.read(path, source)
     module = ast.parse("def createScene(root):\n    pass")
     assert isinstance(module.body[0], ast.FunctionDef)
     module.body[0].body = builder.statements or module.body[0].body
@@ -256,17 +256,50 @@ def xml_program(path: Path, source: bytes) -> ast.Module:
 class _Builder:
     """Makes the statements, element by element."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self) -> None:
         self.statements: list[ast.stmt] = []
-        self._path = path
+        self._files: list[Path] = []
+        self._replaced: list[dict[str, str]] = []
         self._open: list[str] = []
         self._count = 0
 
+    def read(self, path: Path, source: bytes, replaced: dict[str, str] | None = None) -> None:
+        """Read a file, and those that it includes, with other values of attributes of its outermost node."""
+        if path in self._files:
+            raise SceneError(f"{self._files[-1]}: includes '{path}', which includes it")
+        parser = expat.ParserCreate()
+        parser.StartElementHandler = lambda tag, given: self.begin(tag, given, parser.CurrentLineNumber)
+        parser.EndElementHandler = self.end
+        self._files.append(path)
+        self._replaced.append(replaced or {})
+        try:
+            parser.Parse(source, True)
+        except expat.ExpatError as error:
+            what = expat.ErrorString(error.code)
+            raise SceneError(f"{path}, line {error.lineno}: no scene in XML: {what}") from error
+        self._files.pop()
+
+    def _include(self, given: dict[str, str], where: str) -> None:
+        """Read the file that an `include` names; its other attributes replace those of the file's outermost node."""
+        name = given.pop("href", "")
+        beside = self._files[-1].parent / name
+        path = beside if beside.is_file() else running().find_file(name)
+        if path is None:
+            raise SceneError(f"{where}: includes '{name}': no such file beside it or in the folders of the scene")
+        if of_component := [key for key in given if "__" in key]:
+            raise SceneError(f"{where}: {of_component[0]}: sets a datum inside an included file; set it in that file")
+        self.read(path, path.read_bytes(), given)
+
     def begin(self, tag: str, given: dict[str, str], line: int) -> None:
         """An element begins: a node inside of which others are, or a component."""
-        where, inside = f"{self._path}, line {line}", self._open[-1] if self._open else ""
+        where, inside = f"{self._files[-1]}, line {line}", self._open[-1] if self._open else ""
+        given = given | (self._replaced.pop() if self._replaced and tag != "include" else {})
         if tag == "include":
-            raise SceneError(f"{where}: includes '{given.get('href', '')}'; write its nodes into this file instead")
+            self._open.append("component")
+            self._open.append(inside)
+            self._include(given, where)
+            self._open.pop()
+            return
         if not inside and tag != "Node":
             raise SceneError(f"{where}: begins with <{tag}>; a scene in XML begins with <Node>")
         if inside == "component":

@@ -104,6 +104,7 @@ class Declared:
         default: value without a written one; None: the kind's.
         bounds: range of valid numbers; unlimited for data added by a scene.
         unused: whether the data affects the motion of bodies in SOFA, but not here.
+        live: whether a run reads it in every step, so that a scene's controllers may change it.
         compute: makes the value of other data of the component, unless a controller writes it.
     """
 
@@ -111,11 +112,13 @@ class Declared:
     default: Any = None
     bounds: Bounds | None = FINITE
     unused: bool = False
+    live: bool = False
     compute: Callable[[Any], Any] | None = None
 
 
 ALIASES = {
-    "EulerImplicit": "EulerImplicitSolver",
+    **dict.fromkeys(("EulerImplicit", "EulerImplicitIntegrationScheme"), "EulerImplicitSolver"),
+    "StaticIntegrationScheme": "StaticSolver",
     "CollisionResponse": "RuleBasedContactManager",
     "DefaultContactManager": "RuleBasedContactManager",
     "DefaultPipeline": "CollisionPipeline",
@@ -124,24 +127,17 @@ ALIASES = {
     "GenericConstraintSolver": "BlockGaussSeidelConstraintSolver",
     "FreeMotionMasterSolver": "FreeMotionAnimationLoop",
     "LinearMovementConstraint": "LinearMovementProjectiveConstraint",
-    "Sphere": "SphereCollisionModel",
-    "SphereModel": "SphereCollisionModel",
-    "SphereSet": "SphereCollisionModel",
     "RegularGrid": "RegularGridTopology",
     "SparseGrid": "SparseGridTopology",
     "HexahedralFEMForceField": "HexahedronFEMForceField",
     "RigidRigidMapping": "RigidMapping",
     "Mesh": "MeshTopology",
     "MeshObjLoader": "MeshOBJLoader",
-    "Triangle": "TriangleCollisionModel",
-    "TriangleModel": "TriangleCollisionModel",
-    "TriangleSet": "TriangleCollisionModel",
-    "Line": "LineCollisionModel",
-    "LineModel": "LineCollisionModel",
-    "LineSet": "LineCollisionModel",
-    "Point": "PointCollisionModel",
-    "PointModel": "PointCollisionModel",
-    "PointSet": "PointCollisionModel",
+    **{
+        f"{shape}{ending}": f"{shape}CollisionModel"
+        for shape in ("Sphere", "Triangle", "Line", "Point")
+        for ending in ("", "Model", "Set")
+    },
 }
 """Present names of types of components, by those of older versions of SOFA."""
 
