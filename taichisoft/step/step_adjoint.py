@@ -4,9 +4,9 @@ With the unknowns u of a step (velocities and impulses) and its equations r(y, u
 end changes by dJ = -m . (dr/dy) dy, where the multipliers m solve the transposed equations, (dr/du)^T m = dJ/du:
 `StepDerivative.multipliers`. This module has the products m . dr/dy, with u as it is:
 
-    soft bodies:   r = M (v - v0) + h a M v - h f(x0 + (s + b) v; R(x0)) - h (loads at x0) - J(x0)^T l
+    soft bodies:   r = M (v - v0) + h a M v - h f(x0 + (h + b) v; R(x0)) - h (loads at x0) - J(x0)^T l
     rigid bodies:  r = w - free(y) - W(y) (impulses)
-    contacts:      velocities of their rows, by the places of surfaces where the search has measured them
+    rows:          r = target(y) - J(y) u, of contacts by where the search has measured surfaces: `contact_slopes.py`
 """
 
 from dataclasses import dataclass, fields
@@ -15,25 +15,20 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.base.rotations import edge_frames, matrices_from_quaternions, quaternion_from_matrix
+from taichisoft.base.rotations import edge_frames, matrices_from_quaternions, quaternion_from_matrix, turn_matrices
 from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.body_geometry import PosesAhead
 from taichisoft.mechanics.kernels.domain_deformation import DILATION, LAMBDA, MU, SHAPE
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.state import State
-from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.contact_slopes import contact_slopes
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
 TURN, SPEED = 1e-4, 1e-3
 """Half widths of differences by turns of rigid bodies [rad] and by their angular velocities [rad/s]."""
 MOVE = 1e-2
 """Largest move of a node in differences of the actuators' gradients, which are polynomials of it or nearly so [mm]."""
-IMAGINARY = 1e-30
-"""Part of a number by which analytic functions are derived without round-off (Squire and Trapp 1998, Using complex
-variables to estimate derivatives of real functions)."""
-ALIKE = 1e-6
-"""Largest difference between a contact's row and what is derived in its place [-], [mm] and [mm/s]."""
 
 
 @dataclass
@@ -122,8 +117,8 @@ class ElasticSlopes:
         # m . r = h sum (R sigma(S)) : L with L = R T; it changes with F, and with the turn w of R by t . w.
         of_lagged = time_step * turn @ virtual
         turned = back @ (lagged @ virtual + along @ stress)
-        torque = time_step * _axial(turned)
-        of_place = of_lagged + turn @ _cross(self._by_polar(back @ deformation, torque))
+        torque = time_step * axial_vectors(turned)
+        of_place = of_lagged + turn @ cross_matrices(self._by_polar(back @ deformation, torque))
         slopes.position -= self._on_nodes(of_place)
         self._subtract_edges(start.position, frames, torque, slopes.position)
         product = time_step * (stress * measured).sum(axis=(1, 2))
@@ -149,7 +144,9 @@ class ElasticSlopes:
         first, second, third = position[self._edge_nodes].transpose(1, 0, 2)
         return edge_frames(second - first, third - first)
 
-    def _subtract_edges(self, position: np.ndarray, frames: np.ndarray, torque: np.ndarray, of_node: np.ndarray) -> None:
+    def _subtract_edges(
+        self, position: np.ndarray, frames: np.ndarray, torque: np.ndarray, of_node: np.ndarray
+    ) -> None:
         """The same of rotations by two edges: a frame turns with its first edge, and about it with the second."""
         if not len(self._edges):
             return
@@ -172,13 +169,13 @@ def _hooke(strain: np.ndarray, modulus: np.ndarray) -> np.ndarray:
     return shear + (modulus[:, 0] * trace)[:, None, None] * np.eye(3)
 
 
-def _axial(matrix: np.ndarray) -> np.ndarray:
+def axial_vectors(matrix: np.ndarray) -> np.ndarray:
     """Vectors t with t . w = A : [w], of which [t] is A - A^T."""
     odd = matrix - matrix.transpose(0, 2, 1)
     return np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1)
 
 
-def _cross(vector: np.ndarray) -> np.ndarray:
+def cross_matrices(vector: np.ndarray) -> np.ndarray:
     """Matrices of cross products with vectors, shape (count, 3, 3)."""
     x, y, z = vector.T
     nought = np.zeros_like(x)
@@ -210,17 +207,19 @@ class StepAdjoint:
         by_material, by_damping, by_drag, by_density, by_mass, by_friction: derivatives, summed over all steps, by
             Young's moduli [1/kPa], by Rayleigh's factors of stiffness [1/s] and of mass [s], by a share of the density
             of soft bodies and of the mass of rigid bodies [-], and by friction [-] of each two bodies.
+        carried: derivatives by the velocities that lead bodies to where frames carry them, where contacts are sought;
+            of the last step, shape (rigid_count, 6).
         fixed: number of contacts, of all `contacts`, whose places on the bodies were taken as they are.
     """
 
-    def __init__(self, model: Model, rigid: RigidMotion):
+    def __init__(self, model: Model):
         """Prepare for the steps of a model.
 
         Raises:
             SceneError: the model has something whose steps have no derivative by their start here.
         """
         _refuse(model)
-        self._model, self._rigid, self._time_step = model, rigid, model.scene.time.step
+        self._model, self._time_step = model, model.scene.time.step
         self._elastic = ElasticSlopes(model) if model.elasticity is not None else None
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         bodies = model.soft_bodies
@@ -228,6 +227,7 @@ class StepAdjoint:
         self.by_material, self.by_damping = np.zeros(len(model.young_modulus)), np.zeros(len(bodies))
         self.by_drag, self.by_density, self.by_mass = (*np.zeros((2, len(bodies))), np.zeros(len(model.rigid_bodies)))
         self.by_friction = np.zeros((len(model.body_names),) * 2)
+        self.carried = np.zeros((len(model.rigid_bodies), 6))
         self.fixed = self.contacts = 0
 
     def back(self, derivative: StepDerivative, end: Slopes, impulse: np.ndarray) -> tuple[Slopes, Multipliers]:
@@ -236,18 +236,21 @@ class StepAdjoint:
         moved = h * solution.rigid_velocity[:, 3:]
         of_rigid = end.rigid_velocity.copy()
         of_rigid[:, :3] += h * end.rigid_position
-        of_rigid[:, 3:] += h * (_turn_matrix(moved, mean=True).transpose(0, 2, 1) @ end.rigid_turn[..., None])[..., 0]
+        of_rigid[:, 3:] += h * (turn_matrices(moved, mean=True).transpose(0, 2, 1) @ end.rigid_turn[..., None])[..., 0]
         found = derivative.multipliers(end.velocity + h * end.position, of_rigid, impulse)
-        turned = (_turn_matrix(moved).transpose(0, 2, 1) @ end.rigid_turn[..., None])[..., 0]
+        turned = (turn_matrices(moved).transpose(0, 2, 1) @ end.rigid_turn[..., None])[..., 0]
         nothing = Slopes.none(self._model)
-        slopes = Slopes(end.position.copy(), nothing.velocity, end.rigid_position.copy(), turned, nothing.rigid_velocity)
+        slopes = Slopes(
+            end.position.copy(), nothing.velocity, end.rigid_position.copy(), turned, nothing.rigid_velocity
+        )
         if self._elastic is not None:
             self._add_soft(derivative, found, slopes)
         self._add_actuators(derivative, found, slopes)
         self._add_rigid(derivative, found, slopes)
+        self.carried[:] = 0.0
         if derivative.contact_count:
             self._add_contacts(derivative, found, slopes)
-        self._rigid.begin(start)
+        derivative.rigid.begin(start)
         return slopes, found
 
     def _add_soft(self, derivative: StepDerivative, found: Multipliers, slopes: Slopes) -> None:
@@ -275,14 +278,16 @@ class StepAdjoint:
             return
         coordinates, entries = model.actuators.coordinates, np.diff(model.actuators.coordinates.entry_start)
         row = np.zeros(model.actuators.count)
-        row[derivative.coordinates] = found.row[3 * derivative.contact_count :]
+        row[derivative.coordinates] = -found.row[3 * derivative.contact_count :]
         directions = (found.node, -h * solution.effort), (solution.node_velocity, row)
         for direction, weight in directions:
             largest = float(np.abs(direction).max(initial=0.0))
             if not (largest > 0.0 and weight.any()):
                 continue
             share = MOVE / largest
-            change = 0.5 / share * (self._gradients(start, share * direction) - self._gradients(start, -share * direction))
+            change = (
+                0.5 / share * (self._gradients(start, share * direction) - self._gradients(start, -share * direction))
+            )
             np.subtract.at(slopes.position, coordinates.entry_node, np.repeat(weight, entries)[:, None] * change)
         here = np.repeat(row / h, entries)[:, None] * self._gradients(start, 0.0)
         np.subtract.at(slopes.position, coordinates.entry_node, here)
@@ -294,7 +299,7 @@ class StepAdjoint:
 
     def _add_rigid(self, derivative: StepDerivative, found: Multipliers, slopes: Slopes) -> None:
         """Free motion and inertia change with poses and velocities: by differences, of all bodies at once."""
-        start, rigid, impulse = derivative.start, self._rigid, derivative.solution.rigid_impulse
+        start, rigid, impulse = derivative.start, derivative.rigid, derivative.solution.rigid_impulse
         if not len(start.rigid_position):
             return
         rigid.begin(start)
@@ -308,7 +313,7 @@ class StepAdjoint:
                 for sign in (width, -width):
                     changes: dict[str, np.ndarray] = {}
                     if name == "turn":
-                        turn = _turn_matrix((sign * vector)[None])[0]
+                        turn = turn_matrices((sign * vector)[None])[0]
                         changes["rigid_rotation"] = np.array([quaternion_from_matrix(turn @ one) for one in turns])
                     else:
                         field = {"place": "position", "linear": "velocity", "angular": "angular_velocity"}[name]
@@ -326,15 +331,25 @@ class StepAdjoint:
                 of[name][:] += change
 
     def _add_contacts(self, derivative: StepDerivative, found: Multipliers, slopes: Slopes) -> None:
-        rows = ContactSlopes(self._model, derivative, found)
-        by, fits = rows.find()
-        self.fixed += int((~fits).sum())
-        self.contacts += len(fits)
-        rows.scatter(-by, slopes)
-        first = derivative.friction_rows
-        pairs = tuple(rows.bodies[first // 3].T)
-        pressing = derivative.impulse[3 * (first // 3)]
-        np.subtract.at(self.by_friction, pairs, found.condition[first] * pressing)
+        derivative.rigid.begin(derivative.start)
+        places = contact_slopes(self._model, derivative, found, derivative.rigid.state)
+        slopes.position += places.position
+        slopes.velocity += places.velocity
+        own = places.rigid
+        # What frames carry has the velocity that leads to where they are.
+        carried = derivative.rigid.carried.index
+        self.carried[carried] = own[carried, 2:].reshape(-1, 6)
+        own[carried, :2] -= own[carried, 2:] / self._time_step
+        own[carried, 2:] = 0.0
+        slopes.rigid_position += own[:, 0]
+        slopes.rigid_turn += own[:, 1]
+        slopes.rigid_velocity += own[:, 2:].reshape(-1, 6)
+        self.fixed += int(places.fixed.sum())
+        self.contacts += len(places.fixed)
+        sliding = np.flatnonzero([one.slides for one in derivative.contact_conditions()])
+        pairs = derivative.problem.contacts.found.bodies[derivative.contacts[sliding]]
+        by_friction = found.condition[3 * sliding + 1] * derivative.impulse[3 * sliding]
+        np.subtract.at(self.by_friction, tuple(pairs.T), by_friction)
 
 
 def _refuse(model: Model) -> None:
@@ -356,19 +371,3 @@ def _refuse(model: Model) -> None:
     ):
         if is_there:
             raise SceneError(f"gradient: a run has no gradient here with {what}")
-
-
-def _turn_matrix(turn: np.ndarray, mean: bool = False) -> np.ndarray:
-    """Rotations by vectors [rad], (..., 3, 3), or their means on the way, by which vectors turn with a change."""
-    square = (turn**2).sum(axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(turn, -1, 0)
-    cross = np.moveaxis(np.array([[0.0 * x, -z, y], [z, 0.0 * x, -x], [-y, x, 0.0 * x]]), (0, 1), (-2, -1))
-    small = np.abs(square) < 1e-4
-    angle = np.sqrt(np.where(small, 1.0, square))
-    if mean:
-        first = np.where(small, 0.5 - square / 24.0 + square**2 / 720.0, (1.0 - np.cos(angle)) / angle**2)
-        second = np.where(small, (1.0 - square / 20.0 + square**2 / 840.0) / 6.0, (angle - np.sin(angle)) / angle**3)
-    else:
-        first = np.where(small, 1.0 - square / 6.0 + square**2 / 120.0, np.sin(angle) / angle)
-        second = np.where(small, 0.5 - square / 24.0 + square**2 / 720.0, (1.0 - np.cos(angle)) / angle**2)
-    return np.eye(3) + first * cross + second * (cross @ cross)

@@ -1,0 +1,593 @@
+"""The gradient of a run: how an objective of it changes with controls, start, materials and coefficients."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichisoft.contact.kernels.constraint_problem import PREFERRED
+from taichisoft.contact.model import Model
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation, find_figure
+from taichisoft.control.observer import Fingertips
+from taichisoft.control.requests import DRIVES
+from taichisoft.errors import ControlError, TaichisoftError, nearest
+from taichisoft.mechanics.body_geometry import PosesAhead
+from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS, ActuatorGeometry
+from taichisoft.mechanics.state import State
+from taichisoft.running.simulation import Simulation, check_simulation
+from taichisoft.step.linearisation import AXES, BASE, asking
+from taichisoft.step.step_adjoint import Slopes, StepAdjoint, axial_vectors, cross_matrices
+from taichisoft.step.step_derivative import Multipliers, StepDerivative
+
+Objective = Callable[[Observation], tuple[float, Mapping[str, Any]]]
+"""Gives its part of the objective after a step, and the derivatives of this part by figures that it reads."""
+Controls = Sequence[Control | None] | Mapping[str, Any]
+HALF_WIDTHS = (1e-3, 1e-5)
+"""Half widths of differences by translations [mm] and rotations [rad] of the base."""
+PROBE = 1e-3
+"""By how much a target is moved to see whether the next one follows it."""
+
+
+@dataclass(frozen=True)
+class RunGradient:
+    """The value of an objective over a run, and its derivatives.
+
+    `found["pressure.finger1.cavity"]` has an entry for each step, 0 where a step asks for nothing; the unit of all is
+    the objective's over that of the quantity.
+
+    Attributes:
+        value: sum of the objective over all steps.
+        names: names of the derivatives.
+        observation: what is observed after the last step; exact, without the scene's sensors.
+        step_count: number of steps.
+        edge_share: share of the steps with a contact nearer to a change between open, sticking and sliding than the
+            solvers' tolerances tell; derivatives there are those of one side.
+        fixed_share: share of the contacts whose normal and points were taken to move along with their bodies, such as
+            those of round and curved surfaces; the derivative of their gap is exact.
+        shifted_share: share of the steps in which overlapping surfaces were shifted apart; the shift is constant.
+    """
+
+    value: float
+    names: tuple[str, ...]
+    observation: Observation
+    step_count: int
+    edge_share: float
+    fixed_share: float
+    shifted_share: float
+    _found: Mapping[str, np.ndarray]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The derivative by what a name means, see `taichisoft.gradient`.
+
+        Raises:
+            TaichisoftError: it was not asked for.
+        """
+        if name not in self._found:
+            raise TaichisoftError(f"gradient: no '{name}'; {nearest(str(name), list(self.names), 'there are')}")
+        return self._found[name]
+
+
+class LeastSquares:
+    """Objective: the sum of squares of the differences from measured curves.
+
+    Attributes:
+        curves: values of figures after each step, by their names; NaN where nothing was measured.
+        first_step: number of the step before the first value.
+    """
+
+    def __init__(self, curves: Mapping[str, Any], first_step: int = 0):
+        """Compare with these curves, arrays of shape (step_count, ...).
+
+        Raises:
+            TaichisoftError: a curve is not an array of numbers.
+        """
+        try:
+            self.curves = {name: np.array(values, dtype=np.float64) for name, values in curves.items()}
+        except (TypeError, ValueError, AttributeError):
+            raise TaichisoftError(f"curves = {curves!r}: must be arrays of numbers by the names of figures") from None
+        self.first_step = first_step
+
+    def __call__(self, observation: Observation) -> tuple[float, Mapping[str, np.ndarray]]:
+        """The squares of a step, and their derivatives."""
+        row, total, slopes = observation.step - self.first_step - 1, 0.0, {}
+        for name, values in self.curves.items():
+            if 0 <= row < len(values):
+                seen = observation_value(name, observation)
+                if seen.shape != values.shape[1:]:
+                    raise TaichisoftError(
+                        f"curves['{name}']: has rows of shape {values.shape[1:]}, must be {seen.shape}"
+                    )
+                missed = np.nan_to_num(seen - values[row])
+                total += float((missed**2).sum())
+                slopes[name] = 2.0 * missed
+        return total, slopes
+
+
+def observation_value(name: str, observation: Observation) -> np.ndarray:
+    """The value of a figure by its name, "normal_forces.finger1|cube" as well."""
+    field, _, key = name.partition(".")
+    values = getattr(observation.state if field == "state" else observation, key if field == "state" else field)
+    if isinstance(values, Mapping):
+        pair = tuple(key.split("|"))
+        values = (
+            values.get(pair, values.get(pair[::-1], 0.0))
+            if len(pair) == 2
+            else values[key]
+            if key
+            else list(values.values())
+        )
+    return np.asarray(values, dtype=np.float64)
+
+
+def gradient(
+    simulation: Simulation, controls: Controls, objective: Objective, by: Sequence[str], memory: float = 200.0
+) -> RunGradient:
+    """The gradient of an objective of the run from the simulation's present state; the simulation stays as it is.
+
+    It is that of the steps themselves: of each, contacts and actuators as they acted, linearised and transposed
+    (adjoint). So all parameters together take about as long as two more runs. It is exact where contacts stay open,
+    sticking or sliding for small changes; `RunGradient` says how far that was so.
+
+    Args:
+        simulation: where the run starts.
+        controls: a control, or None, for each step; or values for each step by the names of controls, as
+            `Linearisation` has them: {"pressure.finger1.cavity": [0.0, 1.0, 2.0]}.
+        objective: is called with the observation after each step, and gives its part of the objective with the
+            derivatives of this part by figures: `(seen.tip_positions["finger1"][2], {"tip_positions.finger1": [0, 0, 1]})`.
+        by: what to derive by. For each step: names of `controls`, "base_translation.x", "force.finger1.y". In all:
+            "start.position", "start.velocity", "start.rigid_position", "start.rigid_rotation" (by turns about the
+            axes of the world), "start.rigid_velocity" (linear and angular); "young_modulus.MATERIAL", "density.BODY",
+            "rayleigh_stiffness.BODY", "rayleigh_mass.BODY", "mass.BODY", and "friction" or "friction.BODY|BODY".
+        memory: states are kept up to so much [MB]; beyond, they are made again from every few steps.
+
+    Raises:
+        TaichisoftError: a name, a value or the objective is not valid, or the scene has something of which steps have
+            no derivative by their start.
+        SimulationDiverged: a step failed.
+    """
+    check_simulation(simulation)
+    run = _Run(simulation, controls, objective, by, memory)
+    before = simulation.state, simulation.report
+    try:
+        return run.back()
+    finally:
+        simulation.state, simulation.report = before
+
+
+class _Run:
+    """A run forwards, with states that are kept, and back."""
+
+    def __init__(
+        self, simulation: Simulation, controls: Controls, objective: Objective, by: Sequence[str], memory: float
+    ):
+        self._simulation, self._model, self._objective = simulation, simulation.model, objective
+        if not callable(objective):
+            raise TaichisoftError(f"objective = {objective!r}: must be a function of an observation")
+        if isinstance(memory, bool) or not isinstance(memory, int | float) or not memory > 0.0:
+            raise TaichisoftError(f"memory = {memory!r}: must be a number of megabytes above 0")
+        self._controls, self._count = _checked_controls(controls)
+        self._by = _checked_names(by, self._model, simulation.state)
+        self._adjoint = StepAdjoint(self._model)
+        self._figures = FigureSlopes(self._model)
+        self._of_steps = {name: np.zeros(self._count) for name in self._by if _is_of_steps(name)}
+        self._interval = _interval(self._count, simulation.state, 1e6 * memory)
+
+    def back(self) -> RunGradient:
+        """Run forwards, and then take the derivatives back from the end to the start."""
+        states, parts, value = self._forwards()
+        end, observation = self._simulation.state, self._simulation.observe_state(self._simulation.state)
+        slopes, carried = Slopes.none(self._model), _Carried(self._model)
+        edges = shifted = 0
+        for step in reversed(range(self._count)):
+            if step not in states:
+                self._again(states, step - step % self._interval, step)
+            self._simulation.state = states.pop(step)
+            control = self._control(step)
+            derivative = self._simulation.derivative(control)
+            impulse = np.zeros(len(derivative.impulse))
+            self._figures.add(parts[step], derivative, end, slopes, impulse, carried.target)
+            slopes, found = self._adjoint.back(derivative, slopes, impulse)
+            edges, shifted = edges + bool(derivative.edges()), shifted + (derivative.shift is not None)
+            carried.add(derivative, found)
+            self._keep_forces(step, derivative, found)
+            if any(name.startswith(tuple(BASE)) for name in self._of_steps):
+                carried.add_pose(derivative, found, self._adjoint)
+            carried.hand_over(step, control, self._simulation, derivative.start, self._of_steps)
+            end = self._simulation.state
+        by = {name: self._of_steps[name] if name in self._of_steps else self._of_run(name, slopes) for name in self._by}
+        shares = edges / self._count, self._adjoint.fixed / max(self._adjoint.contacts, 1), shifted / self._count
+        return RunGradient(value, tuple(self._by), observation, self._count, *shares, by)
+
+    def _control(self, step: int) -> Control:
+        """The control of a step from the simulation's present state."""
+        if isinstance(self._controls, Mapping):
+            values = {name: float(values[step]) for name, values in self._controls.items()}
+            return asking(self._simulation.state, values)
+        return self._controls[step] or Control()
+
+    def _forwards(self) -> tuple[dict[int, State], list[dict[str, np.ndarray]], float]:
+        """States at every few steps, derivatives of each part of the objective, and its value."""
+        simulation, states, parts, total = self._simulation, {}, [], 0.0
+        for step in range(self._count):
+            if step % self._interval == 0:
+                states[step] = simulation.state
+            simulation.step(self._control(step))
+            value, slopes = self._part(simulation.observe_state(simulation.state))
+            total += value
+            parts.append(slopes)
+        return states, parts, total
+
+    def _again(self, states: dict[int, State], first: int, last: int) -> None:
+        self._simulation.state = states[first]
+        for step in range(first, last):
+            self._simulation.step(self._control(step))
+            states[step + 1] = self._simulation.state
+
+    def _part(self, observation: Observation) -> tuple[float, dict[str, np.ndarray]]:
+        """What the objective says of an observation, checked."""
+        answer = self._objective(observation)
+        if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[1], Mapping):
+            raise TaichisoftError(f"objective gave {answer!r}: must be a number and derivatives by names of figures")
+        value, slopes = answer
+        checked = {}
+        for name, given in slopes.items():
+            slope = np.array(given, dtype=np.float64)
+            shape = find_figure(name, observation, self._model.body_names).of(observation).shape
+            if slope.shape != shape or not np.isfinite(slope).all():
+                raise TaichisoftError(f"objective: its derivative by '{name}' must be finite numbers of shape {shape}")
+            self._figures.check(name)
+            checked[name] = slope
+        if not np.isfinite(float(value)):
+            raise TaichisoftError(f"objective = {value!r} at {observation.time:g} s: must be finite")
+        return float(value), checked
+
+    def _keep_forces(self, step: int, derivative: StepDerivative, found: Multipliers) -> None:
+        tips, h = self._figures.tips, self._model.scene.time.step
+        for name, values in self._of_steps.items():
+            key, _, of = name.partition(".")
+            if key != "force":
+                continue
+            body, axis = of.rsplit(".", 1)
+            if body in tips.names:
+                nodes = tips.nodes[tips.names.index(body)]
+                values[step] = h * found.node[nodes, AXES.index(axis)].mean()
+            else:
+                number = [one.name for one in self._model.rigid_bodies].index(body)
+                values[step] = h * found.rigid[number] @ derivative.inverse_mass[number][:, AXES.index(axis)]
+
+    def _of_run(self, name: str, slopes: Slopes) -> np.ndarray:
+        """A derivative by something that holds for the whole run."""
+        key, _, of = name.partition(".")
+        model, adjoint = self._model, self._adjoint
+        soft, rigid = [body.name for body in model.soft_bodies], [body.name for body in model.rigid_bodies]
+        if key == "start":
+            of_state: np.ndarray = getattr(slopes, {"rigid_rotation": "rigid_turn"}.get(of, of))
+            return of_state
+        if key == "friction":
+            return np.asarray(_friction_pairs(model, of) * adjoint.by_friction).sum()
+        by_all = {
+            "young_modulus": (adjoint.by_material, model.material_names),
+            "rayleigh_stiffness": (adjoint.by_damping, soft),
+            "rayleigh_mass": (adjoint.by_drag, soft),
+            "density": (adjoint.by_density, soft),
+            "mass": (adjoint.by_mass, rigid),
+        }
+        values, names = by_all[key]
+        number = list(names).index(of)
+        size = 1.0
+        if key == "density":  # the adjoint has derivatives by shares of these
+            size = model.soft_bodies[number].settings.density
+        elif key == "mass":
+            size = model.rigid_mass[number]
+        return np.asarray(values[number] / size)
+
+
+def _interval(count: int, state: State, memory: float) -> int:
+    """Steps between two states that are kept, so that these and those made again between two fit into memory [B]."""
+    size = sum(value.nbytes for value in vars(state).values() if isinstance(value, np.ndarray))
+    intervals = np.arange(1, max(int(np.sqrt(count)), 1) + 1)
+    fits = (count / intervals + intervals) * size <= memory
+    return int(intervals[fits.argmax()] if fits.any() else intervals[-1])
+
+
+class _Carried:
+    """Derivatives by targets, requests and the pose of the base, which last until others take their place."""
+
+    def __init__(self, model: Model):
+        self._model, count = model, len(model.actuators.names)
+        self.target, self._request = np.zeros((2, count))
+        self._pose, self._pose_request = np.zeros((2, 2, 3))
+
+    def add(self, derivative: StepDerivative, found: Multipliers) -> None:
+        """Those by the targets of a step: known loads, imposed coordinates, and efforts between stops."""
+        actuators, h = self._model.actuators, self._model.scene.time.step
+        none = np.zeros((len(self._model.rigid_bodies), 6))
+        of_load = h * derivative.geometry.rates(found.node, none)
+        first = 3 * derivative.contact_count
+        imposed = derivative.start.actuator_imposed
+        for row, coordinate in enumerate(derivative.coordinates.tolist()):
+            actuator = int(np.searchsorted(actuators.first_coordinate, coordinate, side="right")) - 1
+            by_rate, by_effort = -found.row[first + row] / h, found.bounds[row, PREFERRED] * h
+            of_load[coordinate] = by_rate if imposed[actuator] else by_effort
+        self.target += of_load[actuators.first_coordinate[:-1]]
+
+    def add_pose(self, derivative: StepDerivative, found: Multipliers, adjoint: StepAdjoint) -> None:
+        """Those by the pose of the base, by differences of what acts."""
+        start = derivative.start
+        for part, axis in np.ndindex(2, 3):
+            half, sides = HALF_WIDTHS[part], []
+            for sign in (half, -half):
+                pose = start.frame_pose.copy()
+                pose[0, part, axis] += sign
+                causes = derivative.causes(start.changed(frame_pose=pose))
+                acts = (found.node * causes.node_impulse).sum() + (found.rigid * causes.rigid_velocity).sum()
+                acts += found.row @ causes.row_velocity + (found.bounds * causes.bounds).sum()
+                rigid = derivative.rigid.state
+                acts += (adjoint.carried * np.hstack([rigid.linear, rigid.angular])).sum()
+                sides.append(acts)
+            self._pose[part, axis] += (sides[0] - sides[1]) / (2.0 * half)
+        derivative.causes(start)
+
+    def hand_over(
+        self, step: int, control: Control, simulation: Simulation, start: State, kept: dict[str, np.ndarray]
+    ) -> None:
+        """Give derivatives to the control of a step, and what is left to the targets and requests before it."""
+        state = simulation.state
+        self._request += np.where(start.actuator_target == start.actuator_request, self.target, 0.0)
+        moved = state.changed(actuator_target=state.actuator_target + PROBE)
+        following = (simulation.requests.apply(moved, control).actuator_target - start.actuator_target) / PROBE
+        self.target = following * self.target
+        for kind in ACTUATOR_KINDS:
+            names, place = self._model.actuators.names_of(kind), self._model.actuators.place(kind)
+            for drive in (kind.effort, kind.coordinate):
+                for of in getattr(control, drive.request):
+                    index = place.start + names.index(of)
+                    if f"{drive.request}.{of}" in kept:
+                        kept[f"{drive.request}.{of}"][step] = self._request[index]
+                    self._request[index] = 0.0
+        for part, (key, (_, rate)) in enumerate(BASE.items()):
+            reached, request, before = (
+                start.frame_pose[0, part],
+                start.frame_request[0, part],
+                state.frame_pose[0, part],
+            )
+            follows, stays = np.eye(3), np.zeros((3, 3))
+            if (reached != request).any():
+                follows, stays = _limited(key, reached, request, before)
+            elif getattr(control, rate) is not None or state.frame_velocity[0, part].any():
+                follows, stays = np.zeros((3, 3)), np.eye(3)
+            self._pose_request[part] += follows.T @ self._pose[part]
+            self._pose[part] = stays.T @ self._pose[part]
+            if getattr(control, key) is not None:
+                for axis, letter in enumerate(AXES):
+                    if f"{key}.{letter}" in kept:
+                        kept[f"{key}.{letter}"][step] = self._pose_request[part, axis]
+                self._pose_request[part] = 0.0
+
+
+def _limited(key: str, reached: np.ndarray, request: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of a pose on its way to a request, by the request and by the pose before."""
+    if key != "base_translation":
+        raise TaichisoftError("gradient: limits.base_turning_speed holds back the base; take it out of the scene")
+    way, gone = request - before, float(np.linalg.norm(reached - before))
+    length = float(np.linalg.norm(way))
+    along = np.outer(way, way) / length**2
+    follows = gone / length * (np.eye(3) - along)
+    return follows, np.eye(3) - follows
+
+
+class FigureSlopes:
+    """Takes derivatives by figures of an observation to those by the state and the impulses of the step before it."""
+
+    KNOWN = (
+        *("tip_positions", "tip_velocities", "bending_angles"),
+        *("object_positions", "object_velocities", "object_angular_velocities"),
+        *("pressures", "volumes", "cable_tensions", "cable_lengths", "cable_pulls"),
+        *("normal_forces", "friction_forces", "state.position", "state.velocity"),
+    )
+
+    def __init__(self, model: Model):
+        self._model, self.tips = model, Fingertips(model.soft_bodies, model.frames)
+        self._geometry = ActuatorGeometry(model.actuators, model.node_count)
+
+    def check(self, name: str) -> None:
+        """Refuse a figure without derivatives."""
+        field = name if name.startswith("state.") else name.partition(".")[0]
+        if field not in self.KNOWN:
+            raise TaichisoftError(f"objective: figure '{name}' has no derivative here; take {', '.join(self.KNOWN)}")
+
+    def add(
+        self,
+        by: Mapping[str, np.ndarray],
+        derivative: StepDerivative,
+        end: State,
+        slopes: Slopes,
+        impulse: np.ndarray,
+        target: np.ndarray,
+    ) -> None:
+        """Add those by figures of the end of a step to those by its state, by impulses of rows, and by targets."""
+        rigid = [body.name for body in self._model.rigid_bodies]
+        for name, slope in by.items():
+            field, _, key = name.partition(".")
+            if field == "state":
+                getattr(slopes, key)[...] += slope
+            elif field.startswith("object_"):
+                array = slopes.rigid_position if field == "object_positions" else slopes.rigid_velocity
+                columns = slice(3, 6) if "angular" in field else slice(0, 3)
+                for number, part in self._entries(rigid, key, slope):
+                    array[number, columns] += part
+            elif field in ("normal_forces", "friction_forces"):
+                self._add_forces(field, key, float(slope), derivative, impulse)
+            elif field.startswith(("tip_", "bending")):
+                for number, part in self._entries(list(self.tips.names), key, slope):
+                    self._add_tip(field, number, part, end, slopes)
+            else:
+                self._add_actuator(field, key, slope, derivative, end, (slopes, impulse, target))
+
+    @staticmethod
+    def _entries(names: Sequence[str], key: str, slope: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        return [(names.index(key), slope)] if key else list(enumerate(slope))
+
+    def _add_tip(self, field: str, number: int, slope: np.ndarray, end: State, slopes: Slopes) -> None:
+        nodes = self.tips.nodes[number]
+        if field == "tip_positions":
+            slopes.position[nodes] += slope / len(nodes)
+        elif field == "tip_velocities":
+            slopes.velocity[nodes] += slope / len(nodes)
+        else:
+            body = next(body for body in self._model.soft_bodies if body.name == self.tips.names[number])
+            rest = self._model.rest_position[nodes]
+            rest = rest - rest.mean(axis=0)
+            (frame,) = self._model.frames.numbers([body.settings.follows])
+            turn = self._model.places(end).turn[frame]
+            slopes.position[nodes] += float(slope) * _angle_slopes(end.position[nodes], rest, turn)
+
+    def _add_forces(self, field: str, key: str, slope: float, derivative: StepDerivative, impulse: np.ndarray) -> None:
+        pair = sorted(self._model.body_names.index(name) for name in key.split("|"))
+        bodies = derivative.problem.contacts.found.bodies[derivative.contacts]
+        for number in np.flatnonzero((np.sort(bodies, axis=1) == pair).all(axis=1)):
+            rows, h = slice(3 * number, 3 * number + 3), self._model.scene.time.step
+            own = derivative.impulse[rows]
+            if field == "normal_forces":
+                impulse[rows][0] += slope / h
+            elif own[1:].any():
+                impulse[rows][1:] += slope / h * own[1:] / np.linalg.norm(own[1:])
+
+    def _add_actuator(
+        self,
+        field: str,
+        key: str,
+        slope: np.ndarray,
+        derivative: StepDerivative,
+        end: State,
+        parts: tuple[Slopes, np.ndarray, np.ndarray],
+    ) -> None:
+        actuators, (slopes, impulse, target) = self._model.actuators, parts
+        kind = next(
+            kind
+            for kind in ACTUATOR_KINDS
+            if field in (kind.effort.observed, kind.coordinate.observed, kind.value.observed)
+        )
+        first, place = actuators.first_coordinate, actuators.place(kind)
+        for number, part in self._entries(list(actuators.names_of(kind)), key, slope):
+            coordinate = int(first[place.start + number])
+            if field == kind.effort.observed:
+                rows = np.flatnonzero(derivative.coordinates == coordinate)
+                if len(rows):
+                    impulse[3 * derivative.contact_count + rows[0]] += part / self._model.scene.time.step
+                else:
+                    target[place.start + number] += part
+                continue
+            self._geometry.update(
+                PosesAhead(end.position, end.rigid_position, end.rigid_rotation), self._model.placed_pull_points(end)
+            )
+            own = slice(*actuators.coordinates.entry_start[coordinate : coordinate + 2].tolist())
+            sign = actuators.sign[place.start + number] if field == kind.value.observed else 1.0
+            nodes = actuators.coordinates.entry_node[own]
+            np.add.at(slopes.position, nodes, sign * part * self._geometry.gradient.soft[own])
+
+
+def _angle_slopes(position: np.ndarray, rest: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Derivatives of a bending angle by the nodes of the tip [1/mm]; 0 of a straight one, which has none."""
+    fitted = (position - position.mean(axis=0)).T @ rest
+    left, _, right = np.linalg.svd(fitted)
+    left[:, 2] *= np.linalg.det(left @ right)
+    turn = left @ right
+    axis = axial_vectors((frame.T @ turn)[None])[0]
+    sine = np.linalg.norm(axis)
+    if sine < 1e-9:
+        return np.zeros_like(position)
+    stretch = turn.T @ fitted
+    moment = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, axis / sine)
+    by_fitted = turn @ cross_matrices(moment[None])[0]
+    slopes: np.ndarray = rest @ by_fitted.T
+    return slopes
+
+
+# What users give, checked.
+
+
+def _checked_controls(controls: Any) -> tuple[Controls, int]:
+    if isinstance(controls, Mapping):
+        arrays = {}
+        for name, values in controls.items():
+            array = np.array(values, dtype=np.float64) if np.asarray(values).dtype.kind in "iuf" else np.zeros(0)
+            if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
+                raise ControlError(f"controls['{name}']: must be a finite number for each step")
+            arrays[str(name)] = array
+        counts = {len(values) for values in arrays.values()}
+        if len(counts) != 1:
+            raise ControlError(f"controls: must have as many values of each, not {sorted(counts)}")
+        return arrays, counts.pop()
+    if not isinstance(controls, Sequence) or isinstance(controls, str) or not len(controls):
+        raise ControlError(f"controls = {controls!r}: must be a control for each step, or values by names of controls")
+    for step, one in enumerate(controls):
+        if one is not None and not isinstance(one, Control):
+            raise ControlError(f"controls[{step}] = {one!r}: must be a taichisoft.Control or None")
+    return list(controls), len(controls)
+
+
+def _is_of_steps(name: str) -> bool:
+    return name.partition(".")[0] in ("force", *BASE, *(drive.request for drive in DRIVES))
+
+
+def _checked_names(by: Any, model: Model, state: State) -> list[str]:
+    if isinstance(by, str) or not isinstance(by, Sequence):
+        raise TaichisoftError(f"by = {by!r}: must be a sequence of names")
+    known = list(_known_names(model))
+    for name in by:
+        if name not in known and not str(name).startswith("friction."):
+            raise TaichisoftError(f"by: '{name}' is nothing to derive by; {nearest(str(name), known, 'there are')}")
+        if str(name).startswith("friction"):
+            _friction_pairs(model, str(name).partition(".")[2])
+        if name in [f"mass.{body.name}" for body in model.rigid_bodies]:
+            _refuse_mass(model, name.partition(".")[2])
+    return list(dict.fromkeys(by))
+
+
+def _known_names(model: Model) -> Iterator[str]:
+    """All names to derive by, but for friction of pairs."""
+    for kind in ACTUATOR_KINDS:
+        for drive in (kind.effort, kind.coordinate):
+            yield from (f"{drive.request}.{name}" for name in model.actuators.names_of(kind))
+    yield from (f"{key}.{letter}" for key in BASE for letter in AXES)
+    tips = Fingertips(model.soft_bodies, model.frames)
+    free = [body.name for body in model.rigid_bodies if body.follows is None]
+    yield from (f"force.{name}.{letter}" for name in (*tips.names, *free) for letter in AXES)
+    yield from (
+        f"start.{one}" for one in ("position", "velocity", "rigid_position", "rigid_rotation", "rigid_velocity")
+    )
+    yield from (f"young_modulus.{name}" for name in model.material_names)
+    for key in ("density", "rayleigh_stiffness", "rayleigh_mass"):
+        yield from (f"{key}.{body.name}" for body in model.soft_bodies)
+    yield from (f"mass.{name}" for name in free)
+    yield "friction"
+
+
+def _friction_pairs(model: Model, pair: str) -> np.ndarray:
+    """Which pairs of bodies a coefficient of friction is of, 1 or 0, shape (body_count, body_count)."""
+    names, scene = model.body_names, model.scene.contact
+    own = np.zeros((len(names), len(names)))
+    for one in scene.pairs:
+        if one.friction is not None:
+            first, second = (names.index(body) for body in one.bodies)
+            own[first, second] = own[second, first] = 1.0
+    if not pair:
+        return 1.0 - own
+    bodies = pair.split("|")
+    for body in bodies:
+        if body not in names or len(bodies) != 2:
+            hint = nearest(body, list(names), "there are")
+            raise TaichisoftError(f"by: 'friction.{pair}': name two bodies, as in friction.finger1|cube; {hint}")
+    first, second = (names.index(body) for body in bodies)
+    chosen = np.zeros_like(own)
+    chosen[first, second] = chosen[second, first] = 1.0
+    return chosen
+
+
+def _refuse_mass(model: Model, name: str) -> None:
+    body = next(body for body in model.rigid_bodies if body.name == name)
+    if body.springs is not None or any(one.body == name for one in model.scene.external_forces):
+        raise TaichisoftError(f"by: 'mass.{name}' has no derivative here with springs or external forces on it")
