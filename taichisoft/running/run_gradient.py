@@ -94,7 +94,7 @@ class LeastSquares:
         row, total, slopes = observation.step - self.first_step - 1, 0.0, {}
         for name, values in self.curves.items():
             if 0 <= row < len(values):
-                seen = observation_value(name, observation)
+                seen = figure_value(name, observation)
                 if seen.shape != values.shape[1:]:
                     raise TaichisoftError(
                         f"curves['{name}']: has rows of shape {values.shape[1:]}, must be {seen.shape}"
@@ -105,20 +105,12 @@ class LeastSquares:
         return total, slopes
 
 
-def observation_value(name: str, observation: Observation) -> np.ndarray:
-    """The value of a figure by its name, "normal_forces.finger1|cube" as well."""
-    field, _, key = name.partition(".")
-    values = getattr(observation.state if field == "state" else observation, key if field == "state" else field)
-    if isinstance(values, Mapping):
-        pair = tuple(key.split("|"))
-        values = (
-            values.get(pair, values.get(pair[::-1], 0.0))
-            if len(pair) == 2
-            else values[key]
-            if key
-            else list(values.values())
-        )
-    return np.asarray(values, dtype=np.float64)
+def figure_value(name: str, observation: Observation) -> np.ndarray:
+    """The value of a figure by its name, with two bodies in any order."""
+    pair = tuple(name.partition(".")[2].split("|"))
+    orders = {pair, pair[::-1]} if len(pair) == 2 else {()}
+    values: list[np.ndarray] = [find_figure(name, observation, bodies).of(observation) for bodies in orders]
+    return sum(values[1:], values[0])  # in one of the orders there is nothing
 
 
 def gradient(
@@ -135,7 +127,7 @@ def gradient(
         controls: a control, or None, for each step; or values for each step by the names of controls, as
             `Linearisation` has them: {"pressure.finger1.cavity": [0.0, 1.0, 2.0]}.
         objective: is called with the observation after each step, and gives its part of the objective with the
-            derivatives of this part by figures: `(seen.tip_positions["finger1"][2], {"tip_positions.finger1": [0, 0, 1]})`.
+            derivatives of this part by figures, such as `(seen.volumes["finger1.cavity"], {"volumes": [1, 0, 0]})`.
         by: what to derive by. For each step: names of `controls`, "base_translation.x", "force.finger1.y". In all:
             "start.position", "start.velocity", "start.rigid_position", "start.rigid_rotation" (by turns about the
             axes of the world), "start.rigid_velocity" (linear and angular); "young_modulus.MATERIAL", "density.BODY",
@@ -266,22 +258,26 @@ class _Run:
             of_state: np.ndarray = getattr(slopes, {"rigid_rotation": "rigid_turn"}.get(of, of))
             return of_state
         if key == "friction":
-            return np.asarray(_friction_pairs(model, of) * adjoint.by_friction).sum()
-        by_all = {
+            return np.asarray((_friction_pairs(model, of) * adjoint.by_friction).sum())
+        by_body = {
             "young_modulus": (adjoint.by_material, model.material_names),
             "rayleigh_stiffness": (adjoint.by_damping, soft),
             "rayleigh_mass": (adjoint.by_drag, soft),
-            "density": (adjoint.by_density, soft),
-            "mass": (adjoint.by_mass, rigid),
         }
-        values, names = by_all[key]
-        number = list(names).index(of)
-        size = 1.0
-        if key == "density":  # the adjoint has derivatives by shares of these
-            size = model.soft_bodies[number].settings.density
-        elif key == "mass":
-            size = model.rigid_mass[number]
-        return np.asarray(values[number] / size)
+        if key in by_body:
+            values, names = by_body[key]
+            return np.asarray(values[list(names).index(of)])
+        # Of densities and masses the adjoint has derivatives by shares.
+        if of in soft:
+            number = soft.index(of)
+            return np.asarray(adjoint.by_density[number] / _inertia(model.soft_bodies[number].settings)[1])
+        number = rigid.index(of)
+        return np.asarray(adjoint.by_mass[number] / model.rigid_mass[number])
+
+
+def _inertia(body: Any) -> tuple[str, float]:
+    """The key of a soft body that says how much it weighs, and its value."""
+    return ("density", body.density) if body.mass is None else ("mass", body.mass)
 
 
 def _interval(count: int, state: State, memory: float) -> int:
@@ -560,8 +556,9 @@ def _known_names(model: Model) -> Iterator[str]:
         f"start.{one}" for one in ("position", "velocity", "rigid_position", "rigid_rotation", "rigid_velocity")
     )
     yield from (f"young_modulus.{name}" for name in model.material_names)
-    for key in ("density", "rayleigh_stiffness", "rayleigh_mass"):
+    for key in ("rayleigh_stiffness", "rayleigh_mass"):
         yield from (f"{key}.{body.name}" for body in model.soft_bodies)
+    yield from (f"{_inertia(body.settings)[0]}.{body.name}" for body in model.soft_bodies)
     yield from (f"mass.{name}" for name in free)
     yield "friction"
 

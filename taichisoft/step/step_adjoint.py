@@ -63,7 +63,7 @@ class Slopes:
 class ElasticSlopes:
     """The product of multipliers and the elastic forces of a step, and its derivatives.
 
-    In a step the forces are f = -sum w R sigma(R^T F - 1) g of the deformation F at x0 + lag v and the rotation R at x0.
+    In a step they are f = -sum w R sigma(R^T F - 1) g with the deformation F at x0 + lag v and the rotation R at x0.
     """
 
     def __init__(self, model: Model):
@@ -231,7 +231,7 @@ class StepAdjoint:
         self.fixed = self.contacts = 0
 
     def back(self, derivative: StepDerivative, end: Slopes, impulse: np.ndarray) -> tuple[Slopes, Multipliers]:
-        """Derivatives by the start, and the multipliers, of those by the end and by the rows' impulses, (row_count,)."""
+        """Derivatives by the start, and the multipliers, by those by the end and by the impulses of rows, (row_count,)."""
         h, solution, start = self._time_step, derivative.solution, derivative.start
         moved = h * solution.rigid_velocity[:, 3:]
         of_rigid = end.rigid_velocity.copy()
