@@ -44,8 +44,8 @@ class RunGradient:
         step_count: number of steps.
         edge_share: share of the steps with a contact nearer to a change between open, sticking and sliding than the
             solvers' tolerances tell; derivatives there are those of one side.
-        fixed_share: share of the contacts whose normal and points were taken to move along with their bodies, such as
-            those of round and curved surfaces; the derivative of their gap is exact.
+        inexact_share: share of the contacts whose derivatives leave something out: those of round and curved surfaces,
+            where normal and points are taken to move along with the body, and of bodies that turn much in a step.
         shifted_share: share of the steps in which overlapping surfaces were shifted apart; the shift is constant.
     """
 
@@ -54,7 +54,7 @@ class RunGradient:
     observation: Observation
     step_count: int
     edge_share: float
-    fixed_share: float
+    inexact_share: float
     shifted_share: float
     _found: Mapping[str, np.ndarray]
 
@@ -189,7 +189,7 @@ class _Run:
             carried.hand_over(step, control, self._simulation, derivative.start, self._of_steps)
             end = self._simulation.state
         by = {name: self._of_steps[name] if name in self._of_steps else self._of_run(name, slopes) for name in self._by}
-        shares = edges / self._count, self._adjoint.fixed / max(self._adjoint.contacts, 1), shifted / self._count
+        shares = edges / self._count, self._adjoint.inexact / max(self._adjoint.contacts, 1), shifted / self._count
         return RunGradient(value, tuple(self._by), observation, self._count, *shares, by)
 
     def _control(self, step: int) -> Control:

@@ -31,13 +31,14 @@ class PlaceSlopes:
         position, velocity: by those of the nodes, shape (node_count, 3).
         rigid: by the places of the centres of mass, turns, linear and angular velocities of the rigid bodies, shape
             (rigid_count, 4, 3).
-        fixed: whether normal and weights of each contact were taken as they are, shape (contact_count,).
+        inexact: whether normal and weights of each contact were taken as they are, or the row is that of a body that
+            turns in the step, shape (contact_count,).
     """
 
     position: np.ndarray
     velocity: np.ndarray
     rigid: np.ndarray
-    fixed: np.ndarray
+    inexact: np.ndarray
 
 
 class _Fields:
@@ -86,9 +87,10 @@ class _Places:
         straight = np.where(self.is_rigid[..., None], self.point - centre, 0.0)
         # Arms at corners that touch are taken half the way earlier.
         half = turn_matrices(-0.5 * self.passed[:, None, None] * self._of_rigid(rigid.angular))
-        self.earlier = np.abs(straight - self.arm).max(axis=2) > ALIKE
+        self.earlier = np.abs(_turned(half, straight) - self.arm).max(axis=2) < ALIKE
+        self.earlier &= np.abs(straight - self.arm).max(axis=2) > ALIKE
         self.half = np.where(self.earlier[..., None, None], half, np.eye(3))
-        self.arms_fit = np.abs(np.einsum("csij,csj->csi", self.half, straight) - self.arm).max(axis=(1, 2)) < ALIKE
+        self.arms_fit = np.abs(_turned(self.half, straight) - self.arm).max(axis=(1, 2)) < ALIKE
 
     def _of_rigid(self, values: np.ndarray) -> np.ndarray:
         return np.vstack([values, np.zeros(values.shape[1:])[None]])[self.rigid]
@@ -139,7 +141,7 @@ def contact_slopes(
     across = np.abs(np.einsum("cski,ci->csk", along, apart)).max(axis=(1, 2))
     size = np.maximum(np.linalg.norm(along, axis=3).max(axis=(1, 2)), 1.0)
     fits = (np.abs(apart - distance[:, None] * normal).max(axis=1) < ALIKE) & (across < ALIKE * size)
-    fits &= is_known & at.arms_fit & (np.abs(distance) > ALIKE)
+    fits &= np.abs(distance) > ALIKE
     on_plane &= ~(at.is_plane & at.is_rigid).any(axis=1)
     fits &= on_plane | ~at.is_plane.any(axis=1)
     of_apart = of_gap[:, None] * normal
@@ -169,7 +171,9 @@ def contact_slopes(
         by_point = sign * of_apart[:, None]
         by_place[..., 0, :] += np.where((at.is_plane & at.is_rigid)[..., None], by_point, 0.0)
     by_arm[~fits] = 0.0
-    return _on_bodies(model, at, derivative, by_place, by_arm, of_speed, (before, rigid.angular), ~fits)
+    return _on_bodies(
+        model, at, derivative, by_place, by_arm, of_speed, (before, rigid.angular), ~(fits & is_known & at.arms_fit)
+    )
 
 
 def _gap_rate(
@@ -200,7 +204,7 @@ def _on_bodies(
     by_arm: np.ndarray,
     of_speed: np.ndarray,
     motion: tuple[_Fields, np.ndarray],
-    fixed: np.ndarray,
+    inexact: np.ndarray,
 ) -> PlaceSlopes:
     """Those by vertices, by arms and by the speeds before the step, as those by the bodies that carry them."""
     start, count = derivative.start, len(derivative.start.rigid_position)
@@ -236,7 +240,7 @@ def _on_bodies(
     )
     rigid = np.zeros((count + 1, 4, 3))
     np.add.at(rigid, at.rigid, by)
-    return PlaceSlopes(position, velocity, rigid[:count], fixed)
+    return PlaceSlopes(position, velocity, rigid[:count], inexact)
 
 
 def _padded(values: np.ndarray) -> np.ndarray:

@@ -209,7 +209,7 @@ class StepAdjoint:
             of soft bodies and of the mass of rigid bodies [-], and by friction [-] of each two bodies.
         carried: derivatives by the velocities that lead bodies to where frames carry them, where contacts are sought;
             of the last step, shape (rigid_count, 6).
-        fixed: number of contacts, of all `contacts`, whose places on the bodies were taken as they are.
+        inexact: number of contacts, of all `contacts`, whose derivatives leave something out, see `contact_slopes`.
     """
 
     def __init__(self, model: Model):
@@ -228,10 +228,10 @@ class StepAdjoint:
         self.by_drag, self.by_density, self.by_mass = (*np.zeros((2, len(bodies))), np.zeros(len(model.rigid_bodies)))
         self.by_friction = np.zeros((len(model.body_names),) * 2)
         self.carried = np.zeros((len(model.rigid_bodies), 6))
-        self.fixed = self.contacts = 0
+        self.inexact = self.contacts = 0
 
     def back(self, derivative: StepDerivative, end: Slopes, impulse: np.ndarray) -> tuple[Slopes, Multipliers]:
-        """Derivatives by the start, and the multipliers, by those by the end and by the impulses of rows, (row_count,)."""
+        """Derivatives by the start, and multipliers, of those by the end and by the rows' impulses, (row_count,)."""
         h, solution, start = self._time_step, derivative.solution, derivative.start
         moved = h * solution.rigid_velocity[:, 3:]
         of_rigid = end.rigid_velocity.copy()
@@ -344,8 +344,8 @@ class StepAdjoint:
         slopes.rigid_position += own[:, 0]
         slopes.rigid_turn += own[:, 1]
         slopes.rigid_velocity += own[:, 2:].reshape(-1, 6)
-        self.fixed += int(places.fixed.sum())
-        self.contacts += len(places.fixed)
+        self.inexact += int(places.inexact.sum())
+        self.contacts += len(places.inexact)
         sliding = np.flatnonzero([one.slides for one in derivative.contact_conditions()])
         pairs = derivative.problem.contacts.found.bodies[derivative.contacts[sliding]]
         by_friction = found.condition[3 * sliding + 1] * derivative.impulse[3 * sliding]
