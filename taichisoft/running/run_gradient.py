@@ -18,7 +18,7 @@ from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS, ActuatorGeometr
 from taichisoft.mechanics.state import State
 from taichisoft.running.simulation import Simulation, check_simulation
 from taichisoft.step.linearisation import AXES, BASE, asking
-from taichisoft.step.step_adjoint import Slopes, StepAdjoint, axial_vectors, cross_matrices
+from taichisoft.step.step_adjoint import Slopes, StepAdjoint
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
 Objective = Callable[[Observation], tuple[float, Mapping[str, Any]]]
@@ -491,13 +491,14 @@ def _angle_slopes(position: np.ndarray, rest: np.ndarray, frame: np.ndarray) -> 
     left, _, right = np.linalg.svd(fitted)
     left[:, 2] *= np.linalg.det(left @ right)
     turn = left @ right
-    axis = axial_vectors((frame.T @ turn)[None])[0]
+    of_frame = frame.T @ turn
+    axis = np.array([of_frame[k - 1, k - 2] - of_frame[k - 2, k - 1] for k in range(3)])
     sine = np.linalg.norm(axis)
     if sine < 1e-9:
         return np.zeros_like(position)
     stretch = turn.T @ fitted
     moment = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, axis / sine)
-    by_fitted = turn @ cross_matrices(moment[None])[0]
+    by_fitted = turn @ np.cross(np.eye(3), moment)
     slopes: np.ndarray = rest @ by_fitted.T
     return slopes
 

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.base.rotations import edge_frames, matrices_from_quaternions, quaternion_from_matrix, turn_matrices
+from taichisoft.base.rotations import matrices_from_quaternions, quaternion_from_matrix, turn_matrices
 from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.body_geometry import PosesAhead
 from taichisoft.mechanics.kernels.domain_deformation import DILATION, LAMBDA, MU, SHAPE
+from taichisoft.mechanics.kernels.elastic_slopes import ElasticPieces, PieceSlopes, elastic_slopes
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.state import State
 from taichisoft.step.contact_slopes import contact_slopes
@@ -61,43 +62,43 @@ class Slopes:
 
 
 class ElasticSlopes:
-    """The product of multipliers and the elastic forces of a step, and its derivatives.
-
-    In a step they are f = -sum w R sigma(R^T F - 1) g with the deformation F at x0 + lag v and the rotation R at x0.
-    """
+    """The product of multipliers and the elastic forces of a step, and its derivatives."""
 
     def __init__(self, model: Model):
         """Lay out the pieces with one deformation each, linear tetrahedra and integration domains."""
         elasticity = model.elasticity
         assert elasticity is not None
-        linear, counts = elasticity.linear_elements, [len(elasticity.linear)]
-        starts, nodes = [np.arange(len(linear)) * 4], [linear.ravel()]
-        gradients, lags = [elasticity.gradient[:, 0].reshape(-1, 3)], [elasticity.element_data.lag]
-        moduli, elements = [elasticity.element_data.force_modulus], [elasticity.linear]
+        data = elasticity.element_data
+        count, nodes = len(data.lag), [elasticity.linear_elements.ravel()]
+        sizes, gradients, lags = [np.full(count, 4)], [elasticity.gradient[:, 0].reshape(-1, 3)], [data.lag]
+        moduli, elements = [data.force_modulus], [elasticity.linear]
         if elasticity.domains is not None and elasticity.domains.hooke is not None:
             hooke = elasticity.domains.hooke
-            data = hooke.data
-            starts.append(data.start[:-1] + linear.size)
-            nodes.append(data.node)
-            gradients.append(data.gradient)
-            lags.append(data.lag)
-            weighted = data.volume[:, [DILATION, SHAPE]] * data.modulus[:, [LAMBDA, MU]]
-            moduli.append(weighted)
+            nodes.append(hooke.data.node)
+            sizes.append(np.diff(hooke.data.start))
+            gradients.append(hooke.data.gradient)
+            lags.append(hooke.data.lag)
+            moduli.append(hooke.data.volume[:, [DILATION, SHAPE]] * hooke.data.modulus[:, [LAMBDA, MU]])
             elements.append(hooke.element)
-            counts.append(len(data.lag))
-        node, gradient = np.concatenate(nodes), np.vstack(gradients)
-        piece = np.repeat(np.arange(sum(counts)), np.diff(np.append(np.concatenate(starts), len(node))))
-        places = (3 * piece[:, None] + np.arange(3)).ravel(), np.repeat(node, 3)
-        shape = 3 * sum(counts), model.node_count
-        self._gradient = sparse.csr_array(sparse.coo_array((gradient.ravel(), places), shape))
-        self._transposed = sparse.csr_array(self._gradient.T)
-        self._lag, self._modulus, element = np.concatenate(lags), np.vstack(moduli), np.concatenate(elements)
+        element, node = np.concatenate(elements), np.concatenate(nodes)
+        rest_frame, polar = np.tile(np.eye(3), (len(element), 1, 1)), np.ones(len(element), dtype=np.int32)
+        rest_frame[:count], polar[:count], self._modulus = data.rest_frame, data.polar, np.vstack(moduli)
+        self._pieces = ElasticPieces(
+            start=np.cumsum([0, *np.concatenate(sizes)]).astype(np.int32),
+            node=node.astype(np.int32),
+            gradient=np.vstack(gradients),
+            polar=polar,
+            rest_frame=rest_frame,
+            modulus=self._modulus.copy(),
+            lag=np.concatenate(lags),
+        )
+        self._slopes = PieceSlopes(np.zeros(len(element)), np.zeros(len(element)), np.zeros((len(node), 3)))
+        self._start, self._velocity, self._multiplier = np.zeros((3, model.node_count, 3))
+        entries = np.ones(len(node)), (node, np.arange(len(node)))
+        self._on_nodes = sparse.csr_array(sparse.coo_array(entries, (model.node_count, len(node))))
         self._material, self._rest_modulus = model.element_material[element], model.young_modulus
-        body_of_element = np.repeat(np.arange(len(model.soft_bodies)), [len(b.elements) for b in model.soft_bodies])
-        self._body = body_of_element[element]
-        polar = np.concatenate([elasticity.element_data.polar != 0, np.ones(sum(counts[1:]), dtype=bool)])
-        self._edges = np.flatnonzero(~polar)
-        self._edge_nodes, self._rest_frame = linear[self._edges, :3], elasticity.element_data.rest_frame[self._edges]
+        counts = [len(body.elements) for body in model.soft_bodies]
+        self._body, self._body_count = np.repeat(np.arange(len(counts)), counts)[element], len(counts)
 
     def add(self, start: State, time_step: float, velocity: np.ndarray, multiplier: np.ndarray, slopes: Slopes) -> Any:
         """Subtract the derivative of m . r by the start from the slopes.
@@ -105,99 +106,14 @@ class ElasticSlopes:
         Returns:
             Those of the number by Young's moduli, (material_count,), and by the damping b, (body_count,).
         """
-        deformation, rate, along = (self._deformation(one) for one in (start.position, velocity, multiplier))
-        lagged = deformation + self._lag[:, None, None] * rate
-        turn = polar_rotations(deformation)
-        frames = self._frames(start.position)
-        turn[self._edges] = frames @ self._rest_frame.transpose(0, 2, 1)
-        back = turn.transpose(0, 2, 1)
-        strain, measured = back @ lagged - np.eye(3), back @ along
-        modulus = self._modulus * (start.young_modulus / self._rest_modulus)[self._material, None]
-        stress, virtual = (_hooke(one, modulus) for one in (strain, measured))
-        # m . r = h sum (R sigma(S)) : L with L = R T; it changes with F, and with the turn w of R by t . w.
-        of_lagged = time_step * turn @ virtual
-        turned = back @ (lagged @ virtual + along @ stress)
-        torque = time_step * axial_vectors(turned)
-        of_place = of_lagged + turn @ cross_matrices(self._by_polar(back @ deformation, torque))
-        slopes.position -= self._on_nodes(of_place)
-        self._subtract_edges(start.position, frames, torque, slopes.position)
-        product = time_step * (stress * measured).sum(axis=(1, 2))
-        by_modulus = -np.bincount(self._material, product, len(self._rest_modulus)) / start.young_modulus
-        by_lag = -np.bincount(self._body, (of_lagged * rate).sum(axis=(1, 2)), self._body.max() + 1)
-        return by_modulus, by_lag
-
-    def _deformation(self, of_nodes: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray((self._gradient @ of_nodes).reshape(-1, 3, 3).transpose(0, 2, 1))
-
-    def _on_nodes(self, of_deformation: np.ndarray) -> np.ndarray:
-        product: np.ndarray = self._transposed @ of_deformation.transpose(0, 2, 1).reshape(-1, 3)
-        return product
-
-    def _by_polar(self, stretch: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """The axial vector that a torque is on R^T dF: (tr(S) - S) w = axial(R^T dF)."""
-        matrix = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stretch
-        matrix[self._edges], torque = np.eye(3), torque.copy()
-        torque[self._edges] = 0.0
-        return np.linalg.solve(matrix, torque[..., None])[..., 0]
-
-    def _frames(self, position: np.ndarray) -> np.ndarray:
-        first, second, third = position[self._edge_nodes].transpose(1, 0, 2)
-        return edge_frames(second - first, third - first)
-
-    def _subtract_edges(
-        self, position: np.ndarray, frames: np.ndarray, torque: np.ndarray, of_node: np.ndarray
-    ) -> None:
-        """The same of rotations by two edges: a frame turns with its first edge, and about it with the second."""
-        if not len(self._edges):
-            return
-        corners = position[self._edge_nodes]
-        along, across = (np.einsum("eji,ej->ei", frames, corners[:, k] - corners[:, 0]) for k in (1, 2))
-        # R = frame rest^T turns by frame w frame^T, in its own axes by rest w.
-        own = np.einsum("eji,ej->ei", self._rest_frame, torque[self._edges])
-        length, (beside, height) = along[:, 0], across[:, :2].T
-        by_first, by_second = np.zeros_like(own), np.zeros_like(own)
-        by_second[:, 2] = own[:, 0] / height
-        by_first[:, 1] = own[:, 2] / length
-        by_first[:, 2] = -(own[:, 1] + own[:, 0] * beside / height) / length
-        for corner, part in ((1, by_first), (2, by_second), (0, -by_first - by_second)):
-            np.subtract.at(of_node, self._edge_nodes[:, corner], np.einsum("eij,ej->ei", frames, part))
-
-
-def _hooke(strain: np.ndarray, modulus: np.ndarray) -> np.ndarray:
-    trace = np.trace(strain, axis1=1, axis2=2)
-    shear: np.ndarray = modulus[:, 1, None, None] * (strain + strain.transpose(0, 2, 1))
-    return shear + (modulus[:, 0] * trace)[:, None, None] * np.eye(3)
-
-
-def axial_vectors(matrix: np.ndarray) -> np.ndarray:
-    """Vectors t with t . w = A : [w], of which [t] is A - A^T."""
-    odd = matrix - matrix.transpose(0, 2, 1)
-    return np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1)
-
-
-def cross_matrices(vector: np.ndarray) -> np.ndarray:
-    """Matrices of cross products with vectors, shape (count, 3, 3)."""
-    x, y, z = vector.T
-    nought = np.zeros_like(x)
-    return np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=1).reshape(-1, 3, 3)
-
-
-def polar_rotations(matrices: np.ndarray) -> np.ndarray:
-    """The nearest rotations, shape (count, 3, 3), by Newton's method (Higham 1986, Computing the polar
-    decomposition); of matrices turned inside out by their singular values."""
-    found, inverted = matrices.copy(), np.linalg.det(matrices) <= 0.0
-    found[inverted] = np.eye(3)
-    for _ in range(30):
-        cofactor = np.stack([np.cross(found[:, i - 2], found[:, i - 1]) for i in range(3)], axis=1)
-        inverse = cofactor / (found[:, 0] * cofactor[:, 0]).sum(axis=1)[:, None, None]
-        change = 0.5 * (inverse - found)
-        found += change
-        if np.abs(change).max(initial=0.0) < 1e-9:  # it is quadratic: the next would be round-off
-            break
-    left, _, right = np.linalg.svd(matrices[inverted])
-    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
-    found[inverted] = left @ right
-    return found
+        self._start[:], self._velocity[:], self._multiplier[:] = start.position, velocity, time_step * multiplier
+        scale = (start.young_modulus / self._rest_modulus)[self._material, None]
+        np.multiply(self._modulus, scale, out=self._pieces.modulus)
+        elastic_slopes(self._pieces, self._start, self._velocity, self._multiplier, self._slopes)
+        slopes.position -= self._on_nodes @ self._slopes.by_position
+        by_modulus = -np.bincount(self._material, self._slopes.product, len(self._rest_modulus))
+        by_lag = -np.bincount(self._body, self._slopes.by_lag, self._body_count)
+        return by_modulus / start.young_modulus, by_lag
 
 
 class StepAdjoint:
