@@ -63,7 +63,7 @@ class _Places:
         found, separation, carriers = table.found, table.separation, model.surfaces.carriers
         self.passed = model.scene.time.step * table.fraction[chosen]
         self.weight, self.normal = found.weights[chosen], found.normal[chosen]
-        self.distance, self.arm = found.distance[chosen], separation.arm[chosen].copy()
+        self.distance = found.distance[chosen]
         self.vertex, bodies = found.vertices[chosen], found.bodies[chosen] - len(model.soft_bodies)
         count = len(start.rigid_position)
         self.rigid = np.where((bodies >= 0) & (bodies < count), bodies, count)  # the last is none
@@ -84,6 +84,7 @@ class _Places:
         self.point = np.einsum("csk,cski->csi", self.weight, self.place)
         self.point[self.is_plane] = found.points[chosen][self.is_plane]
         self.is_rigid = self.rigid < count
+        self.arm = np.where(self.is_rigid[..., None], separation.arm[chosen], 0.0)
         straight = np.where(self.is_rigid[..., None], self.point - centre, 0.0)
         # Arms at corners that touch are taken half the way earlier.
         half = turn_matrices(-0.5 * self.passed[:, None, None] * self._of_rigid(rigid.angular))
