@@ -1,12 +1,13 @@
-"""Throw by gradients: two pads hold a cube, swing and let go, so that it is at a place in the air 0.1 s later.
+"""Throw by gradients: two pads hold a cube, swing it and let go, so that it flies through a place in the air.
 
-The plan has pressures and places of the base at six knots. `taichisoft.gradient` gives the derivatives of where the
-cube flies by the controls of all 30 steps in one pass back over the run, through contact and friction until the pads
-let go; L-BFGS (scipy) changes the plan. Differences would take 36 more runs for each of its iterations.
+A plan has pressures and places of the base at six knots. `taichisoft.gradient` gives the derivatives of where the cube
+is after 30 steps by the controls of all of them, in one pass back over the run, through contact and friction until the
+pads let go; L-BFGS (scipy) changes the plan. By differences each of its evaluations would take 24 more runs.
 
 Prints:
 
-    0.0 mm
+    the first plan misses by 26.9 mm
+    after 6 gradients the plan misses by 0.0 mm
 """
 
 from pathlib import Path
@@ -17,15 +18,19 @@ from scipy.optimize import minimize
 import taichisoft
 
 STEPS, KNOTS = 30, 6
-TARGET = np.array([20.0, 0.0, 70.0])  # [mm]
+TARGET = np.array([25.0, 0.0, 60.0])  # [mm]
 PADS = ("left.cavity", "right.cavity")
 NAMES = [*(f"pressure.{pad}" for pad in PADS), "base_translation.x", "base_translation.z"]
-PLAN = np.array([[9.0, 9.0, 9.0, 9.0, 0.0, 0.0]] * 2 + [[0.0, 0.0, 2.0, 6.0, 10.0, 12.0], [0.0, 3.0, 14.0, 32.0, 50.0, 60.0]])
+PLAN = np.array(
+    [[10.0, 10.0, 10.0, 10.0, 10.0, 0.0]] * 2 + [[0.0, 0.0, 2.0, 6.0, 12.0, 14.0], [0.0, 3.0, 11.0, 22.0, 34.0, 40.0]]
+)
 SCALE = np.array([1.0, 1.0, 5.0, 5.0])[:, None]  # of the variables, in kPa and mm
 LOWEST, HIGHEST = np.array([[0.0], [0.0], [-20.0], [-10.0]]), np.array([[11.0], [11.0], [40.0], [80.0]])
-STIFFNESS = 1e-3  # of the plan
+STIFFNESS = 1e-4  # of the plan
 
-scene = taichisoft.load_scene(Path(taichisoft.__file__).parent / "tiny_gripper" / "scene.toml", ["limits={}"])
+scene = taichisoft.load_scene(
+    Path(taichisoft.__file__).parent / "tiny_gripper" / "scene.toml", ["limits={}", "contact.friction=1.0"]
+)
 simulation = taichisoft.Simulation(scene)
 for step in range(20):
     simulation.step(taichisoft.Control(pressure=dict.fromkeys(PADS, min(9.0, 0.6 * step))))
@@ -47,10 +52,12 @@ def cost(variables: np.ndarray) -> tuple[float, np.ndarray]:
     change = SCALE * variables.reshape(SCALE.size, KNOTS)
     found = taichisoft.gradient(simulation, dict(zip(NAMES, (PLAN + change) @ shares.T, strict=True)), objective, NAMES)
     slope = np.array([found[name] for name in NAMES]) @ shares
-    print(found.value, found.edge_share, found.inexact_share, found.observation.object_positions["cube"])
+    misses.append(found.value**0.5)
     return found.value + STIFFNESS * float(variables @ variables), (SCALE * slope).ravel() + 2.0 * STIFFNESS * variables
 
 
 bounds = list(zip(((LOWEST - PLAN) / SCALE).ravel(), ((HIGHEST - PLAN) / SCALE).ravel(), strict=True))
-best = minimize(cost, np.zeros(PLAN.size), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 25})
-print(best)
+misses: list[float] = []
+minimize(cost, np.zeros(PLAN.size), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 5})
+print(f"the first plan misses by {misses[0]:.1f} mm")
+print(f"after {len(misses)} gradients the plan misses by {misses[-1]:.1f} mm")
