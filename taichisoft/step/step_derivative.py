@@ -57,11 +57,12 @@ class RowConditions:
     def multipliers(self, of_impulse: np.ndarray, compliance: np.ndarray) -> np.ndarray:
         """The transposed solution: derivatives of a number by the right-hand sides, of those by the impulses."""
         matrix, size = self._scaled(compliance)
-        # Rows of open contacts have an impulse of 0 alone, and there are many.
+        # Rows of known impulses, such as 0 of open contacts, are not coupled, and there are many.
         acts = self.of_velocity.any(axis=1) | (self.of_impulse != np.eye(len(size))).any(axis=1)
-        answer, some = np.zeros(len(size)), np.ix_(acts, acts)
-        answer[acts] = np.linalg.lstsq(matrix[some].T, of_impulse[acts], rcond=1e-13)[0] / size[acts]
-        return answer
+        answer, own = of_impulse.copy(), matrix[acts]
+        answer[acts] = np.linalg.lstsq(own[:, acts].T, of_impulse[acts], rcond=1e-13)[0]
+        answer[~acts] -= own[:, ~acts].T @ answer[acts]
+        return answer / size
 
     def _scaled(self, compliance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         matrix = self.of_impulse + self.of_velocity @ compliance
