@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,13 @@ from taichisoft.contact.model import Model
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
-from taichisoft.control.requests import DRIVES
+from taichisoft.control.requests import DRIVES, as_array
 from taichisoft.errors import ControlError, TaichisoftError, nearest
 from taichisoft.mechanics.body_geometry import PosesAhead
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS, ActuatorGeometry
 from taichisoft.mechanics.state import State
 from taichisoft.running.simulation import Simulation, check_simulation
-from taichisoft.step.linearisation import AXES, BASE, asking
+from taichisoft.step.linearisation import AXES, BASE, asking, forces
 from taichisoft.step.step_adjoint import Slopes, StepAdjoint
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
@@ -83,10 +84,9 @@ class LeastSquares:
         Raises:
             TaichisoftError: a curve is not an array of numbers.
         """
-        try:
-            self.curves = {name: np.array(values, dtype=np.float64) for name, values in curves.items()}
-        except (TypeError, ValueError, AttributeError):
-            raise TaichisoftError(f"curves = {curves!r}: must be arrays of numbers by the names of figures") from None
+        if not isinstance(curves, Mapping):
+            raise TaichisoftError(f"curves = {curves!r}: must be arrays of numbers by the names of figures")
+        self.curves = {name: np.atleast_1d(as_array(values, f"curves['{name}']")) for name, values in curves.items()}
         self.first_step = first_step
 
     def __call__(self, observation: Observation) -> tuple[float, Mapping[str, np.ndarray]]:
@@ -160,7 +160,7 @@ class _Run:
         if isinstance(memory, bool) or not isinstance(memory, int | float) or not memory > 0.0:
             raise TaichisoftError(f"memory = {memory!r}: must be a number of megabytes above 0")
         self._controls, self._count = _checked_controls(controls)
-        self._by = _checked_names(by, self._model, simulation.state)
+        self._by = _checked_names(by, self._model)
         self._adjoint = StepAdjoint(self._model)
         self._figures = FigureSlopes(self._model)
         self._of_steps = {name: np.zeros(self._count) for name in self._by if _is_of_steps(name)}
@@ -185,7 +185,8 @@ class _Run:
             carried.add(derivative, found)
             self._keep_forces(step, derivative, found)
             if any(name.startswith(tuple(BASE)) for name in self._of_steps):
-                carried.add_pose(derivative, found, self._adjoint)
+                _refuse_turning(derivative.start)
+                carried.add_pose(derivative, found, self._adjoint, self._figures.of_frames)
             carried.hand_over(step, control, self._simulation, derivative.start, self._of_steps)
             end = self._simulation.state
         by = {name: self._of_steps[name] if name in self._of_steps else self._of_run(name, slopes) for name in self._by}
@@ -223,31 +224,24 @@ class _Run:
         if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[1], Mapping):
             raise TaichisoftError(f"objective gave {answer!r}: must be a number and derivatives by names of figures")
         value, slopes = answer
+        if not isinstance(value, Real) or not np.isfinite(value):
+            raise TaichisoftError(f"objective = {value!r} at {observation.time:g} s: must be a finite number")
         checked = {}
         for name, given in slopes.items():
-            slope = np.array(given, dtype=np.float64)
-            shape = find_figure(name, observation, self._model.body_names).of(observation).shape
+            shape = find_figure(str(name), observation, self._model.body_names).of(observation).shape
+            slope = as_array(given, f"objective: its derivative by '{name}'")
             if slope.shape != shape or not np.isfinite(slope).all():
                 raise TaichisoftError(f"objective: its derivative by '{name}' must be finite numbers of shape {shape}")
             self._figures.check(name)
             checked[name] = slope
-        if not np.isfinite(float(value)):
-            raise TaichisoftError(f"objective = {value!r} at {observation.time:g} s: must be finite")
         return float(value), checked
 
     def _keep_forces(self, step: int, derivative: StepDerivative, found: Multipliers) -> None:
-        tips, h = self._figures.tips, self._model.scene.time.step
-        for name, values in self._of_steps.items():
-            key, _, of = name.partition(".")
-            if key != "force":
-                continue
-            body, axis = of.rsplit(".", 1)
-            if body in tips.names:
-                nodes = tips.nodes[tips.names.index(body)]
-                values[step] = h * found.node[nodes, AXES.index(axis)].mean()
-            else:
-                number = [one.name for one in self._model.rigid_bodies].index(body)
-                values[step] = h * found.rigid[number] @ derivative.inverse_mass[number][:, AXES.index(axis)]
+        if any(name.startswith("force.") for name in self._of_steps):
+            for one in forces(self._model, derivative):
+                if one.name in self._of_steps:
+                    part = (found.node * one.node_impulse).sum() + (found.rigid * one.rigid_velocity).sum()
+                    self._of_steps[one.name][step] = part
 
     def _of_run(self, name: str, slopes: Slopes) -> np.ndarray:
         """A derivative by something that holds for the whole run."""
@@ -309,7 +303,13 @@ class _Carried:
             of_load[coordinate] = by_rate if imposed[actuator] else by_effort
         self.target += of_load[actuators.first_coordinate[:-1]]
 
-    def add_pose(self, derivative: StepDerivative, found: Multipliers, adjoint: StepAdjoint) -> None:
+    def add_pose(
+        self,
+        derivative: StepDerivative,
+        found: Multipliers,
+        adjoint: StepAdjoint,
+        objective: Sequence[Callable[[State], float]],
+    ) -> None:
         """Those by the pose of the base, by differences of what acts."""
         start = derivative.start
         for part, axis in np.ndindex(2, 3):
@@ -317,12 +317,13 @@ class _Carried:
             for sign in (half, -half):
                 pose = start.frame_pose.copy()
                 pose[0, part, axis] += sign
-                causes = derivative.causes(start.changed(frame_pose=pose))
+                moved = start.changed(frame_pose=pose)
+                causes = derivative.causes(moved)
                 acts = (found.node * causes.node_impulse).sum() + (found.rigid * causes.rigid_velocity).sum()
                 acts += found.row @ causes.row_velocity + (found.bounds * causes.bounds).sum()
                 rigid = derivative.rigid.state
                 acts += (adjoint.carried * np.hstack([rigid.linear, rigid.angular])).sum()
-                sides.append(acts)
+                sides.append(acts + sum(part(moved) for part in objective))
             self._pose[part, axis] += (sides[0] - sides[1]) / (2.0 * half)
         derivative.causes(start)
 
@@ -344,18 +345,16 @@ class _Carried:
                         kept[f"{drive.request}.{of}"][step] = self._request[index]
                     self._request[index] = 0.0
         for part, (key, (_, rate)) in enumerate(BASE.items()):
-            reached, request, before = (
-                start.frame_pose[0, part],
-                start.frame_request[0, part],
-                state.frame_pose[0, part],
-            )
-            follows, stays = np.eye(3), np.zeros((3, 3))
-            if (reached != request).any():
-                follows, stays = _limited(key, reached, request, before)
-            elif getattr(control, rate) is not None or state.frame_velocity[0, part].any():
-                follows, stays = np.zeros((3, 3)), np.eye(3)
-            self._pose_request[part] += follows.T @ self._pose[part]
-            self._pose[part] = stays.T @ self._pose[part]
+            reached, request = start.frame_pose[0, part], start.frame_request[0, part]
+            if getattr(control, rate) is not None or start.frame_velocity[0, part].any():  # on from the pose before
+                self._pose[part] += self._pose_request[part]
+                self._pose_request[part] = 0.0
+            else:
+                follows = np.eye(3)
+                if (reached != request).any():
+                    follows = _limited(reached, request, state.frame_pose[0, part])
+                self._pose_request[part] += follows.T @ self._pose[part]
+                self._pose[part] -= follows.T @ self._pose[part]
             if getattr(control, key) is not None:
                 for axis, letter in enumerate(AXES):
                     if f"{key}.{letter}" in kept:
@@ -363,19 +362,22 @@ class _Carried:
                 self._pose_request[part] = 0.0
 
 
-def _limited(key: str, reached: np.ndarray, request: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of a pose on its way to a request, by the request and by the pose before."""
-    if key != "base_translation":
-        raise TaichisoftError("gradient: limits.base_turning_speed holds back the base; take it out of the scene")
-    way, gone = request - before, float(np.linalg.norm(reached - before))
+def _limited(reached: np.ndarray, request: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Derivative, by the request, of a place on the straight way there; the rest of it is by the place before."""
+    way = request - before
     length = float(np.linalg.norm(way))
-    along = np.outer(way, way) / length**2
-    follows = gone / length * (np.eye(3) - along)
-    return follows, np.eye(3) - follows
+    follows: np.ndarray = np.linalg.norm(reached - before) / length * (np.eye(3) - np.outer(way, way) / length**2)
+    return follows
 
 
 class FigureSlopes:
-    """Takes derivatives by figures of an observation to those by the state and the impulses of the step before it."""
+    """Takes derivatives by figures of an observation to those by the state and the impulses of the step before it.
+
+    Attributes:
+        tips: the fingertips.
+        of_frames: parts of an objective that frames change without a change of the bodies, by a state that has the
+            frames; of the last step.
+    """
 
     KNOWN = (
         *("tip_positions", "tip_velocities", "bending_angles"),
@@ -386,6 +388,7 @@ class FigureSlopes:
 
     def __init__(self, model: Model):
         self._model, self.tips = model, Fingertips(model.soft_bodies, model.frames)
+        self.of_frames: list[Callable[[State], float]] = []
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
 
     def check(self, name: str) -> None:
@@ -405,6 +408,7 @@ class FigureSlopes:
     ) -> None:
         """Add those by figures of the end of a step to those by its state, by impulses of rows, and by targets."""
         rigid = [body.name for body in self._model.rigid_bodies]
+        self.of_frames = []
         for name, slope in by.items():
             field, _, key = name.partition(".")
             if field == "state":
@@ -439,6 +443,9 @@ class FigureSlopes:
             (frame,) = self._model.frames.numbers([body.settings.follows])
             turn = self._model.places(end).turn[frame]
             slopes.position[nodes] += float(slope) * _angle_slopes(end.position[nodes], rest, turn)
+            self.of_frames.append(
+                lambda moved: float(slope * self.tips.observe(end.changed(frame_pose=moved.frame_pose))[2][number])
+            )
 
     def _add_forces(self, field: str, key: str, slope: float, derivative: StepDerivative, impulse: np.ndarray) -> None:
         pair = sorted(self._model.body_names.index(name) for name in key.split("|"))
@@ -476,13 +483,19 @@ class FigureSlopes:
                 else:
                     target[place.start + number] += part
                 continue
-            self._geometry.update(
-                PosesAhead(end.position, end.rigid_position, end.rigid_rotation), self._model.placed_pull_points(end)
-            )
+            sign = actuators.sign[place.start + number] if field == kind.coordinate.observed else 1.0
+            weight, actuator = float(sign * part), place.start + number
+            self.of_frames.append(lambda moved, w=weight, i=actuator: w * self._values(end, moved)[i])  # type: ignore[misc]
+            self._values(end, end)
             own = slice(*actuators.coordinates.entry_start[coordinate : coordinate + 2].tolist())
-            sign = actuators.sign[place.start + number] if field == kind.value.observed else 1.0
-            nodes = actuators.coordinates.entry_node[own]
-            np.add.at(slopes.position, nodes, sign * part * self._geometry.gradient.soft[own])
+            by_coordinate = weight * actuators.sign[actuator] * self._geometry.gradient.soft[own]
+            np.add.at(slopes.position, actuators.coordinates.entry_node[own], by_coordinate)
+
+    def _values(self, end: State, frames: State) -> np.ndarray:
+        """Volumes and lengths of all actuators with the bodies of a state and the frames of another."""
+        ahead = PosesAhead(end.position, end.rigid_position, end.rigid_rotation)
+        self._geometry.update(ahead, self._model.placed_pull_points(frames))
+        return self._geometry.value
 
 
 def _angle_slopes(position: np.ndarray, rest: np.ndarray, frame: np.ndarray) -> np.ndarray:
@@ -510,7 +523,7 @@ def _checked_controls(controls: Any) -> tuple[Controls, int]:
     if isinstance(controls, Mapping):
         arrays = {}
         for name, values in controls.items():
-            array = np.array(values, dtype=np.float64) if np.asarray(values).dtype.kind in "iuf" else np.zeros(0)
+            array = as_array(values, f"controls['{name}']")
             if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
                 raise ControlError(f"controls['{name}']: must be a finite number for each step")
             arrays[str(name)] = array
@@ -530,7 +543,7 @@ def _is_of_steps(name: str) -> bool:
     return name.partition(".")[0] in ("force", *BASE, *(drive.request for drive in DRIVES))
 
 
-def _checked_names(by: Any, model: Model, state: State) -> list[str]:
+def _checked_names(by: Any, model: Model) -> list[str]:
     if isinstance(by, str) or not isinstance(by, Sequence):
         raise TaichisoftError(f"by = {by!r}: must be a sequence of names")
     known = list(_known_names(model))
@@ -562,6 +575,14 @@ def _known_names(model: Model) -> Iterator[str]:
     yield from (f"{_inertia(body.settings)[0]}.{body.name}" for body in model.soft_bodies)
     yield from (f"mass.{name}" for name in free)
     yield "friction"
+
+
+def _refuse_turning(start: State) -> None:
+    if start.frame_velocity[0, 1].any() or (start.frame_pose[0, 1] != start.frame_request[0, 1]).any():
+        raise TaichisoftError(
+            f"by: the base turns at a speed, or limits.base_turning_speed holds it back, at step {start.step}; ask for "
+            "base_rotation in place of base_angular_velocity, and leave the limit out"
+        )
 
 
 def _friction_pairs(model: Model, pair: str) -> np.ndarray:

@@ -46,8 +46,8 @@ class _Fields:
 
     def __init__(self, places: "_Places", nodes: np.ndarray, rigid: np.ndarray):
         """Those of nodes, (node_count, 3), and rigid bodies, (rigid_count, 6)."""
-        carried = np.einsum("cskn,cskni->cski", places.node_weight, nodes[places.node])
-        padded = np.vstack([rigid, np.zeros(6)])[places.rigid]
+        carried = np.einsum("cskn,cskni->cski", places.node_weight, _of(places.node, nodes))
+        padded = _of(places.rigid, rigid)
         self.turning = padded[..., 3:]
         self.of_vertex = carried  # of the soft vertices; others go with their body
         straight = np.einsum("csk,cski->csi", places.weight, carried) + padded[..., :3]
@@ -72,11 +72,11 @@ class _Places:
         self.node = carriers.nodes[self.vertex]
         self.node_weight = np.where(is_soft[..., None], carriers.weights[self.vertex], 0.0)
         self.is_plane = ~is_vertex.any(axis=2)
-        turn = turn_matrices(self.passed[:, None, None] * self._of_rigid(rigid.angular))
-        centre = self._of_rigid(rigid.position) + self.passed[:, None, None] * self._of_rigid(rigid.linear)
+        turn = turn_matrices(self.passed[:, None, None] * _of(self.rigid, rigid.angular))
+        centre = _of(self.rigid, rigid.position) + self.passed[:, None, None] * _of(self.rigid, rigid.linear)
         own = np.vstack([matrices_from_quaternions(start.rigid_rotation), np.eye(3)[None]])[self.rigid]
         local = np.einsum("csij,cskj->cski", turn @ own, carriers.local[self.vertex])
-        ahead = start.position[self.node] + self.passed[:, None, None, None, None] * start.velocity[self.node]
+        ahead = _of(self.node, start.position) + self.passed[:, None, None, None, None] * _of(self.node, start.velocity)
         of_nodes = np.einsum("cskn,cskni->cski", self.node_weight, ahead)
         self.place = np.where(is_soft[..., None], of_nodes, local + centre[:, :, None])
         self.place[~is_vertex] = 0.0
@@ -87,14 +87,11 @@ class _Places:
         self.arm = np.where(self.is_rigid[..., None], separation.arm[chosen], 0.0)
         straight = np.where(self.is_rigid[..., None], self.point - centre, 0.0)
         # Arms at corners that touch are taken half the way earlier.
-        half = turn_matrices(-0.5 * self.passed[:, None, None] * self._of_rigid(rigid.angular))
+        half = turn_matrices(-0.5 * self.passed[:, None, None] * _of(self.rigid, rigid.angular))
         self.earlier = np.abs(_turned(half, straight) - self.arm).max(axis=2) < ALIKE
         self.earlier &= np.abs(straight - self.arm).max(axis=2) > ALIKE
         self.half = np.where(self.earlier[..., None, None], half, np.eye(3))
         self.arms_fit = np.abs(_turned(self.half, straight) - self.arm).max(axis=(1, 2)) < ALIKE
-
-    def _of_rigid(self, values: np.ndarray) -> np.ndarray:
-        return np.vstack([values, np.zeros(values.shape[1:])[None]])[self.rigid]
 
     def directions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Directions E of the features, with the sign of their side, (contact_count, 4, 3); first vertex of each side,
@@ -210,7 +207,7 @@ def _on_bodies(
     """Those by vertices, by arms and by the speeds before the step, as those by the bodies that carry them."""
     start, count = derivative.start, len(derivative.start.rigid_position)
     sign, normal, passed = np.array([-1.0, 1.0])[:, None], at.normal, at.passed[:, None, None]
-    position, velocity = np.zeros_like(start.position), np.zeros_like(start.velocity)
+    position, velocity = np.zeros((2, len(start.position) + 1, 3))
     of_nodes = at.node_weight[..., None] * by_place[..., None, :]
     np.add.at(position, at.node, of_nodes)
     speeds = sign * (of_speed[:, None] * normal)[:, None]
@@ -224,7 +221,7 @@ def _on_bodies(
     spun[round_side] = np.cross(at.point - at.centre, place)[round_side]
     place = place - by_arm  # an arm is from the centre
     back = at.turn.transpose(0, 1, 3, 2)
-    angular = _padded(motion[1])[at.rigid]
+    angular = _of(at.rigid, motion[1])
     mean, mean_earlier = (
         turn_matrices(share * passed * angular, mean=True).transpose(0, 1, 3, 2) for share in (1.0, -0.5)
     )
@@ -241,11 +238,12 @@ def _on_bodies(
     )
     rigid = np.zeros((count + 1, 4, 3))
     np.add.at(rigid, at.rigid, by)
-    return PlaceSlopes(position, velocity, rigid[:count], inexact)
+    return PlaceSlopes(position[:-1], velocity[:-1], rigid[:count], inexact)
 
 
-def _padded(values: np.ndarray) -> np.ndarray:
-    return np.vstack([values, np.zeros(3)])
+def _of(index: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values by their numbers, 0 of one past the last."""
+    return np.vstack([values, np.zeros((1, *values.shape[1:]))])[index]
 
 
 def _turned(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -189,7 +189,7 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
         for row, (key, (unit, _)) in enumerate(BASE.items()):
             for axis, letter in enumerate(AXES):
                 yield Input(f"{key}.{letter}", unit, float(start.frame_request[0, row, axis]))
-    yield from _forces(model, derivative)
+    yield from forces(model, derivative)
 
 
 def asking(state: State, values: Mapping[str, float], control: Control = NOTHING) -> Control:
@@ -241,7 +241,7 @@ def _axis(name: str, letter: str) -> int:
     return AXES.index(letter)
 
 
-def _forces(model: Model, derivative: StepDerivative) -> Iterator[Input]:
+def forces(model: Model, derivative: StepDerivative) -> Iterator[Input]:
     """Forces on fingertips and on the centres of mass of rigid bodies."""
     step, none = model.scene.time.step, np.zeros((len(model.rigid_bodies), 6))
     tips = Fingertips(model.soft_bodies, model.frames)

@@ -9,7 +9,7 @@ end changes by dJ = -m . (dr/dy) dy, where the multipliers m solve the transpose
     rows:          r = target(y) - J(y) u, of contacts by where the search has measured surfaces: `contact_slopes.py`
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -54,11 +54,6 @@ class Slopes:
         """All 0."""
         nodes, rigid = (model.node_count, 3), (len(model.rigid_bodies), 3)
         return cls(*(np.zeros(shape) for shape in (nodes, nodes, rigid, rigid, (rigid[0], 6))))
-
-    def add(self, other: "Slopes") -> None:
-        """Add another one."""
-        for one in fields(self):
-            getattr(self, one.name)[...] += getattr(other, one.name)
 
 
 class ElasticSlopes:

@@ -13,7 +13,7 @@ from conftest import Figures
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as some
 
-from taichisoft import Control, LeastSquares, Observation, Simulation, gradient, load_scene
+from taichisoft import Control, LeastSquares, Observation, Simulation, gradient, load_scene, scene_from_dict
 from taichisoft.errors import TaichisoftError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.step import asking
@@ -61,7 +61,7 @@ CASES = {
     "inflated finger": (
         lambda: Simulation(load_scene("finger-inflated")),
         {"tip_positions.finger": [1.0, 2.0, 3.0], "bending_angles.finger": 5.0, "volumes.finger.cavity": 1e-3},
-        {"pressure.finger.cavity": 12.0},
+        {"pressure.finger.cavity": 12.0, "base_rotation.z": 0.02},
     ),
     "squeezed cube": (
         lambda: squeezed(*EXACT),
@@ -75,8 +75,18 @@ CASES = {
     ),
     "pulled cable": (
         lambda: Simulation(load_scene("cable-gripper", ("limits={}",))),
-        {"tip_positions.finger1": [1.0, 2.0, 3.0], "cable_tensions.finger1.tendon": 1e-3},
-        {"cable_pull.finger1.tendon": 0.2, "base_translation.x": 0.1, "base_rotation.z": 0.01},
+        {
+            "tip_positions.finger1": [1.0, 2.0, 3.0],
+            "tip_positions.finger2": [1.0, 2.0, 3.0],
+            "cable_tensions.finger1.tendon": 1e-3,
+            "cable_lengths.finger2.tendon": 0.1,
+        },
+        {
+            "cable_pull.finger1.tendon": 0.2,
+            "cable_tension.finger2.tendon": 500.0,
+            "base_translation.x": 0.1,
+            "base_rotation.z": 0.01,
+        },
     ),
 }
 
@@ -198,6 +208,37 @@ def test_requests_that_limits_hold_back_have_a_part_of_the_gradient() -> None:
     assert held[name][0] < found[name][0] and not held[name][1:].any()
 
 
+def test_gradient_of_a_ball_that_is_thrown(figures: Figures) -> None:
+    """Closed form without soft bodies: v after h is x0 + h n v0 and so on, and friction has no say in the air."""
+    tables = {
+        "rigid_bodies": {"cube": {"box": [10.0, 10.0, 10.0], "mass": 0.01, "position": [0.0, 0.0, 30.0]}},
+        "obstacles": {"floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}},
+        "time": {"step": 0.01, "duration": 1.0},
+    }
+    simulation = Simulation(scene_from_dict(tables))
+    by = ["start.rigid_velocity", "start.rigid_position", "force.cube.x", "friction"]
+    found = gradient(simulation, [None] * 4, Weighted({"object_velocities.cube": [1.0, 0.0, 2.0]}), by)
+    assert found["start.rigid_velocity"][0] == pytest.approx([4.0, 0.0, 8.0, 0.0, 0.0, 0.0], abs=1e-9)
+    assert found["force.cube.x"] == pytest.approx([4.0, 3.0, 2.0, 1.0]) and found["friction"] == 0.0
+    fallen = gradient(simulation, [None] * 12, Weighted({"object_positions.cube": [0.0, 0.0, 1.0]}), by)
+    assert abs(fallen["start.rigid_position"][0, 2]) < 12.0 and fallen.observation.object_positions["cube"][2] < 6.0
+
+
+def test_speeds_of_the_base_hand_on_the_pose_before(floating: Simulation) -> None:
+    """A place that is asked for once moves all that follows at a speed."""
+    start = floating.state
+    speed = Control(base_velocity=np.array([0.0, 0.0, 20.0]))
+    controls = [Control(base_translation=np.array([0.0, 0.0, 1.9])), speed, None, None]
+    found = gradient(floating, controls, OBJECTIVE, ["base_translation.z"])["base_translation.z"]
+    sides = []
+    for half in (1e-4, -1e-4):
+        for one in (Control(base_translation=np.array([0.0, 0.0, 1.9 + half])), *controls[1:]):
+            floating.step(one)
+            sides.append(OBJECTIVE(floating.observe())[0])
+        floating.restore(start)
+    assert found[0] == pytest.approx((sum(sides[:4]) - sum(sides[4:])) / 2e-4, rel=1e-4) and not found[1:].any()
+
+
 REFUSED = {
     "by: 'presure.left.cavity' is nothing": {"by": ["presure.left.cavity"]},
     "by = 'friction': must be a sequence": {"by": "friction"},
@@ -214,6 +255,9 @@ REFUSED = {
     r"controls\[0\] = 3: must be a taichisoft.Control": {"controls": [3]},
     r"controls = \[\]": {"controls": []},
     "memory = -1": {"memory": -1},
+    "objective = '1' at": {"objective": lambda seen: ("1", {})},
+    "its derivative by 'volumes' = 'x': must be a number": {"objective": lambda seen: (1.0, {"volumes": "x"})},
+    r"controls\['base_translation.x'\] = 'x': must be": {"controls": {"base_translation.x": "x"}},
 }
 
 
