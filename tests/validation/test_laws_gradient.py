@@ -12,6 +12,7 @@ import pytest
 from conftest import Figures
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as some
+from scipy.optimize import minimize
 
 from taichisoft import Control, LeastSquares, Observation, Simulation, gradient, load_scene, scene_from_dict
 from taichisoft.errors import TaichisoftError
@@ -237,6 +238,28 @@ def test_speeds_of_the_base_hand_on_the_pose_before(floating: Simulation) -> Non
             sides.append(OBJECTIVE(floating.observe())[0])
         floating.restore(start)
     assert found[0] == pytest.approx((sum(sides[:4]) - sum(sides[4:])) / 2e-4, rel=1e-4) and not found[1:].any()
+
+
+def test_modulus_is_found_from_a_measured_curve() -> None:
+    """L-BFGS on the logarithm of a modulus, from 0.7 of it; the second curve has gaps."""
+    simulation = Simulation(load_scene("finger-inflated", ("soft_bodies.finger.regions=[]",)))
+    start, curve, steps = simulation.state, [], 12
+    controls = {"pressure.finger.cavity": np.linspace(1.0, 12.0, steps)}
+    for pressure in controls["pressure.finger.cavity"]:
+        simulation.step(Control(pressure={"finger.cavity": float(pressure)}))
+        curve.append(simulation.observe().tip_positions["finger"])
+    measured = np.array(curve)
+    measured[::3, 1] = np.nan
+
+    def misfit(share: np.ndarray) -> tuple[float, np.ndarray]:
+        simulation.restore(start.changed(young_modulus=start.young_modulus * np.exp(share)))
+        found = gradient(
+            simulation, controls, LeastSquares({"tip_positions.finger": measured}), ["young_modulus.finger"]
+        )
+        return found.value, found["young_modulus.finger"] * simulation.state.young_modulus
+
+    fit = minimize(misfit, np.log([0.7]), jac=True, method="L-BFGS-B")
+    assert np.exp(fit.x) == pytest.approx(1.0, abs=1e-4) and fit.nfev < 12
 
 
 REFUSED = {
