@@ -14,12 +14,12 @@ from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
 from taichisoft.control.requests import DRIVES, as_array
 from taichisoft.errors import ControlError, TaichisoftError, nearest
-from taichisoft.mechanics.body_geometry import PosesAhead
-from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS, ActuatorGeometry
+from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
+from taichisoft.running.figure_slopes import FigureSlopes
 from taichisoft.running.simulation import Simulation, check_simulation
 from taichisoft.step.linearisation import AXES, BASE, asking, forces
-from taichisoft.step.step_adjoint import Slopes, StepAdjoint
+from taichisoft.step.step_adjoint import RestSlopes, Slopes, StepAdjoint
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
 Objective = Callable[[Observation], tuple[float, Mapping[str, Any]]]
@@ -27,7 +27,7 @@ Objective = Callable[[Observation], tuple[float, Mapping[str, Any]]]
 Controls = Sequence[Control | None] | Mapping[str, Any]
 HALF_WIDTHS = (1e-3, 1e-5)
 """Half widths of differences by translations [mm] and rotations [rad] of the base."""
-PROBE = 1e-3
+PROBE = 1e-6
 """By how much a target is moved to see whether the next one follows it."""
 
 
@@ -114,7 +114,12 @@ def figure_value(name: str, observation: Observation) -> np.ndarray:
 
 
 def gradient(
-    simulation: Simulation, controls: Controls, objective: Objective, by: Sequence[str], memory: float = 200.0
+    simulation: Simulation,
+    controls: Controls,
+    objective: Objective,
+    by: Sequence[str],
+    moves: Mapping[str, np.ndarray] | None = None,
+    memory: float = 200.0,
 ) -> RunGradient:
     """The gradient of an objective of the run from the simulation's present state; the simulation stays as it is.
 
@@ -132,6 +137,8 @@ def gradient(
             "start.position", "start.velocity", "start.rigid_position", "start.rigid_rotation" (by turns about the
             axes of the world), "start.rigid_velocity" (linear and angular); "young_modulus.MATERIAL", "density.BODY",
             "rayleigh_stiffness.BODY", "rayleigh_mass.BODY", "mass.BODY", and "friction" or "friction.BODY|BODY".
+        moves: how dimensions of the bodies move all soft nodes at rest [mm per unit], shape (node_count, 3), by name;
+            `by` has "rest.NAME" then, of a run from the simulation's first state, which moves along.
         memory: states are kept up to so much [MB]; beyond, they are made again from every few steps.
 
     Raises:
@@ -140,7 +147,7 @@ def gradient(
         SimulationDiverged: a step failed.
     """
     check_simulation(simulation)
-    run = _Run(simulation, controls, objective, by, memory)
+    run = _Run(simulation, controls, objective, by, moves or {}, memory)
     before = simulation.state, simulation.report
     try:
         return run.back()
@@ -152,7 +159,13 @@ class _Run:
     """A run forwards, with states that are kept, and back."""
 
     def __init__(
-        self, simulation: Simulation, controls: Controls, objective: Objective, by: Sequence[str], memory: float
+        self,
+        simulation: Simulation,
+        controls: Controls,
+        objective: Objective,
+        by: Sequence[str],
+        moves: Mapping[str, np.ndarray],
+        memory: float,
     ):
         self._simulation, self._model, self._objective = simulation, simulation.model, objective
         if not callable(objective):
@@ -160,10 +173,12 @@ class _Run:
         if isinstance(memory, bool) or not isinstance(memory, int | float) or not memory > 0.0:
             raise TaichisoftError(f"memory = {memory!r}: must be a number of megabytes above 0")
         self._controls, self._count = _checked_controls(controls)
-        self._by = _checked_names(by, self._model)
+        self._by = _checked_names(by, self._model, moves)
         self._adjoint = StepAdjoint(self._model)
         self._figures = FigureSlopes(self._model)
         self._of_steps = {name: np.zeros(self._count) for name in self._by if _is_of_steps(name)}
+        self._moves = _checked_moves(self._by, moves, simulation)
+        self._by_rest = {name: (RestSlopes(self._model, move), [0.0]) for name, move in self._moves.items()}
         self._interval = _interval(self._count, simulation.state, 1e6 * memory)
 
     def back(self) -> RunGradient:
@@ -184,6 +199,8 @@ class _Run:
             edges, shifted = edges + bool(derivative.edges()), shifted + (derivative.shift is not None)
             carried.add(derivative, found)
             self._keep_forces(step, derivative, found)
+            for rest, parts_of_steps in self._by_rest.values():
+                parts_of_steps.append(rest.along(derivative, found))
             if any(name.startswith(tuple(BASE)) for name in self._of_steps):
                 _refuse_turning(derivative.start)
                 carried.add_pose(derivative, found, self._adjoint, self._figures.of_frames)
@@ -233,6 +250,8 @@ class _Run:
             if slope.shape != shape or not np.isfinite(slope).all():
                 raise TaichisoftError(f"objective: its derivative by '{name}' must be finite numbers of shape {shape}")
             self._figures.check(name)
+            if self._moves and str(name).startswith("bending_angles"):
+                raise TaichisoftError("objective: bending_angles have no derivative by moves of the nodes at rest")
             checked[name] = slope
         return float(value), checked
 
@@ -251,6 +270,8 @@ class _Run:
         if key == "start":
             of_state: np.ndarray = getattr(slopes, {"rigid_rotation": "rigid_turn"}.get(of, of))
             return of_state
+        if key == "rest":
+            return np.asarray(sum(self._by_rest[of][1]) + (slopes.position * self._moves[of]).sum())
         if key == "friction":
             return np.asarray((_friction_pairs(model, of) * adjoint.by_friction).sum())
         by_body = {
@@ -334,8 +355,8 @@ class _Carried:
         state = simulation.state
         self._request += np.where(start.actuator_target == start.actuator_request, self.target, 0.0)
         moved = state.changed(actuator_target=state.actuator_target + PROBE)
-        following = (simulation.requests.apply(moved, control).actuator_target - start.actuator_target) / PROBE
-        self.target = following * self.target
+        follows = simulation.requests.apply(moved, control).actuator_target - start.actuator_target > 0.5 * PROBE
+        self.target = np.where(follows, self.target, 0.0)
         for kind in ACTUATOR_KINDS:
             names, place = self._model.actuators.names_of(kind), self._model.actuators.place(kind)
             for drive in (kind.effort, kind.coordinate):
@@ -370,152 +391,6 @@ def _limited(reached: np.ndarray, request: np.ndarray, before: np.ndarray) -> np
     return follows
 
 
-class FigureSlopes:
-    """Takes derivatives by figures of an observation to those by the state and the impulses of the step before it.
-
-    Attributes:
-        tips: the fingertips.
-        of_frames: parts of an objective that frames change without a change of the bodies, by a state that has the
-            frames; of the last step.
-    """
-
-    KNOWN = (
-        *("tip_positions", "tip_velocities", "bending_angles"),
-        *("object_positions", "object_velocities", "object_angular_velocities"),
-        *("pressures", "volumes", "cable_tensions", "cable_lengths", "cable_pulls"),
-        *("normal_forces", "friction_forces", "state.position", "state.velocity"),
-    )
-
-    def __init__(self, model: Model):
-        self._model, self.tips = model, Fingertips(model.soft_bodies, model.frames)
-        self.of_frames: list[Callable[[State], float]] = []
-        self._geometry = ActuatorGeometry(model.actuators, model.node_count)
-
-    def check(self, name: str) -> None:
-        """Refuse a figure without derivatives."""
-        field = name if name.startswith("state.") else name.partition(".")[0]
-        if field not in self.KNOWN:
-            raise TaichisoftError(f"objective: figure '{name}' has no derivative here; take {', '.join(self.KNOWN)}")
-
-    def add(
-        self,
-        by: Mapping[str, np.ndarray],
-        derivative: StepDerivative,
-        end: State,
-        slopes: Slopes,
-        impulse: np.ndarray,
-        target: np.ndarray,
-    ) -> None:
-        """Add those by figures of the end of a step to those by its state, by impulses of rows, and by targets."""
-        rigid = [body.name for body in self._model.rigid_bodies]
-        self.of_frames = []
-        for name, slope in by.items():
-            field, _, key = name.partition(".")
-            if field == "state":
-                getattr(slopes, key)[...] += slope
-            elif field.startswith("object_"):
-                array = slopes.rigid_position if field == "object_positions" else slopes.rigid_velocity
-                columns = slice(3, 6) if "angular" in field else slice(0, 3)
-                for number, part in self._entries(rigid, key, slope):
-                    array[number, columns] += part
-            elif field in ("normal_forces", "friction_forces"):
-                self._add_forces(field, key, float(slope), derivative, impulse)
-            elif field.startswith(("tip_", "bending")):
-                for number, part in self._entries(list(self.tips.names), key, slope):
-                    self._add_tip(field, number, part, end, slopes)
-            else:
-                self._add_actuator(field, key, slope, derivative, end, (slopes, impulse, target))
-
-    @staticmethod
-    def _entries(names: Sequence[str], key: str, slope: np.ndarray) -> list[tuple[int, np.ndarray]]:
-        return [(names.index(key), slope)] if key else list(enumerate(slope))
-
-    def _add_tip(self, field: str, number: int, slope: np.ndarray, end: State, slopes: Slopes) -> None:
-        nodes = self.tips.nodes[number]
-        if field == "tip_positions":
-            slopes.position[nodes] += slope / len(nodes)
-        elif field == "tip_velocities":
-            slopes.velocity[nodes] += slope / len(nodes)
-        else:
-            body = next(body for body in self._model.soft_bodies if body.name == self.tips.names[number])
-            rest = self._model.rest_position[nodes]
-            rest = rest - rest.mean(axis=0)
-            (frame,) = self._model.frames.numbers([body.settings.follows])
-            turn = self._model.places(end).turn[frame]
-            slopes.position[nodes] += float(slope) * _angle_slopes(end.position[nodes], rest, turn)
-            self.of_frames.append(
-                lambda moved: float(slope * self.tips.observe(end.changed(frame_pose=moved.frame_pose))[2][number])
-            )
-
-    def _add_forces(self, field: str, key: str, slope: float, derivative: StepDerivative, impulse: np.ndarray) -> None:
-        pair = sorted(self._model.body_names.index(name) for name in key.split("|"))
-        bodies = derivative.problem.contacts.found.bodies[derivative.contacts]
-        for number in np.flatnonzero((np.sort(bodies, axis=1) == pair).all(axis=1)):
-            rows, h = slice(3 * number, 3 * number + 3), self._model.scene.time.step
-            own = derivative.impulse[rows]
-            if field == "normal_forces":
-                impulse[rows][0] += slope / h
-            elif own[1:].any():
-                impulse[rows][1:] += slope / h * own[1:] / np.linalg.norm(own[1:])
-
-    def _add_actuator(
-        self,
-        field: str,
-        key: str,
-        slope: np.ndarray,
-        derivative: StepDerivative,
-        end: State,
-        parts: tuple[Slopes, np.ndarray, np.ndarray],
-    ) -> None:
-        actuators, (slopes, impulse, target) = self._model.actuators, parts
-        kind = next(
-            kind
-            for kind in ACTUATOR_KINDS
-            if field in (kind.effort.observed, kind.coordinate.observed, kind.value.observed)
-        )
-        first, place = actuators.first_coordinate, actuators.place(kind)
-        for number, part in self._entries(list(actuators.names_of(kind)), key, slope):
-            coordinate = int(first[place.start + number])
-            if field == kind.effort.observed:
-                rows = np.flatnonzero(derivative.coordinates == coordinate)
-                if len(rows):
-                    impulse[3 * derivative.contact_count + rows[0]] += part / self._model.scene.time.step
-                else:
-                    target[place.start + number] += part
-                continue
-            sign = actuators.sign[place.start + number] if field == kind.coordinate.observed else 1.0
-            weight, actuator = float(sign * part), place.start + number
-            self.of_frames.append(lambda moved, w=weight, i=actuator: w * self._values(end, moved)[i])  # type: ignore[misc]
-            self._values(end, end)
-            own = slice(*actuators.coordinates.entry_start[coordinate : coordinate + 2].tolist())
-            by_coordinate = weight * actuators.sign[actuator] * self._geometry.gradient.soft[own]
-            np.add.at(slopes.position, actuators.coordinates.entry_node[own], by_coordinate)
-
-    def _values(self, end: State, frames: State) -> np.ndarray:
-        """Volumes and lengths of all actuators with the bodies of a state and the frames of another."""
-        ahead = PosesAhead(end.position, end.rigid_position, end.rigid_rotation)
-        self._geometry.update(ahead, self._model.placed_pull_points(frames))
-        return self._geometry.value
-
-
-def _angle_slopes(position: np.ndarray, rest: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Derivatives of a bending angle by the nodes of the tip [1/mm]; 0 of a straight one, which has none."""
-    fitted = (position - position.mean(axis=0)).T @ rest
-    left, _, right = np.linalg.svd(fitted)
-    left[:, 2] *= np.linalg.det(left @ right)
-    turn = left @ right
-    of_frame = frame.T @ turn
-    axis = np.array([of_frame[k - 1, k - 2] - of_frame[k - 2, k - 1] for k in range(3)])
-    sine = np.linalg.norm(axis)
-    if sine < 1e-9:
-        return np.zeros_like(position)
-    stretch = turn.T @ fitted
-    moment = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, axis / sine)
-    by_fitted = turn @ np.cross(np.eye(3), moment)
-    slopes: np.ndarray = rest @ by_fitted.T
-    return slopes
-
-
 # What users give, checked.
 
 
@@ -543,10 +418,27 @@ def _is_of_steps(name: str) -> bool:
     return name.partition(".")[0] in ("force", *BASE, *(drive.request for drive in DRIVES))
 
 
-def _checked_names(by: Any, model: Model) -> list[str]:
+def _checked_moves(by: Sequence[str], moves: Mapping[str, Any], simulation: Simulation) -> dict[str, np.ndarray]:
+    """The moves that are to be derived by."""
+    shape, checked = (simulation.model.node_count, 3), {}
+    for name in by:
+        key, _, of = name.partition(".")
+        if key == "rest":
+            move = as_array(moves[of], f"moves['{of}']")
+            if move.shape != shape or not np.isfinite(move).all():
+                raise TaichisoftError(f"moves['{of}']: must be finite numbers of shape {shape}")
+            if simulation.state.step or (simulation.state.position != simulation.model.rest_position).any():
+                raise TaichisoftError(f"by: '{name}': the run must begin at the first state of a simulation")
+            checked[of] = move
+    return checked
+
+
+def _checked_names(by: Any, model: Model, moves: Any) -> list[str]:
+    if not isinstance(moves, Mapping):
+        raise TaichisoftError(f"moves = {moves!r}: must be arrays by name")
     if isinstance(by, str) or not isinstance(by, Sequence):
         raise TaichisoftError(f"by = {by!r}: must be a sequence of names")
-    known = list(_known_names(model))
+    known = [*_known_names(model), *(f"rest.{name}" for name in moves)]
     for name in by:
         if name not in known and not str(name).startswith("friction."):
             raise TaichisoftError(f"by: '{name}' is nothing to derive by; {nearest(str(name), known, 'there are')}")

@@ -19,9 +19,11 @@ from taichisoft.base.rotations import matrices_from_quaternions, quaternion_from
 from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.body_geometry import PosesAhead
+from taichisoft.mechanics.elasticity import Elasticity
 from taichisoft.mechanics.kernels.domain_deformation import DILATION, LAMBDA, MU, SHAPE
 from taichisoft.mechanics.kernels.elastic_slopes import ElasticPieces, PieceSlopes, elastic_slopes
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
+from taichisoft.mechanics.soft_body_arrays import reshaped
 from taichisoft.mechanics.state import State
 from taichisoft.step.contact_slopes import contact_slopes
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
@@ -30,6 +32,9 @@ TURN, SPEED = 1e-4, 1e-3
 """Half widths of differences by turns of rigid bodies [rad] and by their angular velocities [rad/s]."""
 MOVE = 1e-2
 """Largest move of a node in differences of the actuators' gradients, which are polynomials of it or nearly so [mm]."""
+
+REST_MOVE = 1e-4
+"""Largest move of a node at rest in differences by it [mm]: its square and round-off are both some 1e-9 of it."""
 
 
 @dataclass
@@ -59,10 +64,8 @@ class Slopes:
 class ElasticSlopes:
     """The product of multipliers and the elastic forces of a step, and its derivatives."""
 
-    def __init__(self, model: Model):
+    def __init__(self, model: Model, elasticity: Elasticity):
         """Lay out the pieces with one deformation each, linear tetrahedra and integration domains."""
-        elasticity = model.elasticity
-        assert elasticity is not None
         data = elasticity.element_data
         count, nodes = len(data.lag), [elasticity.linear_elements.ravel()]
         sizes, gradients, lags = [np.full(count, 4)], [elasticity.gradient[:, 0].reshape(-1, 3)], [data.lag]
@@ -101,14 +104,62 @@ class ElasticSlopes:
         Returns:
             Those of the number by Young's moduli, (material_count,), and by the damping b, (body_count,).
         """
-        self._start[:], self._velocity[:], self._multiplier[:] = start.position, velocity, time_step * multiplier
-        scale = (start.young_modulus / self._rest_modulus)[self._material, None]
-        np.multiply(self._modulus, scale, out=self._pieces.modulus)
-        elastic_slopes(self._pieces, self._start, self._velocity, self._multiplier, self._slopes)
+        self.measure(start, velocity, time_step * multiplier)
         slopes.position -= self._on_nodes @ self._slopes.by_position
         by_modulus = -np.bincount(self._material, self._slopes.product, len(self._rest_modulus))
         by_lag = -np.bincount(self._body, self._slopes.by_lag, self._body_count)
         return by_modulus / start.young_modulus, by_lag
+
+    def measure(self, start: State, velocity: np.ndarray, multiplier: np.ndarray) -> float:
+        """Derive the product of the forces with multipliers, which it returns [mN mm per unit of these]."""
+        self._start[:], self._velocity[:], self._multiplier[:] = start.position, velocity, multiplier
+        scale = (start.young_modulus / self._rest_modulus)[self._material, None]
+        np.multiply(self._modulus, scale, out=self._pieces.modulus)
+        elastic_slopes(self._pieces, self._start, self._velocity, self._multiplier, self._slopes)
+        return float(self._slopes.product.sum())
+
+
+class RestSlopes:
+    """Derivatives by a number that moves the nodes at rest: by differences of elements and masses, which it shapes."""
+
+    def __init__(self, model: Model, move: np.ndarray):
+        """Shape the bodies a little more and a little less by a move [mm per unit], shape (node_count, 3).
+
+        Raises:
+            SceneError: the model has cables or embedded surfaces, whose points lie in other elements then.
+        """
+        if model.cables.names:
+            raise SceneError(
+                "gradient: moves of nodes at rest have no derivative here with cables; take cavities alone"
+            )
+        self._model, self._move = model, move
+        self._half = REST_MOVE / max(float(np.abs(move).max()), 1e-300)
+        bodies = [
+            [reshaped(body, sign * self._half * move[body.nodes]) for body in model.soft_bodies] for sign in (1.0, -1.0)
+        ]
+        more, less = (Elasticity(one, model.scene.time) for one in bodies)
+        self._sides = ElasticSlopes(model, more), ElasticSlopes(model, less)
+        self._mass = (more.node_mass - less.node_mass) / (2.0 * self._half)
+        geometry, rest = ActuatorGeometry(model.actuators, model.node_count), model.initial_state()
+        geometry.update(rest, model.placed_pull_points(rest))
+        self._value = geometry.rates(move, np.zeros((len(model.rigid_bodies), 6)))
+
+    def along(self, derivative: StepDerivative, found: Multipliers) -> float:
+        """The derivative of what a step makes of a number, with its start as it is but for the anchors."""
+        h, start, nodes = self._model.scene.time.step, derivative.start, found.node
+        elasticity, velocity = self._model.elasticity, derivative.solution.node_velocity
+        assert elasticity is not None
+        more, less = (side.measure(start, velocity, h * nodes) for side in self._sides)
+        change = velocity - start.velocity - h * start.gravity + h * elasticity.node_rayleigh_mass[:, None] * velocity
+        total = -(more - less) / (2.0 * self._half) - float(self._mass @ (change * nodes).sum(axis=1))
+        anchored = self._model.anchored_nodes
+        counts = [int(body.anchored.sum()) for body in self._model.soft_bodies]
+        turn = self._model.places(start).turn[np.repeat(self._model.soft_frame, counts)]
+        targets = np.einsum("aij,aj->ai", turn, self._move[anchored])
+        total += h * float((elasticity.anchor_stiffness[anchored] * nodes[anchored] * targets).sum())
+        rows = found.row[3 * derivative.contact_count :]
+        imposed = start.actuator_imposed[derivative.coordinates]  # each cavity has one coordinate
+        return total - float((rows * imposed) @ self._value[derivative.coordinates]) / h
 
 
 class StepAdjoint:
@@ -131,7 +182,7 @@ class StepAdjoint:
         """
         _refuse(model)
         self._model, self._time_step = model, model.scene.time.step
-        self._elastic = ElasticSlopes(model) if model.elasticity is not None else None
+        self._elastic = ElasticSlopes(model, model.elasticity) if model.elasticity is not None else None
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         bodies = model.soft_bodies
         self._node_body = np.repeat(np.arange(len(bodies)), [len(body.rest_position) for body in bodies])

@@ -5,16 +5,29 @@ mm/s: gradients must agree with them to 1e-6 where contacts stay open, sticking 
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from blocks import make_block
 from conftest import Figures
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as some
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
-from taichisoft import Control, LeastSquares, Observation, Simulation, gradient, load_scene, scene_from_dict
+from taichisoft import (
+    Control,
+    LeastSquares,
+    Observation,
+    Simulation,
+    gradient,
+    load_scene,
+    scene_from_dict,
+    write_volume_mesh,
+)
 from taichisoft.errors import TaichisoftError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.step import asking
@@ -260,6 +273,37 @@ def test_modulus_is_found_from_a_measured_curve() -> None:
 
     fit = minimize(misfit, np.log([0.7]), jac=True, method="L-BFGS-B")
     assert np.exp(fit.x) == pytest.approx(1.0, abs=1e-4) and fit.nfev < 12
+
+
+@pytest.mark.parametrize("element", ["linear", "smoothed"])
+@pytest.mark.parametrize("drive", ["pressure", "volume_growth"])
+def test_gradient_by_a_dimension(element: str, drive: str, figures: Figures, tmp_path: Path) -> None:
+    """A hollow block grows longer and thicker, each by a number that moves its nodes at rest."""
+    mesh = make_block((4, 3, 3), (20.0, 10.0, 10.0), hollow=True)
+    moves = {"length": mesh.nodes * [0.1, 0.0, 0.0], "thickness": mesh.nodes * [0.0, 0.1, 0.05]}
+    value = {"pressure": 4.0, "volume_growth": 20.0}[drive]
+
+    def grown(changes: Mapping[str, float]) -> Simulation:
+        moved = mesh.nodes + sum(share * moves[name] for name, share in changes.items())
+        write_volume_mesh(replace(mesh, nodes=moved), tmp_path / "block.msh")
+        body = {
+            **{"mesh": str(tmp_path / "block.msh"), "element": element, "density": 1e-6, "young_modulus": 100.0},
+            **{"poisson_ratio": 0.3, "rayleigh_mass": 0.5, "rayleigh_stiffness": 0.01, "rotation": [0.0, 20.0, 30.0]},
+            "anchors": [{"box": [[-20.0, -9.0, -9.0], [-9.5, 9.0, 9.0]]}],
+            "cavities": {"cavity": {"group": "cavity"}},
+        }
+        return Simulation(scene_from_dict({"time": {"step": 0.01, "duration": 1.0}, "soft_bodies": {"block": body}}))
+
+    objective = Weighted({"tip_positions.block": [1.0, 2.0, 3.0], "volumes.block.cavity": 0.01})
+    controls = {f"{drive}.block.cavity": np.full(6, value)}
+    simulation = grown({})
+    turn = Rotation.from_euler("xyz", [0.0, 20.0, 30.0], degrees=True).as_matrix()
+    turned = {name: move @ turn.T for name, move in moves.items()}
+    found = gradient(simulation, controls, objective, [f"rest.{name}" for name in moves], turned)
+    for name in moves:
+        sides = [value_of(grown({name: half}), controls, objective) for half in (1e-4, -1e-4)]
+        error = abs(float(found[f"rest.{name}"]) / ((sides[0] - sides[1]) / 2e-4) - 1.0)
+        figures.at_most(f"gradient by {name}, {element}, {drive}", error, 1e-5)
 
 
 REFUSED = {
