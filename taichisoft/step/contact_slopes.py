@@ -6,7 +6,7 @@ vertices span: their difference d is across the features' directions E, E^T d = 
 
     d(d) = d(X) + E da,   E^T E da = -E^T d(X) - dE^T d,
 
-where d(X) is the move of d with the weights as they are.
+where d(X) is the move of d with the weights as they are. In shapes, a contact has two sides with three vertices each.
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,8 @@ from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
 ALIKE = 1e-6
 """Largest difference between a contact's row and what is derived in its place [mm] and [mm/s]."""
+SIGN = np.array([-1.0, 1.0])[:, None]
+"""Of the sides, in what the second point has more than the first."""
 
 
 @dataclass(frozen=True)
@@ -41,67 +43,83 @@ class PlaceSlopes:
     inexact: np.ndarray
 
 
-class _Fields:
-    """Linear and angular velocities, which nodes and rigid bodies carry, at the sides of contacts."""
-
-    def __init__(self, places: "_Places", nodes: np.ndarray, rigid: np.ndarray):
-        """Those of nodes, (node_count, 3), and rigid bodies, (rigid_count, 6)."""
-        carried = np.einsum("cskn,cskni->cski", places.node_weight, _of(places.node, nodes))
-        padded = _of(places.rigid, rigid)
-        self.turning = padded[..., 3:]
-        self.of_vertex = carried  # of the soft vertices; others go with their body
-        straight = np.einsum("csk,cski->csi", places.weight, carried) + padded[..., :3]
-        sides = straight + np.cross(self.turning, places.arm)
-        self.difference = sides[:, 1] - sides[:, 0]
-
-
 class _Places:
-    """Features of the contacts with rows, where they were measured, and what carries them."""
+    """Features of the contacts with rows, where they were measured, and what carries them.
+
+    Attributes:
+        passed: time of the measurement after the start of the step [s], shape (count,).
+        rigid: rigid body of each side, or their number for none, shape (count, 2).
+        is_vertex, is_soft: whether there is a vertex, and on a soft body, shape (count, 2, 3).
+        node, node_weight: nodes that carry each soft vertex, shape (count, 2, 3, nodes_per_vertex).
+        place: of the vertices [mm], shape (count, 2, 3, 3).
+        turn, centre: of the rigid bodies, against the start, shapes (count, 2, 3, 3) and (count, 2, 3).
+        arm: from the centres to the points, 0 elsewhere [mm]; `half` turns it back to where it was taken, at corners
+            that touch at half the time (`earlier`), shape (count, 2, 3).
+        fits: whether the points are the closest ones of the features, or those of a vertex and a plane (`on_plane`).
+        arms_fit: whether the arms are those of the points.
+    """
 
     def __init__(self, model: Model, derivative: StepDerivative, rigid: RigidState):
         table, chosen, start = derivative.problem.contacts, derivative.contacts, derivative.start
-        found, separation, carriers = table.found, table.separation, model.surfaces.carriers
+        found, carriers, count = table.found, model.surfaces.carriers, len(start.rigid_position)
         self.passed = model.scene.time.step * table.fraction[chosen]
-        self.weight, self.normal = found.weights[chosen], found.normal[chosen]
-        self.distance = found.distance[chosen]
-        self.vertex, bodies = found.vertices[chosen], found.bodies[chosen] - len(model.soft_bodies)
-        count = len(start.rigid_position)
-        self.rigid = np.where((bodies >= 0) & (bodies < count), bodies, count)  # the last is none
-        is_vertex = (self.vertex >= 0) & (self.weight != 0.0)
-        is_soft = is_vertex & (carriers.owner[self.vertex] == SOFT)
-        self.node = carriers.nodes[self.vertex]
-        self.node_weight = np.where(is_soft[..., None], carriers.weights[self.vertex], 0.0)
-        self.is_plane = ~is_vertex.any(axis=2)
-        turn = turn_matrices(self.passed[:, None, None] * _of(self.rigid, rigid.angular))
-        centre = _of(self.rigid, rigid.position) + self.passed[:, None, None] * _of(self.rigid, rigid.linear)
-        own = np.vstack([matrices_from_quaternions(start.rigid_rotation), np.eye(3)[None]])[self.rigid]
-        local = np.einsum("csij,cskj->cski", turn @ own, carriers.local[self.vertex])
-        ahead = _of(self.node, start.position) + self.passed[:, None, None, None, None] * _of(self.node, start.velocity)
-        of_nodes = np.einsum("cskn,cskni->cski", self.node_weight, ahead)
-        self.place = np.where(is_soft[..., None], of_nodes, local + centre[:, :, None])
-        self.place[~is_vertex] = 0.0
-        self.turn, self.centre, self.is_vertex, self.is_soft = turn, centre, is_vertex, is_soft
+        self.weight, self.normal, self.distance = (one[chosen] for one in (found.weights, found.normal, found.distance))
+        vertex, bodies = found.vertices[chosen], found.bodies[chosen] - len(model.soft_bodies)
+        self.is_rigid = (bodies >= 0) & (bodies < count)
+        self.rigid = np.where(self.is_rigid, bodies, count)
+        self.is_vertex = (vertex >= 0) & (self.weight != 0.0)
+        self.is_soft = self.is_vertex & (carriers.owner[vertex] == SOFT)
+        self.node = carriers.nodes[vertex]
+        self.node_weight = np.where(self.is_soft[..., None], carriers.weights[vertex], 0.0)
+        later = self.passed[:, None, None]
+        self.turning = later * _of(self.rigid, rigid.angular)
+        self.turn = turn_matrices(self.turning)
+        self.centre = _of(self.rigid, rigid.position) + later * _of(self.rigid, rigid.linear)
+        axes = np.vstack([matrices_from_quaternions(start.rigid_rotation), np.eye(3)[None]])[self.rigid]
+        on_rigid = np.einsum("csij,cskj->cski", self.turn @ axes, carriers.local[vertex]) + self.centre[:, :, None]
+        ahead = _of(self.node, start.position) + later[..., None, None] * _of(self.node, start.velocity)
+        on_nodes = np.einsum("cskn,cskni->cski", self.node_weight, ahead)
+        self.place = np.where(self.is_soft[..., None], on_nodes, on_rigid)
+        self.place[~self.is_vertex] = 0.0
+        is_flat = ~self.is_vertex.any(axis=2)
+        self.is_round = is_flat & self.is_rigid
+        self.on_plane = is_flat.any(axis=1) & ~self.is_round.any(axis=1)
         self.point = np.einsum("csk,cski->csi", self.weight, self.place)
-        self.point[self.is_plane] = found.points[chosen][self.is_plane]
-        self.is_rigid = self.rigid < count
-        self.arm = np.where(self.is_rigid[..., None], separation.arm[chosen], 0.0)
-        straight = np.where(self.is_rigid[..., None], self.point - centre, 0.0)
-        # Arms at corners that touch are taken half the way earlier.
-        half = turn_matrices(-0.5 * self.passed[:, None, None] * _of(self.rigid, rigid.angular))
-        self.earlier = np.abs(_turned(half, straight) - self.arm).max(axis=2) < ALIKE
-        self.earlier &= np.abs(straight - self.arm).max(axis=2) > ALIKE
-        self.half = np.where(self.earlier[..., None, None], half, np.eye(3))
-        self.arms_fit = np.abs(_turned(self.half, straight) - self.arm).max(axis=(1, 2)) < ALIKE
+        self.point[is_flat] = found.points[chosen][is_flat]
+        self._find_directions()
+        self.apart = self.point[:, 1] - self.point[:, 0]
+        across = np.abs(np.einsum("cski,ci->csk", self.along, self.apart)).max(axis=(1, 2))
+        size = np.maximum(np.linalg.norm(self.along, axis=3).max(axis=(1, 2)), 1.0)
+        misses = np.abs(self.apart - self.distance[:, None] * self.normal).max(axis=1)
+        self.fits = (misses < ALIKE) & (across < ALIKE * size) & (np.abs(self.distance) > ALIKE)
+        self.fits &= self.on_plane | ~is_flat.any(axis=1)
+        self._find_arms(np.where(self.is_rigid[..., None], table.separation.arm[chosen], 0.0))
 
-    def directions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Directions E of the features, with the sign of their side, (contact_count, 4, 3); first vertex of each side,
-        and whether there is such a direction.
-        """
+    def _find_directions(self) -> None:
+        """Directions E with the sign of their side, from the first vertex of each side to the others."""
         first = self.is_vertex.argmax(axis=2)
-        base = np.take_along_axis(self.place, first[..., None, None], axis=2)
-        other = self.is_vertex & (np.arange(3) != first[..., None])
-        along = np.where(other[..., None], self.place - base, 0.0) * np.array([-1.0, 1.0])[:, None, None]
-        return along, first, other
+        self.other = self.is_vertex & (np.arange(3) != first[..., None])
+        self.first = first[..., None]
+        base = np.take_along_axis(self.place, self.first[..., None], axis=2)
+        self.along = np.where(self.other[..., None], self.place - base, 0.0) * SIGN[:, None]
+
+    def _find_arms(self, arm: np.ndarray) -> None:
+        straight = np.where(self.is_rigid[..., None], self.point - self.centre, 0.0)
+        back = turn_matrices(-0.5 * self.turning)
+        self.earlier = np.abs(_turned(back, straight) - arm).max(axis=2) < ALIKE
+        self.earlier &= np.abs(straight - arm).max(axis=2) > ALIKE
+        self.half, self.arm = np.where(self.earlier[..., None, None], back, np.eye(3)), arm
+        self.arms_fit = np.abs(_turned(self.half, straight) - arm).max(axis=(1, 2)) < ALIKE
+
+
+class _Field:
+    """Velocities of nodes, (node_count, 3), and rigid bodies, (rigid_count, 6), at the sides of contacts."""
+
+    def __init__(self, at: _Places, nodes: np.ndarray, rigid: np.ndarray):
+        self.of_vertex = np.einsum("cskn,cskni->cski", at.node_weight, _of(at.node, nodes))  # of soft ones alone
+        linear, self.turning = np.split(_of(at.rigid, rigid), 2, axis=2)
+        sides = np.einsum("csk,cski->csi", at.weight, self.of_vertex) + linear + np.cross(self.turning, at.arm)
+        self.difference = sides[:, 1] - sides[:, 0]
 
 
 def contact_slopes(
@@ -116,129 +134,93 @@ def contact_slopes(
     """
     h, start, solution = model.scene.time.step, derivative.start, derivative.solution
     at, count = _Places(model, derivative, rigid), derivative.contact_count
-    normal, passed, distance = at.normal, at.passed, at.distance
-    sign = np.array([-1.0, 1.0])[:, None]
     impulse, row = (one[: 3 * count].reshape(-1, 3) for one in (derivative.impulse, multipliers.row))
     pushed, weighed = (np.einsum("cij,ci->cj", derivative.basis, one) for one in (impulse, row))
     response = np.einsum("bij,bj->bi", derivative.inverse_mass, multipliers.rigid)
-    moved = _Fields(at, multipliers.node, response), _Fields(at, solution.node_velocity, solution.rigid_velocity)
-    before = _Fields(at, start.velocity, np.hstack([rigid.linear, rigid.angular]))
-    of_gap, of_speed, is_known = _gap_rate(derivative, at, before, model)
-    of_gap, of_speed = row[:, 0] * of_gap / h, -row[:, 0] * of_speed * passed / h
-    parts = (pushed, moved[0]), (weighed, moved[1]), (of_speed[:, None] * normal, before)
-    # By the normal, and by places and arms of the sides: of sums of forces on velocities.
-    turning = sum(np.cross(force, field.difference) for force, field in parts[:2])
-    by_normal = np.cross(turning, normal) + of_speed[:, None] * before.difference
-    by_arm = sum(sign * np.cross(force[:, None], field.turning) for force, field in parts)
-    by_vertex = sum(np.einsum("ci,cski->csk", force, field.of_vertex) for force, field in parts)
-    by_arm = np.einsum("csji,csj->csi", at.half, np.where(at.is_rigid[..., None], by_arm, 0.0))
-    by_vertex = sign[:, :, None][None, :, 0] * by_vertex + np.einsum("csi,cski->csk", by_arm, at.place)
-    along, first, other = at.directions()
-    apart = at.point[:, 1] - at.point[:, 0]
-    on_plane = at.is_plane.any(axis=1)
-    across = np.abs(np.einsum("cski,ci->csk", along, apart)).max(axis=(1, 2))
-    size = np.maximum(np.linalg.norm(along, axis=3).max(axis=(1, 2)), 1.0)
-    fits = (np.abs(apart - distance[:, None] * normal).max(axis=1) < ALIKE) & (across < ALIKE * size)
-    fits &= np.abs(distance) > ALIKE
-    on_plane &= ~(at.is_plane & at.is_rigid).any(axis=1)
-    fits &= on_plane | ~at.is_plane.any(axis=1)
-    of_apart = of_gap[:, None] * normal
-    bends = fits & ~on_plane
-    across_normal = by_normal - (by_normal * normal).sum(axis=1)[:, None] * normal
-    of_apart[bends] += across_normal[bends] / distance[bends, None]
-    of_weights = by_vertex - np.take_along_axis(by_vertex, first[..., None], axis=2)
-    of_weights = np.where(other & bends[:, None, None], of_weights, 0.0).reshape(count, 6)
-    columns = np.where(bends[:, None, None, None], along, 0.0).reshape(count, 6, 3)
-    square = columns @ columns.transpose(0, 2, 1)
-    square += np.where((other & bends[:, None, None]).reshape(count, 6), 0.0, 1.0)[:, :, None] * np.eye(6)
-    # The sign of a side is in its directions, and that of its own change in its weights.
-    known = of_weights + np.einsum("cki,ci->ck", columns, of_apart)
-    answer = np.linalg.solve(square, known[..., None])[..., 0]
-    of_apart = of_apart - np.einsum("cki,ck->ci", columns, answer)
-    by_place = sign[None, :, :, None] * at.weight[..., None] * of_apart[:, None, None]
-    by_place += at.weight[..., None] * np.where(fits[:, None, None], by_arm, 0.0)[:, :, None]
-    bent = sign[None, :, :, None] * answer.reshape(count, 2, 3, 1) * apart[:, None, None]
-    by_place -= bent
-    np.put_along_axis(
-        by_place,
-        first[..., None, None],
-        np.take_along_axis(by_place, first[..., None, None], 2) + bent.sum(2)[:, :, None],
-        2,
-    )
-    if (at.is_plane & at.is_rigid).any():  # a round side moves with its body
-        by_point = sign * of_apart[:, None]
-        by_place[..., 0, :] += np.where((at.is_plane & at.is_rigid)[..., None], by_point, 0.0)
-    by_arm[~fits] = 0.0
-    return _on_bodies(
-        model, at, derivative, by_place, by_arm, of_speed, (before, rigid.angular), ~(fits & is_known & at.arms_fit)
-    )
+    answer, motion = _Field(at, multipliers.node, response), _Field(at, solution.node_velocity, solution.rigid_velocity)
+    before = _Field(at, start.velocity, np.hstack([rigid.linear, rigid.angular]))
+    gap_share, speed_share, is_known = _gap_rate(model, derivative, at, before)
+    by_gap, by_speed = row[:, 0] * gap_share / h, -row[:, 0] * speed_share * at.passed / h
+    # The number has the impulse on the response, and the row's multiplier on the motion and on the gap rate.
+    products = (pushed, answer), (weighed, motion), (by_speed[:, None] * at.normal, before)
+    turning = sum(np.cross(force, field.difference) for force, field in products[:2])
+    by_normal = np.cross(turning, at.normal) + by_speed[:, None] * before.difference
+    by_arm = SIGN * np.sum([np.cross(force[:, None], field.turning) for force, field in products], axis=0)
+    by_arm = np.where((at.is_rigid & at.fits[:, None])[..., None], _turned(at.half.transpose(0, 1, 3, 2), by_arm), 0.0)
+    by_weight = SIGN * np.sum([np.einsum("ci,cski->csk", force, field.of_vertex) for force, field in products], axis=0)
+    by_weight += np.einsum("csi,cski->csk", by_arm, at.place)
+    by_apart = by_gap[:, None] * at.normal
+    bends = at.fits & ~at.on_plane
+    across = by_normal - (by_normal * at.normal).sum(axis=1)[:, None] * at.normal
+    by_apart[bends] += across[bends] / at.distance[bends, None]
+    by_place = _by_features(at, bends, by_apart, by_weight) + (at.weight[..., None] * by_arm[:, :, None])
+    places = _on_bodies(derivative, at, by_place, by_arm, SIGN * (by_speed[:, None] * at.normal)[:, None])
+    return PlaceSlopes(*places, ~(at.fits & is_known & at.arms_fit))
 
 
 def _gap_rate(
-    derivative: StepDerivative, at: _Places, before: _Fields, model: Model
+    model: Model, derivative: StepDerivative, at: _Places, before: _Field
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shares of the gap and of the speed before the step in each gap rate, and whether it is made of these."""
+    """Shares of the gap and of the way before the step in each gap rate, and whether it is made of these."""
     separation, chosen = derivative.problem.contacts.separation, derivative.contacts
-    h, contact = model.scene.time.step, model.scene.contact
-    gap = at.distance - contact.contact_distance
+    gap = at.distance - model.scene.contact.contact_distance
     way = at.passed * np.einsum("ci,ci->c", at.normal, before.difference)
-    kept, of_gap, of_speed = np.zeros(len(gap)), np.ones(len(gap)), np.ones(len(gap))
-    if contact.depth == "position":
+    kept, gap_share, way_share = np.zeros(len(gap)), np.ones(len(gap)), np.ones(len(gap))
+    if model.scene.contact.depth == "position":
         touching = separation.touching[chosen]
         at_start = np.where(at.passed > 0.0, np.maximum(gap - way, -touching), gap)
         kept = np.minimum(np.maximum(gap, at_start), 0.0)
-        is_kept = kept < 0.0
-        of_gap[is_kept & ((gap >= at_start) | (at_start > -touching))] = 0.0
-        of_speed[is_kept & (gap < at_start) & (at_start > -touching)] = 0.0
-    missed = np.abs((gap - kept - way) / h - separation.gap_rate[chosen])
-    return of_gap, of_speed, missed < ALIKE
+        is_free = at_start > -touching
+        gap_share[(kept < 0.0) & ((gap >= at_start) | is_free)] = 0.0
+        way_share[(kept < 0.0) & (gap < at_start) & is_free] = 0.0
+    missed = np.abs((gap - kept - way) / model.scene.time.step - separation.gap_rate[chosen])
+    return gap_share, way_share, missed < ALIKE
+
+
+def _by_features(at: _Places, bends: np.ndarray, by_apart: np.ndarray, by_weight: np.ndarray) -> np.ndarray:
+    """Derivatives by the vertices, of those by the difference of the points and by the weights of the vertices.
+
+    Weights change where `bends`, shape (count,); elsewhere points stay where they are on their features.
+    """
+    count, moves = len(bends), at.other & bends[:, None, None]
+    along = np.where(moves[..., None], at.along, 0.0).reshape(count, 6, 3)
+    by_change = np.where(moves, by_weight - np.take_along_axis(by_weight, at.first, axis=2), 0.0).reshape(count, 6)
+    square = along @ along.transpose(0, 2, 1) + np.where(moves.reshape(count, 6), 0.0, 1.0)[:, :, None] * np.eye(6)
+    known = by_change + np.einsum("cki,ci->ck", along, by_apart)
+    change = np.linalg.solve(square, known[..., None])[..., 0]
+    by_apart = by_apart - np.einsum("cki,ck->ci", along, change)
+    by_place = SIGN[:, None] * at.weight[..., None] * by_apart[:, None, None]
+    bent = SIGN[:, None] * change.reshape(count, 2, 3, 1) * at.apart[:, None, None]
+    np.put_along_axis(bent, at.first[..., None], -bent.sum(axis=2, keepdims=True), axis=2)
+    by_place -= bent
+    by_place[..., 0, :] += np.where(at.is_round[..., None], SIGN * by_apart[:, None], 0.0)
+    return by_place
 
 
 def _on_bodies(
-    model: Model,
-    at: _Places,
-    derivative: StepDerivative,
-    by_place: np.ndarray,
-    by_arm: np.ndarray,
-    of_speed: np.ndarray,
-    motion: tuple[_Fields, np.ndarray],
-    inexact: np.ndarray,
-) -> PlaceSlopes:
-    """Those by vertices, by arms and by the speeds before the step, as those by the bodies that carry them."""
-    start, count = derivative.start, len(derivative.start.rigid_position)
-    sign, normal, passed = np.array([-1.0, 1.0])[:, None], at.normal, at.passed[:, None, None]
-    position, velocity = np.zeros((2, len(start.position) + 1, 3))
-    of_nodes = at.node_weight[..., None] * by_place[..., None, :]
-    np.add.at(position, at.node, of_nodes)
-    speeds = sign * (of_speed[:, None] * normal)[:, None]
-    on_nodes = at.passed[:, None, None, None, None] * of_nodes
-    on_nodes += at.node_weight[..., None] * (at.weight[..., None] * speeds[:, :, None])[..., None, :]
-    np.add.at(velocity, at.node, on_nodes)
-    of_rigid = np.where((at.is_rigid[..., None] & ~at.is_soft)[..., None], by_place, 0.0)
-    place = of_rigid.sum(axis=2)
-    spun = np.cross(at.place - at.centre[:, :, None], of_rigid).sum(axis=2)
-    round_side = at.is_plane & at.is_rigid
-    spun[round_side] = np.cross(at.point - at.centre, place)[round_side]
-    place = place - by_arm  # an arm is from the centre
-    back = at.turn.transpose(0, 1, 3, 2)
-    angular = _of(at.rigid, motion[1])
-    mean, mean_earlier = (
-        turn_matrices(share * passed * angular, mean=True).transpose(0, 1, 3, 2) for share in (1.0, -0.5)
-    )
-    earlier = -0.5 * _turned(mean_earlier, np.cross(at.arm, _turned(at.half, by_arm)))
-    earlier = np.where(at.earlier[..., None], earlier, 0.0)
-    by = np.stack(
-        [
-            place,
-            _turned(back, spun),
-            passed * place + speeds,
-            passed * (_turned(mean, spun) + earlier) + np.cross(at.arm, speeds),
-        ],
-        axis=2,
-    )
-    rigid = np.zeros((count + 1, 4, 3))
-    np.add.at(rigid, at.rigid, by)
-    return PlaceSlopes(position[:-1], velocity[:-1], rigid[:count], inexact)
+    derivative: StepDerivative, at: _Places, by_place: np.ndarray, by_arm: np.ndarray, by_speed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Those by vertices, by arms and by the speeds of the sides before the step, by the bodies that carry them."""
+    position, velocity = np.zeros((2, len(derivative.start.position) + 1, 3))
+    by_node = at.node_weight[..., None] * by_place[..., None, :]
+    np.add.at(position, at.node, by_node)
+    fast = at.node_weight[..., None] * (at.weight[..., None] * by_speed[:, :, None])[..., None, :]
+    np.add.at(velocity, at.node, at.passed[:, None, None, None, None] * by_node + fast)
+    by_body = np.where((at.is_rigid[..., None] & ~at.is_soft)[..., None], by_place, 0.0)
+    by_centre = by_body.sum(axis=2)
+    spun = np.cross(at.place - at.centre[:, :, None], by_body).sum(axis=2)
+    spun[at.is_round] = np.cross(at.point - at.centre, by_centre)[at.is_round]
+    by_centre = by_centre - by_arm  # an arm is from the centre
+    later, back = at.passed[:, None, None], (0, 1, 3, 2)
+    by_turning = _turned(turn_matrices(at.turning, mean=True).transpose(back), spun)
+    moment = np.cross(at.arm, _turned(at.half, by_arm))
+    earlier = _turned(turn_matrices(-0.5 * at.turning, mean=True).transpose(back), moment)
+    by_turning -= 0.5 * np.where(at.earlier[..., None], earlier, 0.0)
+    by_angular = later * by_turning + np.cross(at.arm, by_speed)
+    parts = by_centre, _turned(at.turn.transpose(back), spun), later * by_centre + by_speed, by_angular
+    rigid = np.zeros((len(derivative.start.rigid_position) + 1, 4, 3))
+    np.add.at(rigid, at.rigid, np.stack(parts, axis=2))
+    return position[:-1], velocity[:-1], rigid[:-1]
 
 
 def _of(index: np.ndarray, values: np.ndarray) -> np.ndarray:
