@@ -51,7 +51,8 @@ class _Places:
         rigid: rigid body of each side, or their number for none, shape (count, 2).
         is_vertex, is_soft: whether there is a vertex, and on a soft body, shape (count, 2, 3).
         node, node_weight: nodes that carry each soft vertex, shape (count, 2, 3, nodes_per_vertex).
-        place: of the vertices [mm], shape (count, 2, 3, 3).
+        place: of the vertices [mm], shape (count, 2, 3, 3); `start_place` at the start of the step, from the centres of
+            rigid bodies, `start_centre`.
         turn, centre: of the rigid bodies, against the start, shapes (count, 2, 3, 3) and (count, 2, 3).
         arm: from the centres to the points, 0 elsewhere [mm]; `half` turns it back to where it was taken, at corners
             that touch at half the time (`earlier`), shape (count, 2, 3).
@@ -93,6 +94,10 @@ class _Places:
         misses = np.abs(self.apart - self.distance[:, None] * self.normal).max(axis=1)
         self.fits = (misses < ALIKE) & (across < ALIKE * size) & (np.abs(self.distance) > ALIKE)
         self.fits &= self.on_plane | ~is_flat.any(axis=1)
+        on_start = np.einsum("csij,cskj->cski", axes, carriers.local[vertex]) * self.is_rigid[..., None, None]
+        soft_start = np.einsum("cskn,cskni->cski", self.node_weight, _of(self.node, start.position))
+        self.start_place = np.where(self.is_soft[..., None], soft_start, on_start) * self.is_vertex[..., None]
+        self.start_centre = np.where(self.is_rigid[..., None], _of(self.rigid, rigid.position), 0.0)
         self._find_arms(np.where(self.is_rigid[..., None], table.separation.arm[chosen], 0.0))
 
     def _find_directions(self) -> None:
@@ -140,22 +145,57 @@ def contact_slopes(
     answer, motion = _Field(at, multipliers.node, response), _Field(at, solution.node_velocity, solution.rigid_velocity)
     before = _Field(at, start.velocity, np.hstack([rigid.linear, rigid.angular]))
     gap_share, speed_share, is_known = _gap_rate(model, derivative, at, before)
+    turning_rows = derivative.turning_rows
+    renewed = turning_rows.renewed.any(axis=1)
+    gap_share[renewed] = speed_share[renewed] = 0.0
     by_gap, by_speed = row[:, 0] * gap_share / h, -row[:, 0] * speed_share * at.passed / h
+    by_start_gap = np.where(renewed, row[:, 0] / h, 0.0)  # a renewed row knows the gap of these points at the start
     # The number has the impulse on the response, and the row's multiplier on the motion and on the gap rate.
     products = (pushed, answer), (weighed, motion), (by_speed[:, None] * at.normal, before)
     turning = sum(np.cross(force, field.difference) for force, field in products[:2])
     by_normal = np.cross(turning, at.normal) + by_speed[:, None] * before.difference
+    start_point = np.einsum("csk,cski->csi", at.weight, at.start_place) + at.start_centre
+    by_normal += by_start_gap[:, None] * (start_point[:, 1] - start_point[:, 0])
     by_arm = SIGN * np.sum([np.cross(force[:, None], field.turning) for force, field in products], axis=0)
-    by_arm = np.where((at.is_rigid & at.fits[:, None])[..., None], _turned(at.half.transpose(0, 1, 3, 2), by_arm), 0.0)
+    by_start_arm = np.where(
+        turning_rows.renewed[..., None], _turned(turning_rows.mean.transpose(0, 1, 3, 2), by_arm), 0.0
+    )
+    by_arm = np.where(
+        (at.is_rigid & ~turning_rows.renewed & at.fits[:, None])[..., None],
+        _turned(at.half.transpose(0, 1, 3, 2), by_arm),
+        0.0,
+    )
     by_weight = SIGN * np.sum([np.einsum("ci,cski->csk", force, field.of_vertex) for force, field in products], axis=0)
     by_weight += np.einsum("csi,cski->csk", by_arm, at.place)
+    by_start_point = SIGN * (by_start_gap[:, None] * at.normal)[:, None]
+    by_weight += np.einsum("csi,cski->csk", by_start_point + by_start_arm, at.start_place)
     by_apart = by_gap[:, None] * at.normal
     bends = at.fits & ~at.on_plane
     across = by_normal - (by_normal * at.normal).sum(axis=1)[:, None] * at.normal
     by_apart[bends] += across[bends] / at.distance[bends, None]
     by_place = _by_features(at, bends, by_apart, by_weight) + (at.weight[..., None] * by_arm[:, :, None])
     places = _on_bodies(derivative, at, by_place, by_arm, SIGN * (by_speed[:, None] * at.normal)[:, None])
-    return PlaceSlopes(*places, ~(at.fits & is_known & at.arms_fit))
+    if renewed.any():
+        _add_start(derivative, at, by_start_point, by_start_arm, places)
+    position, velocity, of_bodies = (one[:-1] for one in places)
+    return PlaceSlopes(position, velocity, of_bodies, ~(at.fits & is_known & at.arms_fit))
+
+
+def _add_start(
+    derivative: StepDerivative,
+    at: _Places,
+    by_point: np.ndarray,
+    by_arm: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """Add those by the points and arms of renewed rows, where the start has them."""
+    position, _, of_bodies = places
+    by_vertex = at.weight[..., None] * by_point[:, :, None]
+    np.add.at(position, at.node, at.node_weight[..., None] * by_vertex[..., None, :])
+    by_centre = np.where(at.is_rigid[..., None], by_point, 0.0)
+    arm = np.einsum("csk,cski->csi", at.weight, at.start_place)
+    spun = np.cross(derivative.turning_rows.arm, by_arm) + np.cross(arm, by_centre)
+    np.add.at(of_bodies[:, :2], at.rigid, np.stack([by_centre, spun], axis=2))
 
 
 def _gap_rate(
@@ -200,7 +240,10 @@ def _by_features(at: _Places, bends: np.ndarray, by_apart: np.ndarray, by_weight
 def _on_bodies(
     derivative: StepDerivative, at: _Places, by_place: np.ndarray, by_arm: np.ndarray, by_speed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Those by vertices, by arms and by the speeds of the sides before the step, by the bodies that carry them."""
+    """Those by vertices, by arms and by the speeds of the sides before the step, by the bodies that carry them.
+
+    Arrays are those of `PlaceSlopes` with one more entry at the end, of none.
+    """
     position, velocity = np.zeros((2, len(derivative.start.position) + 1, 3))
     by_node = at.node_weight[..., None] * by_place[..., None, :]
     np.add.at(position, at.node, by_node)
@@ -220,7 +263,7 @@ def _on_bodies(
     parts = by_centre, _turned(at.turn.transpose(back), spun), later * by_centre + by_speed, by_angular
     rigid = np.zeros((len(derivative.start.rigid_position) + 1, 4, 3))
     np.add.at(rigid, at.rigid, np.stack(parts, axis=2))
-    return position[:-1], velocity[:-1], rigid[:-1]
+    return position, velocity, rigid
 
 
 def _of(index: np.ndarray, values: np.ndarray) -> np.ndarray:

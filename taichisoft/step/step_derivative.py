@@ -4,186 +4,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
 
-from taichisoft.contact.constraint_rows import ActuatorRequests, ConstraintRows, request
-from taichisoft.contact.kernels.constraint_problem import GRIP, HIGHEST, LOWER_END, LOWEST, PREFERRED, UPPER_END
+from taichisoft.contact.constraint_rows import ActuatorRequests, request
+from taichisoft.contact.kernels.constraint_problem import GRIP
 from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
-from taichisoft.mechanics.kernels.actuator_coordinates import Coordinates, Gradient
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.state import State
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.row_conditions import AT_BOUND, find_conditions, find_jacobians, find_turning_rows
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution
-
-# What each row of a solved constraint problem does while nothing changes: open, sticking, sliding, held, free.
-
-AT_BOUND = 1e-7
-"""Distance from a bound, over the bound, at which an impulse is at it [-]: what the solver leaves is round-off."""
-
-
-@dataclass(frozen=True)
-class RowConditions:
-    """Linear conditions P dl + Q dv = S of the changes of impulses l and velocities v of all rows.
-
-    Attributes:
-        of_impulse, of_velocity: P and Q, shape (row_count, row_count).
-        of_bounds: the right-hand sides S of the actuators' rows by the changes of their bounds, (actuator_count, 6).
-    """
-
-    of_impulse: np.ndarray
-    of_velocity: np.ndarray
-    of_bounds: np.ndarray
-
-    def solve(self, free: np.ndarray, compliance: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-        """The changes of the impulses, where v = free + W l.
-
-        Args:
-            free: change of the velocities without impulses, shape (row_count,).
-            compliance: W, shape (row_count, row_count).
-            bounds: change of the bounds of the actuators' rows, shape (actuator_count, 6).
-        """
-        known = -self.of_velocity @ free
-        known[len(free) - len(bounds) :] += (self.of_bounds * bounds).sum(axis=1)
-        matrix, size = self._scaled(compliance)
-        # Impulses between rigid bodies may be undetermined; their motion is not.
-        answer: np.ndarray = np.linalg.lstsq(matrix, known / size, rcond=1e-13)[0]
-        return answer
-
-    def multipliers(self, of_impulse: np.ndarray, compliance: np.ndarray) -> np.ndarray:
-        """The transposed solution: derivatives of a number by the right-hand sides, of those by the impulses."""
-        matrix, size = self._scaled(compliance)
-        # Rows of known impulses, such as 0 of open contacts, are not coupled, and there are many.
-        acts = self.of_velocity.any(axis=1) | (self.of_impulse != np.eye(len(size))).any(axis=1)
-        answer, own = of_impulse.copy(), matrix[acts]
-        answer[acts] = np.linalg.lstsq(own[:, acts].T, of_impulse[acts], rcond=1e-13)[0]
-        answer[~acts] -= own[:, ~acts].T @ answer[acts]
-        return answer / size
-
-    def _scaled(self, compliance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        matrix = self.of_impulse + self.of_velocity @ compliance
-        size = np.abs(matrix).max(axis=1, initial=1e-300)
-        return matrix / size[:, None], size
-
-
-def find_conditions(
-    friction: np.ndarray, bounds: np.ndarray, impulse: np.ndarray, velocity: np.ndarray
-) -> RowConditions:
-    """The conditions of a solution.
-
-    Args:
-        friction: coefficient of each contact, shape (contact_count,).
-        bounds: of the actuators' rows, see `contact/kernels/constraint_problem.py`, shape (actuator_count, 6).
-        impulse, velocity: of all rows, the contacts' first, shape (row_count,).
-    """
-    count = len(impulse)
-    found = RowConditions(np.zeros((count, count)), np.zeros((count, count)), np.zeros_like(bounds))
-    for contact, coefficient in enumerate(friction.tolist()):
-        _add_contact(found, slice(3 * contact, 3 * contact + 3), coefficient, impulse, velocity)
-    first = 3 * len(friction)
-    for actuator in range(len(bounds)):
-        _add_actuator(found, first, actuator, bounds, impulse, velocity)
-    return found
-
-
-def _add_contact(found: RowConditions, rows: slice, friction: float, impulse: np.ndarray, velocity: np.ndarray) -> None:
-    """A contact: its normal velocity stays 0, and its friction -mu l_n s opposes the sliding along s."""
-    p, q = found.of_impulse[rows, rows], found.of_velocity[rows, rows]
-    pressing, along = impulse[rows][0], impulse[rows][1:]
-    if not pressing > 0.0:  # open
-        p[:] = np.eye(3)
-        return
-    q[0, 0] = 1.0
-    most, size = friction * pressing, float(np.linalg.norm(along))
-    if most == 0.0:
-        p[1:, 1:] = np.eye(2)
-    elif size < (1.0 - AT_BOUND) * most:  # sticks
-        q[1:, 1:] = np.eye(2)
-    else:
-        direction = -along / size
-        across = np.array([-direction[1], direction[0]])
-        p[1, 0], p[1, 1:] = friction, direction
-        # Along -mu l_n v / |v| friction turns with the sliding; without a way, nothing moves across it.
-        speed = abs(float(velocity[rows][1:] @ direction))
-        p[2, 1:], q[2, 1:] = speed * across, most * across
-
-
-def _add_actuator(
-    found: RowConditions, first: int, actuator: int, bounds: np.ndarray, impulse: np.ndarray, velocity: np.ndarray
-) -> None:
-    """An actuator: its impulse stays at the bound where it is, else its coordinate at the end where it is."""
-    row, own = first + actuator, bounds[actuator]
-    here, speed = float(impulse[row]), float(velocity[row])
-    if own[GRIP] >= 0.0:
-        tensions = np.zeros(len(impulse))  # whose product with the impulses is the tension before the point
-        above = actuator - 1
-        while bounds[above, GRIP] >= 0.0:
-            tensions[first + above] = -1.0
-            above -= 1
-        tensions[first + above] = 1.0
-        tension, grip = float(tensions @ impulse), float(own[GRIP])
-        shares = -grip, grip / (1.0 + grip)  # of the tension's amount
-        slopes = -1.0, 1.0 / (1.0 + grip) ** 2
-        side = int(here > 0.0)
-        if _reaches(-abs(here), -abs(tension * shares[side])):
-            found.of_impulse[row] = -shares[side] * np.sign(tension) * tensions
-            found.of_impulse[row, row] += 1.0
-            found.of_bounds[actuator, GRIP] = slopes[side] * abs(tension)
-        else:
-            found.of_velocity[row, row] = 1.0
-        return
-    imposed = own[LOWER_END] == own[UPPER_END]
-    for bound, holds in (
-        (LOWEST, _reaches(here, own[LOWEST])),
-        (HIGHEST, _reaches(-here, -own[HIGHEST])),
-        (PREFERRED, not imposed and np.isclose(here, own[PREFERRED], AT_BOUND, 0.0)),
-    ):
-        if holds:
-            found.of_impulse[row, row] = found.of_bounds[actuator, bound] = 1.0
-            return
-    nearest = abs(speed - own[LOWER_END]) <= abs(speed - own[UPPER_END])
-    found.of_velocity[row, row] = found.of_bounds[actuator, LOWER_END if nearest else UPPER_END] = 1.0
-
-
-def _reaches(value: float, lowest: float) -> bool:
-    return value <= lowest + AT_BOUND * min(abs(lowest), abs(value))
-
-
-def find_jacobians(
-    problem: ConstraintRows, coordinates: Coordinates, gradient: Gradient, node_count: int, rigid_count: int
-) -> tuple[sparse.csr_array, np.ndarray]:
-    """Derivatives of all rows' velocities by those of the nodes and of the rigid bodies.
-
-    Returns:
-        Matrices of shape (row_count, 3 node_count), sparse, and (row_count, 6 rigid_count).
-    """
-    rows, contacts = problem.rows, problem.contact_count
-    of_rigid = np.zeros((problem.row_count, rigid_count, 6))
-    contact, slot = np.nonzero(rows.node[:contacts] >= 0)
-    node, weight = rows.node[contact, slot], rows.weight[contact, slot]
-    entries = (weight[:, None, None] * rows.basis[contact]).ravel()
-    places = (3 * contact[:, None, None] + np.arange(3)[:, None] + np.zeros(3, dtype=int)).ravel()
-    columns = (3 * node[:, None, None] + np.zeros((3, 1), dtype=int) + np.arange(3)).ravel()
-    for index, side in zip(*np.nonzero(rows.rigid[:contacts] >= 0), strict=True):
-        own = slice(3 * index, 3 * index + 3)
-        of_rigid[own, rows.rigid[index, side]] += rows.rigid_jacobian[own, side]
-    actuators, some, several = problem.actuators, [entries], [(places, columns)]
-    for row, coordinate in enumerate(rows.coordinate[: actuators.stop - actuators.start].tolist(), actuators.start):
-        own = slice(*coordinates.entry_start[coordinate : coordinate + 2].tolist())
-        some.append(gradient.soft[own].ravel())
-        columns = (3 * coordinates.entry_node[own][:, None] + np.arange(3)).ravel()
-        several.append((np.full(len(columns), row), columns))
-        own = slice(*coordinates.rigid_start[coordinate : coordinate + 2].tolist())
-        np.add.at(of_rigid[row], coordinates.rigid_body[own], gradient.rigid[own])
-    place = tuple(np.concatenate(axis) for axis in zip(*several, strict=True))
-    shape = problem.row_count, 3 * node_count
-    of_soft = sparse.csr_array(sparse.coo_array((np.concatenate(some), place), shape))
-    return of_soft, of_rigid.reshape(problem.row_count, 6 * rigid_count)
-
 
 ACCURACY = 1e-11
 """Residual of the equations of a derivative over their right-hand side [-]."""
@@ -345,9 +179,14 @@ class StepDerivative:
         self.inverse_mass = inverse_mass = rigid.state.inverse_mass.copy()
         if model.scene.time.dynamics == "static":  # masses slow the search, and do not change an equilibrium
             inverse_mass *= WEIGHTLESS
-        self._rigid_response = np.einsum(
+        own_response = np.einsum(
             "bij,rbj->bir", inverse_mass, self._of_rigid.reshape(len(self.impulse), len(inverse_mass), 6)
         ).reshape(self._of_rigid.shape[::-1])
+        self._rigid_response, self._of_turning = own_response, self._of_rigid
+        self._turning: np.ndarray = np.eye(len(own_response))
+        self.turning_rows = find_turning_rows(model, problem, solution, self.contacts, self.basis, rigid.state)
+        if self._nonlinear is None and self.turning_rows.renewed.any():
+            self._add_turning(inverse_mass)
         self._own = self._own_compliance(self._requests)
         velocity = self._of_soft @ solution.node_velocity.ravel() + self._of_rigid @ solution.rigid_velocity.ravel()
         velocity[3 * self.contact_count :] = causes.row_velocity[3 * self.contact_count :]
@@ -355,9 +194,25 @@ class StepDerivative:
         self._conditions = find_conditions(self._friction, causes.bounds, self.impulse, velocity)
         count = rows.row_count
         self._solved_compliance = rows.compliance[: count**2].reshape(count, count).copy()
+        if self._of_turning is not self._of_rigid:
+            self._solved_compliance += self._of_turning @ self._rigid_response - self._of_rigid @ own_response
         self._speed = rows.solver.velocity[: 3 * self.contact_count].copy()
         self._bodies = problem.contacts.found.bodies[contacts].copy()
         self._point = problem.contacts.found.points[contacts].mean(axis=1)
+
+    def _add_turning(self, inverse_mass: np.ndarray) -> None:
+        """Let rows and impulses turn with the bodies: w = dw + M^-1 (J^T l + T w), and rows have (J + E) w."""
+        turning, count = self.turning_rows, 6 * len(inverse_mass)
+        coupled = np.zeros((len(inverse_mass), 6, 6))
+        coupled[:, :, 3:] = inverse_mass[:, :, 3:] @ turning.torque
+        matrix = np.eye(count)
+        for body, block in enumerate(coupled):
+            own = slice(6 * body, 6 * body + 6)
+            matrix[own, own] -= block
+        self._turning = np.linalg.inv(matrix)
+        self._rigid_response = self._turning @ self._rigid_response
+        self._of_turning = self._of_rigid.copy()
+        self._of_turning[: 3 * self.contact_count] += turning.of_rigid.reshape(-1, count)
 
     @cached_property
     def _row_response(self) -> np.ndarray:
@@ -367,7 +222,7 @@ class StepDerivative:
 
     @cached_property
     def _compliance(self) -> np.ndarray:
-        of_bodies: np.ndarray = self._of_soft @ self._row_response.T + self._of_rigid @ self._rigid_response
+        of_bodies: np.ndarray = self._of_soft @ self._row_response.T + self._of_turning @ self._rigid_response
         return of_bodies + self._own
 
     def causes(self, start: State) -> Causes:
@@ -438,7 +293,7 @@ class StepDerivative:
         row = -(self._conditions.of_velocity.T @ condition)
         of_nodes = response + self._response(self._of_soft.T @ row)
         of_bounds = self._conditions.of_bounds * condition[3 * self.contact_count :, None]
-        of_rigid = rigid + (self._of_rigid.T @ row).reshape(rigid.shape)
+        of_rigid = (self._turning.T @ (rigid.ravel() + self._of_turning.T @ row)).reshape(rigid.shape)
         return Multipliers(of_nodes.reshape(-1, 3), of_rigid, row, of_bounds, condition)
 
     def edges(self) -> list[Edge]:
@@ -467,7 +322,7 @@ class StepDerivative:
         impulses = np.einsum("cij,cj->ci", self.basis, change.contact_impulse[self.contacts])
         count = 3 * self.contact_count
         speeds = self._of_soft[:count] @ change.node_velocity.ravel()
-        speeds = (speeds + self._of_rigid[:count] @ change.rigid_velocity.ravel()).reshape(-1, 3)
+        speeds = (speeds + self._of_turning[:count] @ change.rigid_velocity.ravel()).reshape(-1, 3)
         noise = [ROUND_OFF * float(np.abs(part).max(initial=0.0)) for part in (impulses, speeds)]
         now, own, ends = self.impulse[:count].reshape(-1, 3), self._speed.reshape(-1, 3), []
         for number, contact in enumerate(self.contact_conditions()):
@@ -514,15 +369,16 @@ class StepDerivative:
         requests = replace(self._requests, load=causes.load)
         count = 3 * self.contact_count
         speeds = self._of_soft[:count] @ change.node_velocity.ravel()
-        speeds += self._of_rigid[:count] @ change.rigid_velocity.ravel()
+        speeds += self._of_turning[:count] @ change.rigid_velocity.ravel()
         return replace(self.problem, start=start, requests=requests), solution, speeds
 
     def _solve(self, change: Causes) -> Motion:
         """The change of the motion by the factor alone."""
         free = self._response(change.node_impulse).reshape(-1, 3)
-        rows = self._of_soft @ free.ravel() + self._of_rigid @ change.rigid_velocity.ravel() + change.row_velocity
+        of_rigid = self._turning @ change.rigid_velocity.ravel()
+        rows = self._of_soft @ free.ravel() + self._of_turning @ of_rigid + change.row_velocity
         impulse = self._conditions.solve(rows, self._compliance, change.bounds)
-        rigid_velocity = change.rigid_velocity + (self._rigid_response @ impulse).reshape(-1, 6)
+        rigid_velocity = (of_rigid + self._rigid_response @ impulse).reshape(-1, 6)
         return Motion(free + (impulse @ self._row_response).reshape(-1, 3), rigid_velocity, impulse)
 
     def _with_exact_slope(self, first: Motion) -> Motion:
