@@ -65,19 +65,21 @@ class _Places:
         found, carriers, count = table.found, model.surfaces.carriers, len(start.rigid_position)
         self.passed = model.scene.time.step * table.fraction[chosen]
         self.weight, self.normal, self.distance = (one[chosen] for one in (found.weights, found.normal, found.distance))
-        vertex, bodies = found.vertices[chosen], found.bodies[chosen] - len(model.soft_bodies)
+        given, bodies = found.vertices[chosen], found.bodies[chosen] - len(model.soft_bodies)
         self.is_rigid = (bodies >= 0) & (bodies < count)
         self.rigid = np.where(self.is_rigid, bodies, count)
-        self.is_vertex = (vertex >= 0) & (self.weight != 0.0)
-        self.is_soft = self.is_vertex & (carriers.owner[vertex] == SOFT)
-        self.node = carriers.nodes[vertex]
-        self.node_weight = np.where(self.is_soft[..., None], carriers.weights[vertex], 0.0)
+        self.is_vertex = (given >= 0) & (self.weight != 0.0)
+        vertex = np.where(self.is_vertex, given, len(carriers.owner))
+        self.is_soft = self.is_vertex & (_of(vertex, carriers.owner[:, None])[..., 0] == SOFT)
+        self.node = _of(vertex, carriers.nodes).astype(np.int64)
+        self.node_weight = np.where(self.is_soft[..., None], _of(vertex, carriers.weights), 0.0)
+        local = _of(vertex, carriers.local)
         later = self.passed[:, None, None]
         self.turning = later * _of(self.rigid, rigid.angular)
         self.turn = turn_matrices(self.turning)
         self.centre = _of(self.rigid, rigid.position) + later * _of(self.rigid, rigid.linear)
         axes = np.vstack([matrices_from_quaternions(start.rigid_rotation), np.eye(3)[None]])[self.rigid]
-        on_rigid = np.einsum("csij,cskj->cski", self.turn @ axes, carriers.local[vertex]) + self.centre[:, :, None]
+        on_rigid = np.einsum("csij,cskj->cski", self.turn @ axes, local) + self.centre[:, :, None]
         ahead = _of(self.node, start.position) + later[..., None, None] * _of(self.node, start.velocity)
         on_nodes = np.einsum("cskn,cskni->cski", self.node_weight, ahead)
         self.place = np.where(self.is_soft[..., None], on_nodes, on_rigid)
@@ -94,7 +96,7 @@ class _Places:
         misses = np.abs(self.apart - self.distance[:, None] * self.normal).max(axis=1)
         self.fits = (misses < ALIKE) & (across < ALIKE * size) & (np.abs(self.distance) > ALIKE)
         self.fits &= self.on_plane | ~is_flat.any(axis=1)
-        on_start = np.einsum("csij,cskj->cski", axes, carriers.local[vertex]) * self.is_rigid[..., None, None]
+        on_start = np.einsum("csij,cskj->cski", axes, local) * self.is_rigid[..., None, None]
         soft_start = np.einsum("cskn,cskni->cski", self.node_weight, _of(self.node, start.position))
         self.start_place = np.where(self.is_soft[..., None], soft_start, on_start) * self.is_vertex[..., None]
         self.start_centre = np.where(self.is_rigid[..., None], _of(self.rigid, rigid.position), 0.0)

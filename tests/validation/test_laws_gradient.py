@@ -222,8 +222,25 @@ def test_requests_that_limits_hold_back_have_a_part_of_the_gradient() -> None:
     assert held[name][0] < found[name][0] and not held[name][1:].any()
 
 
-def test_gradient_of_a_ball_that_is_thrown(figures: Figures) -> None:
-    """Closed form without soft bodies: v after h is x0 + h n v0 and so on, and friction has no say in the air."""
+def test_gradient_of_a_ball_that_rolls() -> None:
+    """A ball that grips at once goes on with 5/7 of its speed, and turns with that over its radius."""
+    tables = {
+        "rigid_bodies": {
+            "ball": {"sphere": {"radius": 10.0}, "mass": 0.01, "position": [0, 0, 10.2], "velocity": [100.0, 0, 0]}
+        },
+        "obstacles": {"floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}},
+        "time": {"step": 0.01, "duration": 1.0},
+        "contact": {"friction": 0.5, "contact_distance": 0.2, "tolerance": 1e-11},
+    }
+    objective = Weighted({"object_positions.ball": [1.0, 0.0, 0.0], "object_angular_velocities.ball": [0.0, 1.0, 0.0]})
+    simulation, by = Simulation(scene_from_dict(tables)), ["start.rigid_velocity", "friction"]
+    found = gradient(simulation, [None] * 10, objective, by)
+    assert found["start.rigid_velocity"][0, 0] == pytest.approx(5.0 / 7.0 * (0.01 * 55 + 10 / 10.0), rel=1e-8)
+    assert found["friction"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_gradient_of_a_cube_that_is_thrown(figures: Figures) -> None:
+    """Closed form without soft bodies: v after h is that before and g h, and friction has no say in the air."""
     tables = {
         "rigid_bodies": {"cube": {"box": [10.0, 10.0, 10.0], "mass": 0.01, "position": [0.0, 0.0, 30.0]}},
         "obstacles": {"floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}},
