@@ -173,8 +173,8 @@ class _Run:
         if isinstance(memory, bool) or not isinstance(memory, int | float) or not memory > 0.0:
             raise TaichisoftError(f"memory = {memory!r}: must be a number of megabytes above 0")
         self._controls, self._count = _checked_controls(controls)
-        self._by = _checked_names(by, self._model, moves)
         self._adjoint = StepAdjoint(self._model)
+        self._by = _checked_names(by, self._model, moves, self._adjoint)
         self._figures = FigureSlopes(self._model)
         self._of_steps = {name: np.zeros(self._count) for name in self._by if _is_of_steps(name)}
         self._moves = _checked_moves(self._by, moves, simulation)
@@ -265,34 +265,28 @@ class _Run:
     def _of_run(self, name: str, slopes: Slopes) -> np.ndarray:
         """A derivative by something that holds for the whole run."""
         key, _, of = name.partition(".")
-        model, adjoint = self._model, self._adjoint
-        soft, rigid = [body.name for body in model.soft_bodies], [body.name for body in model.rigid_bodies]
-        if key == "start":
-            of_state: np.ndarray = getattr(slopes, {"rigid_rotation": "rigid_turn"}.get(of, of))
-            return of_state
         if key == "rest":
             return np.asarray(sum(self._by_rest[of][1]) + (slopes.position * self._moves[of]).sum())
         if key == "friction":
-            return np.asarray((_friction_pairs(model, of) * adjoint.by_friction).sum())
-        by_body = {
-            "young_modulus": (adjoint.by_material, model.material_names),
-            "rayleigh_stiffness": (adjoint.by_damping, soft),
-            "rayleigh_mass": (adjoint.by_drag, soft),
-        }
-        if key in by_body:
-            values, names = by_body[key]
-            return np.asarray(values[list(names).index(of)])
-        # Of densities and masses the adjoint has derivatives by shares.
-        if of in soft:
-            number = soft.index(of)
-            return np.asarray(adjoint.by_density[number] / _inertia(model.soft_bodies[number].settings)[1])
-        number = rigid.index(of)
-        return np.asarray(adjoint.by_mass[number] / model.rigid_mass[number])
+            return np.asarray((_friction_pairs(self._model, of) * self._adjoint.by_friction).sum())
+        return np.asarray(_by_name(self._model, self._adjoint, slopes)[name])
 
 
-def _inertia(body: Any) -> tuple[str, float]:
-    """The key of a soft body that says how much it weighs, and its value."""
-    return ("density", body.density) if body.mass is None else ("mass", body.mass)
+def _by_name(model: Model, adjoint: StepAdjoint, slopes: Slopes) -> dict[str, Any]:
+    """Derivatives by the start, and by the properties of bodies and materials."""
+    found = {f"start.{name}": values for name, values in vars(slopes).items()}
+    found["start.rigid_rotation"] = found.pop("start.rigid_turn")
+    found |= {f"young_modulus.{name}": by for name, by in zip(model.material_names, adjoint.by_material, strict=True)}
+    parts = adjoint.by_damping, adjoint.by_drag, adjoint.by_density
+    for body, by_damping, by_drag, by_density in zip(model.soft_bodies, *parts, strict=True):
+        key = "density" if body.settings.mass is None else "mass"
+        found[f"rayleigh_stiffness.{body.name}"], found[f"rayleigh_mass.{body.name}"] = by_damping, by_drag
+        found[f"{key}.{body.name}"] = by_density / getattr(body.settings, key)  # the adjoint has those by shares
+    masses = zip(model.rigid_bodies, adjoint.by_mass / model.rigid_mass, strict=True)
+    pushed = {one.body for one in model.scene.external_forces}
+    free = [(body.name, by) for body, by in masses if body.follows is None]
+    held = {body.name for body in model.rigid_bodies if body.springs is not None} | pushed
+    return found | {f"mass.{name}": by for name, by in free if name not in held}
 
 
 def _interval(count: int, state: State, memory: float) -> int:
@@ -433,23 +427,21 @@ def _checked_moves(by: Sequence[str], moves: Mapping[str, Any], simulation: Simu
     return checked
 
 
-def _checked_names(by: Any, model: Model, moves: Any) -> list[str]:
+def _checked_names(by: Any, model: Model, moves: Any, adjoint: StepAdjoint) -> list[str]:
     if not isinstance(moves, Mapping):
         raise TaichisoftError(f"moves = {moves!r}: must be arrays by name")
     if isinstance(by, str) or not isinstance(by, Sequence):
         raise TaichisoftError(f"by = {by!r}: must be a sequence of names")
-    known = [*_known_names(model), *(f"rest.{name}" for name in moves)]
+    known = [*_known_names(model, adjoint), *(f"rest.{name}" for name in moves)]
     for name in by:
         if name not in known and not str(name).startswith("friction."):
             raise TaichisoftError(f"by: '{name}' is nothing to derive by; {nearest(str(name), known, 'there are')}")
         if str(name).startswith("friction"):
             _friction_pairs(model, str(name).partition(".")[2])
-        if name in [f"mass.{body.name}" for body in model.rigid_bodies]:
-            _refuse_mass(model, name.partition(".")[2])
     return list(dict.fromkeys(by))
 
 
-def _known_names(model: Model) -> Iterator[str]:
+def _known_names(model: Model, adjoint: StepAdjoint) -> Iterator[str]:
     """All names to derive by, but for friction of pairs."""
     for kind in ACTUATOR_KINDS:
         for drive in (kind.effort, kind.coordinate):
@@ -458,14 +450,7 @@ def _known_names(model: Model) -> Iterator[str]:
     tips = Fingertips(model.soft_bodies, model.frames)
     free = [body.name for body in model.rigid_bodies if body.follows is None]
     yield from (f"force.{name}.{letter}" for name in (*tips.names, *free) for letter in AXES)
-    yield from (
-        f"start.{one}" for one in ("position", "velocity", "rigid_position", "rigid_rotation", "rigid_velocity")
-    )
-    yield from (f"young_modulus.{name}" for name in model.material_names)
-    for key in ("rayleigh_stiffness", "rayleigh_mass"):
-        yield from (f"{key}.{body.name}" for body in model.soft_bodies)
-    yield from (f"{_inertia(body.settings)[0]}.{body.name}" for body in model.soft_bodies)
-    yield from (f"mass.{name}" for name in free)
+    yield from _by_name(model, adjoint, Slopes.none(model))
     yield "friction"
 
 
@@ -496,9 +481,3 @@ def _friction_pairs(model: Model, pair: str) -> np.ndarray:
     chosen = np.zeros_like(own)
     chosen[first, second] = chosen[second, first] = 1.0
     return chosen
-
-
-def _refuse_mass(model: Model, name: str) -> None:
-    body = next(body for body in model.rigid_bodies if body.name == name)
-    if body.springs is not None or any(one.body == name for one in model.scene.external_forces):
-        raise TaichisoftError(f"by: 'mass.{name}' has no derivative here with springs or external forces on it")
