@@ -15,11 +15,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import typer
 from PIL import Image
 
-from taichisoft import load_scene, make_controller
+from taichisoft import Observation, gradient, load_scene, make_controller
 from taichisoft import run as run_simulation
+from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running import Simulation
 from taichisoft_meshing.finger_dimensions import FingerParameters, end, starts
 from taichisoft_meshing.pneunet_finger import chamber_boxes, channel_box, slot_boxes, stiff_layer_box
@@ -231,6 +233,40 @@ def draw_closed_loop(run: Path, file: Path = DOCS / "notes" / "closed_loop.svg")
             axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
         axes.set_yscale("log")
         axes.set_xlabel("time [s]")
+
+
+@application.command("gradient")
+def draw_gradient(file: Path = DOCS / "gradients.svg") -> None:
+    """Draw what a wall and a grip make of objectives over a pressure, and gradients of the runs beside differences."""
+    wall = "obstacles.wall={plane={point=[0.0,38.0,0.0],normal=[0.0,-1.0,0.0]}}"
+    finger = load_scene("finger-inflated", (wall, "contact.friction=0.3", "contact.contact_distance=0.5"))
+    gripper = load_scene(TINY_GRIPPER, ("limits={}", "contact.friction=0.4"))
+    ramp = np.minimum(np.arange(40) / 15.0, 1.0)
+    lift = {"base_translation.z": 15.0 * np.maximum(np.arange(40) / 20.0 - 1.0, 0.0)}
+    pads = ("pressure.left.cavity", "pressure.right.cavity")
+    pictures = (
+        (finger, ("pressure.finger.cavity",), {}, ("tip_positions", "finger", 1), (6.0, 14.0), "finger to a wall: y"),
+        (gripper, pads, lift, ("object_positions", "cube", 2), (5.0, 10.0), "cube lifted: height"),
+    )
+    with svg_figure(file, figsize=(8.0, 4.5), layout="constrained") as figure:
+        for (above, below), picture in zip(figure.subplots(2, 2, sharex="col").T, pictures, strict=True):
+            scene, names, others, (field, body, axis), ends, title = picture
+            simulation, pressures = Simulation(scene), np.linspace(*ends, 41)
+
+            def objective(seen: Observation, of: tuple[str, str, int] = (field, body, axis)) -> tuple[float, Any]:
+                is_last = float(seen.step == len(ramp))
+                return is_last * getattr(seen, of[0])[of[1]][of[2]], {f"{of[0]}.{of[1]}": is_last * np.eye(3)[of[2]]}
+
+            controls = ({**dict.fromkeys(names, pressure * ramp), **others} for pressure in pressures)
+            found = [gradient(simulation, one, objective, names) for one in controls]
+            values = [one.value for one in found]
+            above.plot(pressures, values)
+            above.set_title(f"{title} [mm]", fontsize="medium")
+            below.plot(pressures, np.gradient(values, pressures), ".", color="0.6", label="differences")
+            below.plot(pressures, [sum(one[name] @ ramp for name in names) for one in found], label="gradient")
+            below.set_title("slope [mm / kPa]", fontsize="medium")
+            below.set_xlabel("pressure [kPa]")
+            below.legend()
 
 
 @application.command("slow-line")

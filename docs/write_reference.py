@@ -53,6 +53,7 @@ SECTIONS = {
         *("Control", "Force", "Observation", "StepReport", "State"),
     ],
     "Running": ["run", "make_controller", "make_output", "Controller", "KeyEvent", "Slider", "Output", "Session"],
+    "Gradients": ["gradient", "RunGradient", "LeastSquares"],
     "Planning": ["rollouts", "Rollouts", "equilibrium", "Equilibrium", "Linearisation", "inverse", "InverseSolution"],
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
     "Plug-ins": [

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from taichisoft.running.plugins import unregister_plugin as unregister_plugin
     from taichisoft.running.rollouts import Rollouts as Rollouts
     from taichisoft.running.rollouts import rollouts as rollouts
+    from taichisoft.running.run_gradient import LeastSquares as LeastSquares
+    from taichisoft.running.run_gradient import RunGradient as RunGradient
+    from taichisoft.running.run_gradient import gradient as gradient
     from taichisoft.running.scene_files import load_scene as load_scene
     from taichisoft.running.scene_files import make_controller as make_controller
     from taichisoft.running.scene_files import make_output as make_output
@@ -52,6 +55,7 @@ __version__ = "0.2.0"
 
 _NAMES = {
     "running.rollouts": ["Rollouts", "rollouts"],
+    "running.run_gradient": ["LeastSquares", "RunGradient", "gradient"],
     "running.scene_files": ["load_scene", "make_controller", "make_output", "scene_from_dict"],
     "running.simulation": ["Simulation", "make_model"],
     "control.control": ["Control", "Controller", "Force", "KeyEvent", "Slider"],

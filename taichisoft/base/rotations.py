@@ -110,3 +110,19 @@ def edge_frames(along: np.ndarray, across: np.ndarray) -> np.ndarray:
     third = np.cross(first, across)
     third /= np.linalg.norm(third, axis=1, keepdims=True)
     return np.ascontiguousarray(np.stack([first, np.cross(third, first), third], axis=2))
+
+
+def turn_matrices(turn: np.ndarray, mean: bool = False) -> np.ndarray:
+    """Rotations by vectors [rad], (..., 3, 3), or their means on the way, by which vectors turn with a change."""
+    square = (turn**2).sum(axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(turn, -1, 0)
+    cross = np.moveaxis(np.array([[0.0 * x, -z, y], [z, 0.0 * x, -x], [-y, x, 0.0 * x]]), (0, 1), (-2, -1))
+    small = np.abs(square) < 1e-4
+    angle = np.sqrt(np.where(small, 1.0, square))
+    if mean:
+        first = np.where(small, 0.5 - square / 24.0 + square**2 / 720.0, (1.0 - np.cos(angle)) / angle**2)
+        second = np.where(small, (1.0 - square / 20.0 + square**2 / 840.0) / 6.0, (angle - np.sin(angle)) / angle**3)
+    else:
+        first = np.where(small, 1.0 - square / 6.0 + square**2 / 120.0, np.sin(angle) / angle)
+        second = np.where(small, 0.5 - square / 24.0 + square**2 / 720.0, (1.0 - np.cos(angle)) / angle**2)
+    return np.eye(3) + first * cross + second * (cross @ cross)

@@ -229,6 +229,19 @@ def make_soft_body(
     return replace(made, modes=modes)
 
 
+def reshaped(body: SoftBody, move: np.ndarray) -> SoftBody:
+    """A body whose nodes are elsewhere at rest, by a move [mm], shape (node_count, 3); all selections are as they were.
+
+    Its cavities have the shape that they had.
+    """
+    mesh = replace(body.mesh, nodes=body.mesh.nodes + move @ rotation_from_degrees(body.settings.rotation))
+    rest_position, domains = body.rest_position + move, body.domains
+    if domains is not None:
+        domains = ELEMENT_KINDS[body.settings.element].domains(rest_position, body.elements, body.material)
+    masses = _node_masses(mesh, body.settings)
+    return replace(body, mesh=mesh, rest_position=rest_position, domains=domains, node_mass=masses)
+
+
 def _materials(mesh: VolumeMesh, body: settings.SoftBodySettings, key: str) -> tuple[ElasticLaws, np.ndarray]:
     """The law of each element, and the number of its material: 0 the body's own, from 1 on the regions'."""
     material = np.zeros(len(mesh.elements), dtype=np.int32)

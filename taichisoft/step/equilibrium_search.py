@@ -11,9 +11,9 @@ from taichisoft.mechanics.state import State
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.row_conditions import find_conditions, find_jacobians
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import StepProblem, StepReport, StepSolution
-from taichisoft.step.step_derivative import find_conditions, find_jacobians
 
 # Whether an equilibrium is stable: its least stiffness, with contacts and actuators as they act.
 

@@ -209,7 +209,7 @@ def _find_inputs(model: Model, derivative: StepDerivative) -> Iterator[Input]:
                 for axis, letter in enumerate(AXES):
                     value = float(start.external_force[number, row, axis])
                     yield Input(f"forces.{name}.{part}.{letter}", unit, value)
-    yield from _forces(model, derivative)
+    yield from forces(model, derivative)
 
 
 def acting_forces(model: Model, state: State) -> dict[str, Force]:
@@ -288,7 +288,7 @@ def _axis(name: str, letter: str) -> int:
     return AXES.index(letter)
 
 
-def _forces(model: Model, derivative: StepDerivative) -> Iterator[Input]:
+def forces(model: Model, derivative: StepDerivative) -> Iterator[Input]:
     """Forces on fingertips and on the centres of mass of rigid bodies."""
     step, none = model.scene.time.step, np.zeros((len(model.rigid_bodies), 6))
     tips = Fingertips(model.soft_bodies, model.frames)

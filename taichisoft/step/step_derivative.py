@@ -1,174 +1,23 @@
 """How the end of a step moves with what acts in it, by the factor of the step."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
 
-from taichisoft.contact.constraint_rows import ActuatorRequests, ConstraintRows, request
-from taichisoft.contact.kernels.constraint_problem import GRIP, HIGHEST, LOWER_END, LOWEST, PREFERRED, UPPER_END
+from taichisoft.contact.constraint_rows import ActuatorRequests, request
+from taichisoft.contact.kernels.constraint_problem import GRIP
 from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
-from taichisoft.mechanics.kernels.actuator_coordinates import Coordinates, Gradient
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.state import State
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.row_conditions import AT_BOUND, find_conditions, find_jacobians, find_turning_rows
 from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution
-
-# What each row of a solved constraint problem does while nothing changes: open, sticking, sliding, held, free.
-
-AT_BOUND = 1e-7
-"""Distance from a bound, over the bound, at which an impulse is at it [-]: what the solver leaves is round-off."""
-
-
-@dataclass(frozen=True)
-class RowConditions:
-    """Linear conditions P dl + Q dv = S of the changes of impulses l and velocities v of all rows.
-
-    Attributes:
-        of_impulse, of_velocity: P and Q, shape (row_count, row_count).
-        of_bounds: the right-hand sides S of the actuators' rows by the changes of their bounds, (actuator_count, 6).
-    """
-
-    of_impulse: np.ndarray
-    of_velocity: np.ndarray
-    of_bounds: np.ndarray
-
-    def solve(self, free: np.ndarray, compliance: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-        """The changes of the impulses, where v = free + W l.
-
-        Args:
-            free: change of the velocities without impulses, shape (row_count,).
-            compliance: W, shape (row_count, row_count).
-            bounds: change of the bounds of the actuators' rows, shape (actuator_count, 6).
-        """
-        known = -self.of_velocity @ free
-        known[len(free) - len(bounds) :] += (self.of_bounds * bounds).sum(axis=1)
-        matrix = self.of_impulse + self.of_velocity @ compliance
-        size = np.abs(matrix).max(axis=1, initial=1e-300)
-        # Impulses between rigid bodies may be undetermined; their motion is not.
-        answer: np.ndarray = np.linalg.lstsq(matrix / size[:, None], known / size, rcond=1e-13)[0]
-        return answer
-
-
-def find_conditions(
-    friction: np.ndarray, bounds: np.ndarray, impulse: np.ndarray, velocity: np.ndarray
-) -> RowConditions:
-    """The conditions of a solution.
-
-    Args:
-        friction: coefficient of each contact, shape (contact_count,).
-        bounds: of the actuators' rows, see `contact/kernels/constraint_problem.py`, shape (actuator_count, 6).
-        impulse, velocity: of all rows, the contacts' first, shape (row_count,).
-    """
-    count = len(impulse)
-    found = RowConditions(np.zeros((count, count)), np.zeros((count, count)), np.zeros_like(bounds))
-    for contact, coefficient in enumerate(friction.tolist()):
-        _add_contact(found, slice(3 * contact, 3 * contact + 3), coefficient, impulse, velocity)
-    first = 3 * len(friction)
-    for actuator in range(len(bounds)):
-        _add_actuator(found, first, actuator, bounds, impulse, velocity)
-    return found
-
-
-def _add_contact(found: RowConditions, rows: slice, friction: float, impulse: np.ndarray, velocity: np.ndarray) -> None:
-    """A contact: its normal velocity stays 0, and its friction -mu l_n s opposes the sliding along s."""
-    p, q = found.of_impulse[rows, rows], found.of_velocity[rows, rows]
-    pressing, along = impulse[rows][0], impulse[rows][1:]
-    if not pressing > 0.0:  # open
-        p[:] = np.eye(3)
-        return
-    q[0, 0] = 1.0
-    most, size = friction * pressing, float(np.linalg.norm(along))
-    if most == 0.0:
-        p[1:, 1:] = np.eye(2)
-    elif size < (1.0 - AT_BOUND) * most:  # sticks
-        q[1:, 1:] = np.eye(2)
-    else:
-        direction = -along / size
-        across = np.array([-direction[1], direction[0]])
-        p[1, 0], p[1, 1:] = friction, direction
-        # Along -mu l_n v / |v| friction turns with the sliding; without a way, nothing moves across it.
-        speed = abs(float(velocity[rows][1:] @ direction))
-        p[2, 1:], q[2, 1:] = speed * across, most * across
-
-
-def _add_actuator(
-    found: RowConditions, first: int, actuator: int, bounds: np.ndarray, impulse: np.ndarray, velocity: np.ndarray
-) -> None:
-    """An actuator: its impulse stays at the bound where it is, else its coordinate at the end where it is."""
-    row, own = first + actuator, bounds[actuator]
-    here, speed = float(impulse[row]), float(velocity[row])
-    if own[GRIP] >= 0.0:
-        tensions = np.zeros(len(impulse))  # whose product with the impulses is the tension before the point
-        above = actuator - 1
-        while bounds[above, GRIP] >= 0.0:
-            tensions[first + above] = -1.0
-            above -= 1
-        tensions[first + above] = 1.0
-        tension, grip = float(tensions @ impulse), float(own[GRIP])
-        shares = -grip, grip / (1.0 + grip)  # of the tension's amount
-        slopes = -1.0, 1.0 / (1.0 + grip) ** 2
-        side = int(here > 0.0)
-        if _reaches(-abs(here), -abs(tension * shares[side])):
-            found.of_impulse[row] = -shares[side] * np.sign(tension) * tensions
-            found.of_impulse[row, row] += 1.0
-            found.of_bounds[actuator, GRIP] = slopes[side] * abs(tension)
-        else:
-            found.of_velocity[row, row] = 1.0
-        return
-    imposed = own[LOWER_END] == own[UPPER_END]
-    for bound, holds in (
-        (LOWEST, _reaches(here, own[LOWEST])),
-        (HIGHEST, _reaches(-here, -own[HIGHEST])),
-        (PREFERRED, not imposed and np.isclose(here, own[PREFERRED], AT_BOUND, 0.0)),
-    ):
-        if holds:
-            found.of_impulse[row, row] = found.of_bounds[actuator, bound] = 1.0
-            return
-    nearest = abs(speed - own[LOWER_END]) <= abs(speed - own[UPPER_END])
-    found.of_velocity[row, row] = found.of_bounds[actuator, LOWER_END if nearest else UPPER_END] = 1.0
-
-
-def _reaches(value: float, lowest: float) -> bool:
-    return value <= lowest + AT_BOUND * min(abs(lowest), abs(value))
-
-
-def find_jacobians(
-    problem: ConstraintRows, coordinates: Coordinates, gradient: Gradient, node_count: int, rigid_count: int
-) -> tuple[sparse.csr_array, np.ndarray]:
-    """Derivatives of all rows' velocities by those of the nodes and of the rigid bodies.
-
-    Returns:
-        Matrices of shape (row_count, 3 node_count), sparse, and (row_count, 6 rigid_count).
-    """
-    rows, contacts = problem.rows, problem.contact_count
-    of_rigid = np.zeros((problem.row_count, rigid_count, 6))
-    contact, slot = np.nonzero(rows.node[:contacts] >= 0)
-    node, weight = rows.node[contact, slot], rows.weight[contact, slot]
-    entries = (weight[:, None, None] * rows.basis[contact]).ravel()
-    places = (3 * contact[:, None, None] + np.arange(3)[:, None] + np.zeros(3, dtype=int)).ravel()
-    columns = (3 * node[:, None, None] + np.zeros((3, 1), dtype=int) + np.arange(3)).ravel()
-    for index, side in zip(*np.nonzero(rows.rigid[:contacts] >= 0), strict=True):
-        own = slice(3 * index, 3 * index + 3)
-        of_rigid[own, rows.rigid[index, side]] += rows.rigid_jacobian[own, side]
-    actuators, some, several = problem.actuators, [entries], [(places, columns)]
-    for row, coordinate in enumerate(rows.coordinate[: actuators.stop - actuators.start].tolist(), actuators.start):
-        own = slice(*coordinates.entry_start[coordinate : coordinate + 2].tolist())
-        some.append(gradient.soft[own].ravel())
-        columns = (3 * coordinates.entry_node[own][:, None] + np.arange(3)).ravel()
-        several.append((np.full(len(columns), row), columns))
-        own = slice(*coordinates.rigid_start[coordinate : coordinate + 2].tolist())
-        np.add.at(of_rigid[row], coordinates.rigid_body[own], gradient.rigid[own])
-    place = tuple(np.concatenate(axis) for axis in zip(*several, strict=True))
-    shape = problem.row_count, 3 * node_count
-    of_soft = sparse.csr_array(sparse.coo_array((np.concatenate(some), place), shape))
-    return of_soft, of_rigid.reshape(problem.row_count, 6 * rigid_count)
-
 
 ACCURACY = 1e-11
 """Residual of the equations of a derivative over their right-hand side [-]."""
@@ -222,6 +71,22 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Multipliers:
+    """Derivatives of a number by what acts in a step, as `Causes` has it, at the motion that follows.
+
+    Attributes:
+        node, rigid, row, bounds: by `node_impulse`, `rigid_velocity`, `row_velocity` of all rows, and `bounds`.
+        condition: by the right-hand sides of the conditions of all rows, shape (row_count,).
+    """
+
+    node: np.ndarray
+    rigid: np.ndarray
+    row: np.ndarray
+    bounds: np.ndarray
+    condition: np.ndarray
+
+
+@dataclass(frozen=True)
 class Edge:
     """A contact at a change of what it does, on which side is below what the solver tells.
 
@@ -261,6 +126,12 @@ class StepDerivative:
         start: state at the start of the step, with its requests.
         shift: what separates overlapping bodies at the end of the step, or None.
         geometry: geometry of the actuators at the place of the linearisation.
+        problem, solution: the solved step.
+        rigid: motion of the rigid bodies, shared with the stepper.
+        contacts, contact_count: numbers of the contacts that have rows, and how many.
+        basis: normal and tangents of these contacts, as rows, shape (contact_count, 3, 3).
+        impulse: of all rows, the contacts' first [mN s, of a volume kPa s], shape (row_count,).
+        coordinates: those of the actuators with rows.
         inverse_mass: of the rigid bodies [1/kg] and [1/(kg mm^2)], shape (rigid_count, 6, 6).
     """
 
@@ -276,8 +147,8 @@ class StepDerivative:
         shift: Shift | None,
     ):
         """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is."""
-        self._model, self._soft, self._rigid = model, soft, rigid
-        self._time_step, self._problem, self._solution = model.scene.time.step, problem, solution
+        self._model, self._soft, self.rigid = model, soft, rigid
+        self._time_step, self.problem, self.solution = model.scene.time.step, problem, solution
         self._nonlinear = solver if isinstance(solver, NonlinearStep) else None
         self.geometry: ActuatorGeometry = problem.geometry
         if self._nonlinear is not None:
@@ -290,16 +161,16 @@ class StepDerivative:
             self._nonlinear.linearise_at(solution, problem.requests.load)
             self.geometry = self._nonlinear.geometry
         rows = constraint_solver.rows
-        contacts, self._contact_count = rows.rows.contact[: rows.contact_count], rows.contact_count
+        contacts, self.contact_count = rows.rows.contact[: rows.contact_count], rows.contact_count
         if rows.moment_count or (rows.contact_count and model.restitution.any()):
             raise SceneError(
                 "linearise: contacts with restitution, rolling_friction or spinning_friction have no derivative here; "
                 "leave these keys of the scene's [contact] out"
             )
-        self._contacts, self._basis = contacts.copy(), rows.rows.basis[: rows.contact_count].copy()
-        self._coordinates = problem.requests.coordinates
-        local = np.einsum("cij,cj->ci", self._basis, solution.contact_impulse[contacts]).ravel()
-        self._impulse = np.concatenate([local, solution.effort[self._coordinates] * self._time_step])
+        self.contacts, self.basis = contacts.copy(), rows.rows.basis[: rows.contact_count].copy()
+        self.coordinates = problem.requests.coordinates
+        local = np.einsum("cij,cj->ci", self.basis, solution.contact_impulse[contacts]).ravel()
+        self.impulse = np.concatenate([local, solution.effort[self.coordinates] * self._time_step])
         causes = self.causes(problem.start)  # measures the actuators where they are linearised
         self._of_soft, self._of_rigid = find_jacobians(
             rows, model.actuators.coordinates, self.geometry.gradient, model.node_count, len(model.rigid_bodies)
@@ -308,50 +179,81 @@ class StepDerivative:
         self.inverse_mass = inverse_mass = rigid.state.inverse_mass.copy()
         if model.scene.time.dynamics == "static":  # masses slow the search, and do not change an equilibrium
             inverse_mass *= WEIGHTLESS
-        self._rigid_response = np.einsum(
-            "bij,rbj->bir", inverse_mass, self._of_rigid.reshape(len(self._impulse), len(inverse_mass), 6)
+        own_response = np.einsum(
+            "bij,rbj->bir", inverse_mass, self._of_rigid.reshape(len(self.impulse), len(inverse_mass), 6)
         ).reshape(self._of_rigid.shape[::-1])
-        self._row_response = np.array([self._response(row) for row in self._of_soft.toarray()])
-        self._row_response = self._row_response.reshape(self._of_soft.shape)
-        own = self._own_compliance(self._requests)
-        self._compliance = self._of_soft @ self._row_response.T + self._of_rigid @ self._rigid_response + own
+        self._rigid_response, self._of_turning = own_response, self._of_rigid
+        self._turning: np.ndarray = np.eye(len(own_response))
+        self.turning_rows = find_turning_rows(model, problem, solution, self.contacts, self.basis, rigid.state)
+        if self._nonlinear is None and self.turning_rows.renewed.any():
+            self._add_turning(inverse_mass)
+        self._own = self._own_compliance(self._requests)
         velocity = self._of_soft @ solution.node_velocity.ravel() + self._of_rigid @ solution.rigid_velocity.ravel()
-        velocity[3 * self._contact_count :] = causes.row_velocity[3 * self._contact_count :]
+        velocity[3 * self.contact_count :] = causes.row_velocity[3 * self.contact_count :]
         self._friction = rows.rows.friction[: rows.contact_count].copy()
-        self._conditions = find_conditions(self._friction, causes.bounds, self._impulse, velocity)
-        self._speed = rows.solver.velocity[: 3 * self._contact_count].copy()
+        self._conditions = find_conditions(self._friction, causes.bounds, self.impulse, velocity)
+        count = rows.row_count
+        self._solved_compliance = rows.compliance[: count**2].reshape(count, count).copy()
+        if self._of_turning is not self._of_rigid:
+            self._solved_compliance += self._of_turning @ self._rigid_response - self._of_rigid @ own_response
+        self._speed = rows.solver.velocity[: 3 * self.contact_count].copy()
         self._bodies = problem.contacts.found.bodies[contacts].copy()
         self._point = problem.contacts.found.points[contacts].mean(axis=1)
 
+    def _add_turning(self, inverse_mass: np.ndarray) -> None:
+        """Let rows and impulses turn with the bodies: w = dw + M^-1 (J^T l + T w), and rows have (J + E) w."""
+        turning, count = self.turning_rows, 6 * len(inverse_mass)
+        coupled = np.zeros((len(inverse_mass), 6, 6))
+        coupled[:, :, 3:] = inverse_mass[:, :, 3:] @ turning.torque
+        matrix = np.eye(count)
+        for body, block in enumerate(coupled):
+            own = slice(6 * body, 6 * body + 6)
+            matrix[own, own] -= block
+        self._turning = np.linalg.inv(matrix)
+        self._rigid_response = self._turning @ self._rigid_response
+        self._of_turning = self._of_rigid.copy()
+        self._of_turning[: 3 * self.contact_count] += turning.of_rigid.reshape(-1, count)
+
+    @cached_property
+    def _row_response(self) -> np.ndarray:
+        """Change of the velocities of the nodes by a unit impulse in each row, shape (row_count, 3 node_count)."""
+        response = np.array([self._response(row) for row in self._of_soft.toarray()])
+        return response.reshape(self._of_soft.shape)
+
+    @cached_property
+    def _compliance(self) -> np.ndarray:
+        of_bodies: np.ndarray = self._of_soft @ self._row_response.T + self._of_turning @ self._rigid_response
+        return of_bodies + self._own
+
     def causes(self, start: State) -> Causes:
         """What acts at the motion found, in a step from the same bodies with other requests or frames elsewhere."""
-        self._rigid.begin(start)
-        time_step, solution, first = self._time_step, self._solution, 3 * self._contact_count
+        self.rigid.begin(start)
+        time_step, solution, first = self._time_step, self.solution, 3 * self.contact_count
         time = self._model.scene.time
-        impulse = self._impulse[first:]
+        impulse = self.impulse[first:]
         effort = solution.effort.copy()
         if self._nonlinear is None:
             requests = request(self._model, start, self.geometry)
             requests = requests.tangent(impulse, time)
         else:
-            requests = request(self._model, start, self._problem.geometry)
-            poses = self._rigid.end_poses(solution.rigid_velocity)
+            requests = request(self._model, start, self.problem.geometry)
+            poses = self.rigid.end_poses(solution.rigid_velocity)
             self._nonlinear.equations.move(solution.node_velocity, *poses, frames=start)
             rates = self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
             growth = self.geometry.values() - requests.start_values
             requests = requests.linearised(self.geometry, growth, rates, start, impulse, time).tangent(impulse, time)
         effort = requests.load.copy()
-        effort[self._coordinates] = impulse / time_step
+        effort[self.coordinates] = impulse / time_step
         node_impulse = np.zeros((0, 3))
         if self._nonlinear is not None:
             node_impulse = self._nonlinear.equations.residual(effort)
         elif self._soft is not None:
             node_impulse = self._soft.impulses(start, effort)
         self._requests = requests
-        shift = np.zeros(len(self._impulse))
+        shift = np.zeros(len(self.impulse))
         rates = self.geometry.rates(solution.node_velocity, solution.rigid_velocity)
-        shift[first:] = rates[self._coordinates] - requests.target_rate
-        shift += self._own_compliance(requests) @ self._impulse
+        shift[first:] = rates[self.coordinates] - requests.target_rate
+        shift += self._own_compliance(requests) @ self.impulse
         return Causes(node_impulse, self._rigid_by(effort), shift, requests.bounds, requests.load)
 
     def along(self, change: Causes) -> StepSolution:
@@ -361,16 +263,16 @@ class StepDerivative:
             self.causes(self.start)  # frames are where they were again
             motion = self._with_exact_slope(motion)
         impulse = motion.impulse
-        count, time_step = self._contact_count, self._time_step
-        contact_impulse = np.zeros_like(self._solution.contact_impulse)
-        world = np.einsum("cij,ci->cj", self._basis, impulse[: 3 * count].reshape(-1, 3))
-        contact_impulse[self._contacts] = world
+        count, time_step = self.contact_count, self._time_step
+        contact_impulse = np.zeros_like(self.solution.contact_impulse)
+        world = np.einsum("cij,ci->cj", self.basis, impulse[: 3 * count].reshape(-1, 3))
+        contact_impulse[self.contacts] = world
         effort = change.load.copy()
-        effort[self._coordinates] = impulse[3 * count :] / time_step
+        effort[self.coordinates] = impulse[3 * count :] / time_step
         contact_rows = np.concatenate([impulse[: 3 * count], np.zeros(len(impulse) - 3 * count)])
-        shape = self._solution.node_velocity.shape
+        shape = self.solution.node_velocity.shape
         return replace(
-            self._solution,
+            self.solution,
             node_velocity=motion.node_velocity,
             node_impulse=(self._of_soft.T @ impulse).reshape(shape),
             contact_node_impulse=(self._of_soft.T @ contact_rows).reshape(shape),
@@ -380,14 +282,29 @@ class StepDerivative:
             effort=effort,
         )
 
+    def multipliers(self, node: np.ndarray, rigid: np.ndarray, impulse: np.ndarray) -> Multipliers:
+        """Derivatives by what acts, of those by the velocities and by the impulses of the rows: `along`, transposed.
+
+        Only of steps with a single linearisation.
+        """
+        response = self._response(node)
+        of_rows = impulse + self._of_soft @ response + self._rigid_response.T @ rigid.ravel()
+        condition = self._conditions.multipliers(of_rows, self._solved_compliance)
+        row = -(self._conditions.of_velocity.T @ condition)
+        of_nodes = response + self._response(self._of_soft.T @ row)
+        of_bounds = self._conditions.of_bounds * condition[3 * self.contact_count :, None]
+        of_rigid = (self._turning.T @ (rigid.ravel() + self._of_turning.T @ row)).reshape(rigid.shape)
+        return Multipliers(of_nodes.reshape(-1, 3), of_rigid, row, of_bounds, condition)
+
     def edges(self) -> list[Edge]:
         """Contacts that the tolerance of the solver may as well leave on the other side of a change."""
         found, scene = [], self._model.scene
         tolerance = LEFT_BY_SOLVERS * scene.contact.tolerance
         if self._nonlinear is not None:
             tolerance = max(tolerance, LEFT_BY_SOLVERS * scene.time.newton_tolerance / self._time_step)
-        speed, compliance = self._speed.reshape(-1, 3), np.diag(self._compliance)[: len(self._speed)].reshape(-1, 3)
-        for number, contact in enumerate(self._contact_conditions()):
+        compliance = np.diag(self._solved_compliance)[: len(self._speed)].reshape(-1, 3)
+        speed = self._speed.reshape(-1, 3)
+        for number, contact in enumerate(self.contact_conditions()):
             least = tolerance / compliance[number]
             open_edge = speed[number, 0] < tolerance if contact.is_open else contact.normal < least[0]
             if contact.slides:
@@ -402,13 +319,13 @@ class StepDerivative:
 
     def range_along(self, change: StepSolution) -> tuple[float, float]:
         """Shares of a change, below and above 0, within which all contacts stay open, sticking or sliding."""
-        impulses = np.einsum("cij,cj->ci", self._basis, change.contact_impulse[self._contacts])
-        count = 3 * self._contact_count
+        impulses = np.einsum("cij,cj->ci", self.basis, change.contact_impulse[self.contacts])
+        count = 3 * self.contact_count
         speeds = self._of_soft[:count] @ change.node_velocity.ravel()
-        speeds = (speeds + self._of_rigid[:count] @ change.rigid_velocity.ravel()).reshape(-1, 3)
+        speeds = (speeds + self._of_turning[:count] @ change.rigid_velocity.ravel()).reshape(-1, 3)
         noise = [ROUND_OFF * float(np.abs(part).max(initial=0.0)) for part in (impulses, speeds)]
-        now, own, ends = self._impulse[:count].reshape(-1, 3), self._speed.reshape(-1, 3), []
-        for number, contact in enumerate(self._contact_conditions()):
+        now, own, ends = self.impulse[:count].reshape(-1, 3), self._speed.reshape(-1, 3), []
+        for number, contact in enumerate(self.contact_conditions()):
             here, more, mu = now[number], impulses[number], self._friction[number]
             if contact.is_open:
                 ends += _zeros(0.0, speeds[number, 0], max(own[number, 0], 0.0), noise[1])
@@ -430,9 +347,9 @@ class StepDerivative:
             (end for end, rises in ends if not rises), default=np.inf
         )
 
-    def _contact_conditions(self) -> list[_Contact]:
+    def contact_conditions(self) -> list[_Contact]:
         found = []
-        for (normal, *along), mu in zip(self._impulse[: len(self._speed)].reshape(-1, 3), self._friction, strict=True):
+        for (normal, *along), mu in zip(self.impulse[: len(self._speed)].reshape(-1, 3), self._friction, strict=True):
             friction, most = float(np.hypot(*along)), float(mu * normal)
             slides = normal > 0.0 and most > 0.0 and friction >= (1.0 - AT_BOUND) * most
             found.append(_Contact(float(normal), friction, most, slides))
@@ -445,27 +362,28 @@ class StepDerivative:
             Its problem, the solution, and the change of the velocities of the contacts' rows, shape (3 contact_count,).
         """
         causes = self.causes(start)
-        solution = self._solution.plus(change, share)
+        solution = self.solution.plus(change, share)
         if self._nonlinear is not None:
-            poses = self._rigid.end_poses(solution.rigid_velocity)
+            poses = self.rigid.end_poses(solution.rigid_velocity)
             self._nonlinear.equations.move(solution.node_velocity, *poses, frames=start)
         requests = replace(self._requests, load=causes.load)
-        count = 3 * self._contact_count
+        count = 3 * self.contact_count
         speeds = self._of_soft[:count] @ change.node_velocity.ravel()
-        speeds += self._of_rigid[:count] @ change.rigid_velocity.ravel()
-        return replace(self._problem, start=start, requests=requests), solution, speeds
+        speeds += self._of_turning[:count] @ change.rigid_velocity.ravel()
+        return replace(self.problem, start=start, requests=requests), solution, speeds
 
     def _solve(self, change: Causes) -> Motion:
         """The change of the motion by the factor alone."""
         free = self._response(change.node_impulse).reshape(-1, 3)
-        rows = self._of_soft @ free.ravel() + self._of_rigid @ change.rigid_velocity.ravel() + change.row_velocity
+        of_rigid = self._turning @ change.rigid_velocity.ravel()
+        rows = self._of_soft @ free.ravel() + self._of_turning @ of_rigid + change.row_velocity
         impulse = self._conditions.solve(rows, self._compliance, change.bounds)
-        rigid_velocity = change.rigid_velocity + (self._rigid_response @ impulse).reshape(-1, 6)
+        rigid_velocity = (of_rigid + self._rigid_response @ impulse).reshape(-1, 6)
         return Motion(free + (impulse @ self._row_response).reshape(-1, 3), rigid_velocity, impulse)
 
     def _with_exact_slope(self, first: Motion) -> Motion:
         """Solve (1 - P E) m = P c, where P is `_solve` and E what the factor's matrix has too much of the slope."""
-        shape = self._solution.node_velocity.shape
+        shape = self.solution.node_velocity.shape
 
         def correction(motion: np.ndarray) -> Motion:
             node_velocity, rigid_velocity = np.split(motion, [first.node_velocity.size])
@@ -487,16 +405,16 @@ class StepDerivative:
         neither: they are linear, and so stiff that their round-off would be all that is seen.
         """
         assert self._nonlinear is not None
-        equations, solution = self._nonlinear.equations, self._solution
+        equations, solution = self._nonlinear.equations, self.solution
         largest = max(np.abs(node_velocity).max(initial=0.0), np.abs(rigid_velocity).max(initial=0.0))
         share, sides = SMALL_MOVE / max(float(largest) * self._time_step, 1e-300), []
         for sign in (1.0, -1.0):
-            poses = self._rigid.end_poses(solution.rigid_velocity + sign * share * rigid_velocity)
+            poses = self.rigid.end_poses(solution.rigid_velocity + sign * share * rigid_velocity)
             equations.move(solution.node_velocity + sign * share * node_velocity, *poses)
             bounds = np.zeros_like(self._requests.bounds)
-            bounds[:, GRIP] = self.geometry.grip[self._coordinates]
+            bounds[:, GRIP] = self.geometry.grip[self.coordinates]
             residual, free = equations.residual(solution.effort, with_anchors=False), self._rigid_by(solution.effort)
-            sides.append(Causes(residual, free, np.zeros(len(self._impulse)), bounds, np.zeros(len(solution.effort))))
+            sides.append(Causes(residual, free, np.zeros(len(self.impulse)), bounds, np.zeros(len(solution.effort))))
         error = sides[0].difference(sides[1], 0.5 / share)
         return replace(error, node_impulse=error.node_impulse + equations.matrix_product(node_velocity))
 
@@ -508,15 +426,15 @@ class StepDerivative:
 
     def _own_compliance(self, requests: ActuatorRequests) -> np.ndarray:
         """Compliance of the actuators themselves, shape (row_count, row_count)."""
-        own = np.zeros((len(self._impulse), len(self._impulse)))
+        own = np.zeros((len(self.impulse), len(self.impulse)))
         for row, compliance in requests.compliances:
-            place = slice(3 * self._contact_count + row, 3 * self._contact_count + row + len(compliance))
+            place = slice(3 * self.contact_count + row, 3 * self.contact_count + row + len(compliance))
             own[place, place] += compliance
         return own
 
     def _rigid_by(self, effort: np.ndarray) -> np.ndarray:
         """Velocities of the rigid bodies without contacts, with the cables as they lie now, shape (rigid_count, 6)."""
-        rigid, coordinates = self._rigid.state, self._model.actuators.coordinates
+        rigid, coordinates = self.rigid.state, self._model.actuators.coordinates
         impulse, count = np.zeros_like(rigid.impulse), np.diff(coordinates.rigid_start)
         pulls = np.repeat(effort, count)[:, None] * self.geometry.gradient.rigid
         np.add.at(impulse, coordinates.rigid_body, self._time_step * pulls)
