@@ -224,10 +224,21 @@ class _Run:
             if step % self._interval == 0:
                 states[step] = simulation.state
             simulation.step(self._control(step))
+            self._refuse_forces(simulation.state)
             value, slopes = self._part(simulation.observe_state(simulation.state))
             total += value
             parts.append(slopes)
         return states, parts, total
+
+    def _refuse_forces(self, state: State) -> None:
+        external = self._model.external_forces
+        for number in np.flatnonzero(state.external_force_steps).tolist():
+            name, is_soft = external.names[number], external.is_soft(number)
+            without = [by for by in self._by if (by.startswith("rest.") if is_soft else by == f"mass.{name}")]
+            if without:
+                raise TaichisoftError(f"by: '{without[0]}' has no gradient in a run with a force on '{name}'")
+            if is_soft and state.external_force_own_axes[number]:
+                raise TaichisoftError(f"controls: no gradient with forces['{name}'].axes = 'own'; take 'world'")
 
     def _again(self, states: dict[int, State], first: int, last: int) -> None:
         self._simulation.state = states[first]

@@ -22,6 +22,7 @@ from taichisoft.mechanics.body_geometry import PosesAhead
 from taichisoft.mechanics.elasticity import Elasticity
 from taichisoft.mechanics.kernels.domain_deformation import DILATION, LAMBDA, MU, SHAPE
 from taichisoft.mechanics.kernels.elastic_slopes import ElasticPieces, PieceSlopes, elastic_slopes
+from taichisoft.mechanics.kernels.hooke_domains import POLAR
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.soft_body_arrays import reshaped
 from taichisoft.mechanics.state import State
@@ -79,13 +80,14 @@ class ElasticSlopes:
             moduli.append(hooke.data.volume[:, [DILATION, SHAPE]] * hooke.data.modulus[:, [LAMBDA, MU]])
             elements.append(hooke.element)
         element, node = np.concatenate(elements), np.concatenate(nodes)
-        rest_frame, polar = np.tile(np.eye(3), (len(element), 1, 1)), np.ones(len(element), dtype=np.int32)
-        rest_frame[:count], polar[:count], self._modulus = data.rest_frame, data.polar, np.vstack(moduli)
+        rest_frame, corotation = np.tile(np.eye(3), (len(element), 1, 1)), np.full(len(element), POLAR, dtype=np.int32)
+        rest_frame[:count], corotation[:count] = data.rest_frame, data.corotation
+        self._modulus = np.vstack(moduli)
         self._pieces = ElasticPieces(
             start=np.cumsum([0, *np.concatenate(sizes)]).astype(np.int32),
             node=node.astype(np.int32),
             gradient=np.vstack(gradients),
-            polar=polar,
+            corotation=corotation,
             rest_frame=rest_frame,
             modulus=self._modulus.copy(),
             lag=np.concatenate(lags),
@@ -325,7 +327,10 @@ def _refuse(model: Model) -> None:
         (time.theta < 1.0, f"time.theta = {time.theta:g}; leave it 1"),
         (any(body.modes is not None for body in model.soft_bodies), "reduced bodies; leave `reduced` out"),
         (rubber, 'laws of rubber; take law = "hooke"'),
-        (elasticity is not None and elasticity.reinforcements is not None, "membranes and fibres; leave them out"),
+        (
+            elasticity is not None and elasticity.reinforcements is not None,
+            "membranes, fibres or springs",
+        ),
         (bool(actuators.has_law.any()), 'air that is shut in or flows; take air = "pressure"'),
         (len(actuators.coordinates.rigid_body) > 0, "cables over rigid bodies"),
         (actuators.count > len(actuators.names), "cables that rub; leave their friction out"),

@@ -7,7 +7,7 @@ mm/s: gradients must agree with them to 1e-6 where contacts stay open, sticking 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft import (
     Control,
+    Force,
     LeastSquares,
     Observation,
     Simulation,
@@ -255,6 +256,22 @@ def test_gradient_of_a_cube_that_is_thrown(figures: Figures) -> None:
     assert abs(fallen["start.rigid_position"][0, 2]) < 12.0 and fallen.observation.object_positions["cube"][2] < 6.0
 
 
+@pytest.mark.parametrize("axes", ["world", "own"])
+def test_gradient_by_the_turn_of_a_pushed_cube(figures: Figures, axes: Literal["world", "own"]) -> None:
+    """A force from outside beside the centre of mass turns along with its point, one in own axes by itself."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, (*FLOATING, "rigid_bodies.cube.position=[0.0, 0.0, 100.0]")))
+    push = Force([0.0, 5.0, 0.0], [1.0, 0.0, 2.0], point=[2.0, 0.0, 102.0], axes=axes)
+    start, controls, way = simulation.state, [Control(forces={"cube": push}), *[None] * 9], np.array([0.6, -0.8, 0.5])
+    objective = Weighted({"object_positions.cube": [3.0, 1.0, 2.0], "object_angular_velocities.cube": [1.0, 2.0, 3.0]})
+    slope = gradient(simulation, controls, objective, ["start.rigid_rotation"])["start.rigid_rotation"][0] @ way
+    sides = []
+    for half in (1e-5, -1e-5):
+        turned = Rotation.from_rotvec(half * way) * Rotation.from_quat(start.rigid_rotation[0], scalar_first=True)
+        simulation.restore(start.changed(rigid_rotation=turned.as_quat(scalar_first=True)[None]))
+        sides.append(sum(objective(simulation.step(control).observation)[0] for control in controls))
+    figures.close("gradient by a turn", slope, (sides[0] - sides[1]) / 2e-5, 1e-5 * abs(slope))
+
+
 def test_speeds_of_the_base_hand_on_the_pose_before(floating: Simulation) -> None:
     """A place that is asked for once moves all that follows at a speed."""
     start = floating.state
@@ -323,6 +340,7 @@ def test_gradient_by_a_dimension(element: str, drive: str, figures: Figures, tmp
         figures.at_most(f"gradient by {name}, {element}, {drive}", error, 1e-5)
 
 
+PUSH = Control(forces={"cube": Force([0.0, 5.0, 0.0])})
 REFUSED = {
     "by: 'presure.left.cavity' is nothing": {"by": ["presure.left.cavity"]},
     "by = 'friction': must be a sequence": {"by": "friction"},
@@ -341,6 +359,10 @@ REFUSED = {
     "memory = -1": {"memory": -1},
     "objective = '1' at": {"objective": lambda seen: ("1", {})},
     "its derivative by 'volumes' = 'x': must be a number": {"objective": lambda seen: (1.0, {"volumes": "x"})},
+    "by: 'mass.cube' has no gradient in a run with a force on 'cube'": {"controls": [PUSH], "by": ["mass.cube"]},
+    r"no gradient with forces\['left'\].axes = 'own'": {
+        "controls": [Control(forces={"left": Force([0.0, 5.0, 0.0], point=[-23.0, -6.0, 4.0], axes="own")})]
+    },
     r"controls\['base_translation.x'\] = 'x': must be": {"controls": {"base_translation.x": "x"}},
 }
 

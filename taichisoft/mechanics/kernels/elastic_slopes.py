@@ -11,7 +11,7 @@ R^T (F' sigma(T) + L sigma(S)). A change of F turns R by (tr(U) - U) w = axial(R
 
 from typing import NamedTuple
 
-from taichisoft.mechanics.kernels.hooke_domains import edge_frame, polar_rotation, stress
+from taichisoft.mechanics.kernels.hooke_domains import EDGES, POLAR, edge_frame, polar_rotation, stress
 from taichisoft.runtime.language import Integers, Matrices, Scalars, ScalarTable, Vectors, func, mat3, ti, vec3
 from taichisoft.runtime.launch import kernel
 
@@ -23,7 +23,7 @@ class ElasticPieces(NamedTuple):
         start: the first entry of each piece, shape (piece_count + 1,).
         node: of each entry, shape (entry_count,).
         gradient: g of each entry, at rest [1/mm], shape (entry_count, 3).
-        polar: whether the rotation is the polar one, else that of the first two edges, shape (piece_count,).
+        corotation: EDGES, POLAR or NONE, shape (piece_count,).
         rest_frame: frame of these edges at rest, shape (piece_count, 3, 3).
         modulus: w lambda and w mu [mN mm], shape (piece_count, 2).
         lag: s + b [s], shape (piece_count,).
@@ -32,7 +32,7 @@ class ElasticPieces(NamedTuple):
     start: Integers
     node: Integers
     gradient: Vectors
-    polar: Integers
+    corotation: Integers
     rest_frame: Matrices
     modulus: ScalarTable
     lag: Scalars
@@ -76,9 +76,11 @@ def elastic_slopes(
         frame = edge_frame(
             position[pieces.node[first + 1]] - position[n0], position[pieces.node[first + 2]] - position[n0]
         )
-        r = frame @ pieces.rest_frame[e].transpose()
-        if pieces.polar[e] != 0:
+        r = one
+        if pieces.corotation[e] == POLAR:
             r = polar_rotation(f)
+        elif pieces.corotation[e] == EDGES:
+            r = frame @ pieces.rest_frame[e].transpose()
         back, weighted_lambda, weighted_mu = r.transpose(), pieces.modulus[e, 0], pieces.modulus[e, 1]
         turned = back @ along
         pull = stress(back @ lagged - one, weighted_lambda, weighted_mu)
@@ -87,13 +89,13 @@ def elastic_slopes(
         by_place = r @ answer
         slopes.product[e] = (pull * turned).sum()
         slopes.by_lag[e] = (by_place * rate).sum()
-        if pieces.polar[e] != 0:
+        if pieces.corotation[e] == POLAR:
             stretch = back @ f
             p = (stretch.trace() * one - stretch).inverse() @ torque
             by_place += r @ ti.Matrix([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
         for c in range(first, last):
             slopes.by_position[c] = by_place @ pieces.gradient[c]
-        if pieces.polar[e] == 0:
+        if pieces.corotation[e] == EDGES:
             # The frame turns with its first edge, and about that with the second.
             own = pieces.rest_frame[e].transpose() @ torque
             along_first = frame.transpose() @ (position[pieces.node[first + 1]] - position[n0])
