@@ -106,16 +106,16 @@ class ExternalForces:
 
     def on_rigid(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Rigid bodies that no frame carries, with forces [mN] and torques about their centres of mass [mN mm]."""
-        for number, force, torque in self._wrenches(state, state.step):
+        for number, force, torque, point in self._wrenches(state, state.step):
             if self._carrier[number] < 0:
-                yield number - len(self._soft), force, torque
+                lever = self._turn(state, number) @ (point - self.middle[number])
+                yield number - len(self._soft), force, torque + np.cross(lever, force)
 
-    def on_frames(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Frames, and forces [mN] and torques about their pivots [mN mm] on them and on the bodies they carry."""
-        for number, force, torque in self._wrenches(state, state.step):
+    def on_frames(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+        """Frames, forces [mN] and torques [mN mm] on them and on the bodies they carry, and points at rest [mm]."""
+        for number, force, torque, point in self._wrenches(state, state.step):
             if (frame := int(self._carrier[number])) >= 0:
-                arm = self._turn(state, number) @ (self.middle[number] - self._frames.pivot[frame])
-                yield frame, force, torque + np.cross(arm, force)
+                yield frame, force, torque, point
 
     def seen(self, state: State) -> np.ndarray:
         """Forces in the step that led to a state, in axes of the world [mN], shape (len(names), 3)."""
@@ -123,7 +123,7 @@ class ExternalForces:
         for number in self._acting(state):
             if self.is_soft(number):
                 seen[number] = self._node_force(state, number).at(state.position).sum(axis=0)
-        for number, force, _ in self._wrenches(state, state.step - 1):
+        for number, force, *_ in self._wrenches(state, state.step - 1):
             seen[number] += force
         return seen
 
@@ -168,18 +168,19 @@ class ExternalForces:
             to_rest = np.linalg.inv((rest[1:] - rest[0]).T)
         return NodeForce(node, weight, force, to_rest)
 
-    def _wrenches(self, state: State, step: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Numbers of rigid bodies and frames, with forces [mN] and torques about their middles [mN mm] in a step."""
+    def _wrenches(self, state: State, step: int) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+        """Numbers of rigid bodies and frames, with forces [mN], torques [mN mm] and points at rest [mm] in a step."""
         for first, count, number, force in self._planned:
             if first <= step < first + count:
-                yield number, force, np.zeros(3)
+                yield number, force, np.zeros(3), self.middle[number]
         for number in self._acting(state):
             if self.is_soft(number):
                 continue
-            turn, (force, torque, point) = self._turn(state, number), state.external_force[number]
+            force, torque, point = state.external_force[number]
             if state.external_force_own_axes[number]:
+                turn = self._turn(state, number)
                 force, torque = turn @ force, turn @ torque
-            yield number, force, torque + np.cross(turn @ (point - self.middle[number]), force)
+            yield number, force, torque, point
 
     def _turn(self, state: State, number: int) -> np.ndarray:
         """Rotation of a rigid body or a frame from its rest, shape (3, 3)."""

@@ -237,6 +237,22 @@ def test_what_drives_a_frame_holds_against_a_push() -> None:
         np.testing.assert_allclose(simulation.observe().external_forces[name], acting)
 
 
+def test_drive_does_the_work_of_a_push_on_what_it_turns() -> None:
+    """By the midpoint rule: its torque times the turn is F . dx, to the second order of the turn, on frame and body."""
+    palm, turn, point = {"box": [10, 10, 10], "follows": "arm"}, 0.1, np.array([[4.0, 25.0, 0.0]])
+    for name in ("arm", "palm"):
+        simulation = simulate(
+            frames={"arm": {"pivot": [0, 10, 0]}}, rigid_bodies={"palm": palm}, time={"step": 0.01, "theta": 0.5}
+        )
+        places, work = [], []
+        for number in range(9):
+            push = {name: Force([1.0, 2.0, 0.0], point=point[0])}
+            simulation.step(Control(frame_rotation={"arm": [0.0, 0.0, turn * number]}, forces=push))
+            places.append(simulation.model.places(simulation.state).moved(point, 1)[0])
+            work.append(simulation.state.frame_wrench[1, 1, 2] * turn)
+        np.testing.assert_allclose(np.diff(places, axis=0) @ [1.0, 2.0, 0.0], work[1:], rtol=turn**2 / 10)
+
+
 def test_inverse_statics_finds_a_force(block: Callable[..., str]) -> None:
     """The one that bends a block so: what acts from the start on has a place, and may vary."""
     simulation = simulate(soft_bodies={"block": held_block(block, tip={"box": [[9.9, -9, -9], [11, 9, 9]]})})
