@@ -100,7 +100,7 @@ class Observation:
         object_velocities: velocity of the centre of mass of each rigid body [mm/s], shape (3,), by name.
         object_angular_velocities: angular velocity of each rigid body in world axes [rad/s], shape (3,), by name.
         external_forces: force from outside in the last step, by the controller or the scene, in world axes [mN], shape
-            (3,), by soft body, rigid body and frame; one in own axes is shown turned as the body is after the step.
+            (3,), by soft body, rigid body and frame.
         contact_counts: number of contacts that press, by pair.
         normal_forces: sum of the normal forces in the last step [mN], by pair.
         friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.

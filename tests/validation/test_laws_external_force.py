@@ -101,6 +101,7 @@ def test_force_in_own_axes_turns_with_the_body() -> None:
         now, rest = matrices_from_quaternions(np.vstack([before.rigid_rotation, first]))
         gained = 0.02 / 0.01 * (simulation.state.rigid_velocity - before.rigid_velocity)[0]
         np.testing.assert_allclose(gained, now @ rest.T @ force, rtol=1e-9)
+        np.testing.assert_allclose(simulation.observe().external_forces["box"], gained, rtol=1e-9)
     assert np.linalg.norm(now @ rest.T @ force - force) > 1.0
 
 
@@ -193,6 +194,24 @@ def test_free_soft_body_gains_momentum_and_spin(block: Callable[..., str]) -> No
     np.testing.assert_allclose((mass * state.velocity).sum(axis=0), 20 * 1e-4 * force, rtol=1e-6)
     spin = np.cross(state.position, mass * state.velocity).sum(axis=0)
     np.testing.assert_allclose(spin, 20 * 1e-4 * np.cross(point, force), rtol=1e-3)
+
+
+@pytest.mark.parametrize("newton", [1, 20])
+def test_observed_force_in_own_axes_changes_the_momentum(block: Callable[..., str], newton: int) -> None:
+    """Of a free soft body, whose tetrahedron around the point turns by more than 0.05 in a step."""
+    body = silicone(block((3, 2, 2), (20.0, 10.0, 10.0)), element="linear")
+    time = {"step": 0.005, "newton": newton, "newton_tolerance": 1e-12}
+    simulation = simulate(soft_bodies={"block": body}, time=time)
+    assert simulation.model.elasticity is not None
+    mass, push = simulation.model.elasticity.node_mass, Force([0.0, 60.0, 0.0], point=[9.0, 0.0, 0.0], axes="own")
+    directions = []
+    for _ in range(12):
+        before = mass @ simulation.state.velocity
+        simulation.step(Control(forces={"block": push}))
+        gained = (mass @ simulation.state.velocity - before) / 0.005
+        np.testing.assert_allclose(simulation.observe().external_forces["block"], gained, atol=0.01)
+        directions.append(gained / 60.0)
+    assert np.linalg.norm(np.diff(directions, axis=0), axis=1).max() > 0.05
 
 
 def test_force_on_modes_is_that_on_the_full_body(tmp_path: Path) -> None:
