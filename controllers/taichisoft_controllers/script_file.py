@@ -207,8 +207,8 @@ class Keyframe(Driven):  # type: ignore[misc] # a table with the keys of the dri
     @model_validator(mode="after")
     def _check_efforts(self) -> "Keyframe":
         given = dict(self)
-        if all(given[name] is None for name in EFFORTS):
-            raise ValueError(f"needs at least one of {', '.join(EFFORTS)}")
+        if all(given[name] is None for name in EFFORTS) and not self.forces:
+            raise ValueError(f"needs at least one of {', '.join(EFFORTS)}, forces")
         return self
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.base.rotations import matrices_from_quaternions
+from taichisoft.base.rotations import matrices_from_quaternions, quaternion_from_matrix, rotation_from_vector
 from taichisoft.mechanics.rigid_body_arrays import MovingFrames, RigidBody
 from taichisoft.mechanics.selection import SMALLEST_WEIGHT, embed
 from taichisoft.mechanics.soft_body_arrays import SoftBody
@@ -60,6 +60,7 @@ class ExternalForces:
         self, scene: Scene, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], frames: MovingFrames
     ) -> None:
         self._soft, self._rigid, self._frames = tuple(soft), tuple(rigid), frames
+        self._time = scene.time
         self.names = (*(body.name for body in soft), *(body.name for body in rigid), *frames.names)
         # What carries the force on each: a frame, or -1 for the body itself.
         carriers = [*frames.numbers([None] * len(soft)), *frames.numbers(body.follows for body in rigid)]
@@ -106,24 +107,24 @@ class ExternalForces:
 
     def on_rigid(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Rigid bodies that no frame carries, with forces [mN] and torques about their centres of mass [mN mm]."""
-        for number, force, torque in self._wrenches(state, state.step):
+        for number, force, torque, point in self._wrenches(state, state.step):
             if self._carrier[number] < 0:
-                yield number - len(self._soft), force, torque
+                lever = self._turn(state, number) @ (point - self.middle[number])
+                yield number - len(self._soft), force, torque + np.cross(lever, force)
 
-    def on_frames(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Frames, and forces [mN] and torques about their pivots [mN mm] on them and on the bodies they carry."""
-        for number, force, torque in self._wrenches(state, state.step):
+    def on_frames(self, state: State) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+        """Frames, forces [mN] and torques [mN mm] on them and on the bodies they carry, and points at rest [mm]."""
+        for number, force, torque, point in self._wrenches(state, state.step):
             if (frame := int(self._carrier[number])) >= 0:
-                arm = self._turn(state, number) @ (self.middle[number] - self._frames.pivot[frame])
-                yield frame, force, torque + np.cross(arm, force)
+                yield frame, force, torque, point
 
     def seen(self, state: State) -> np.ndarray:
         """Forces in the step that led to a state, in axes of the world [mN], shape (len(names), 3)."""
-        seen = np.zeros((len(self.names), 3))
+        seen, then = np.zeros((len(self.names), 3)), self._when_acting(state)
         for number in self._acting(state):
             if self.is_soft(number):
-                seen[number] = self._node_force(state, number).at(state.position).sum(axis=0)
-        for number, force, _ in self._wrenches(state, state.step - 1):
+                seen[number] = self._node_force(state, number).at(then.position).sum(axis=0)
+        for number, force, *_ in self._wrenches(then, state.step - 1):
             seen[number] += force
         return seen
 
@@ -160,6 +161,22 @@ class ExternalForces:
         numbers: list[int] = np.flatnonzero(state.external_force_steps).tolist()
         return numbers
 
+    def _when_acting(self, state: State) -> State:
+        """A state with its bodies where the step that led to it had forces in own axes turn with them.
+
+        Velocities lead back there, but for shifts that remove overlap; with theta below 1 to second order.
+        """
+        turned = state.external_force_own_axes & (self._carrier < 0)
+        own = [number for number in self._acting(state) if turned[number]]
+        if not own:
+            return state
+        time, rotation = self._time, state.rigid_rotation.copy()
+        for body in (number - len(self._soft) for number in own if not self.is_soft(number)):
+            back = rotation_from_vector(-time.step * state.rigid_angular_velocity[body])
+            rotation[body] = quaternion_from_matrix(back @ matrices_from_quaternions(rotation[[body]])[0])
+        ago = time.step - (time.stage if time.most_linearisations > 1 else 0.0)
+        return state.changed(position=state.position - ago * state.velocity, rigid_rotation=rotation)
+
     def _node_force(self, state: State, number: int) -> NodeForce:
         force, _, point = state.external_force[number]
         (node, weight), to_rest = self.place(number, point), None
@@ -168,18 +185,19 @@ class ExternalForces:
             to_rest = np.linalg.inv((rest[1:] - rest[0]).T)
         return NodeForce(node, weight, force, to_rest)
 
-    def _wrenches(self, state: State, step: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Numbers of rigid bodies and frames, with forces [mN] and torques about their middles [mN mm] in a step."""
+    def _wrenches(self, state: State, step: int) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+        """Numbers of rigid bodies and frames, with forces [mN], torques [mN mm] and points at rest [mm] in a step."""
         for first, count, number, force in self._planned:
             if first <= step < first + count:
-                yield number, force, np.zeros(3)
+                yield number, force, np.zeros(3), self.middle[number]
         for number in self._acting(state):
             if self.is_soft(number):
                 continue
-            turn, (force, torque, point) = self._turn(state, number), state.external_force[number]
+            force, torque, point = state.external_force[number]
             if state.external_force_own_axes[number]:
+                turn = self._turn(state, number)
                 force, torque = turn @ force, turn @ torque
-            yield number, force, torque + np.cross(turn @ (point - self.middle[number]), force)
+            yield number, force, torque, point
 
     def _turn(self, state: State, number: int) -> np.ndarray:
         """Rotation of a rigid body or a frame from its rest, shape (3, 3)."""

@@ -148,9 +148,10 @@ class FrameWrenches:
         if places is not self._places:
             self._places, self._pivots = places, frames.pivots(places)
         pivots = self._pivots
+        before = frames.places(pose_before) if theta < 1.0 else places
         if theta < 1.0:
             position = start.position + theta * (position - start.position)
-            pivots = pivots + (1.0 - theta) * (frames.pivots(frames.places(pose_before)) - pivots)
+            pivots = pivots + (1.0 - theta) * (frames.pivots(before) - pivots)
             centres = centres - (1.0 - theta) * time_step * carried.velocity[:, :3]
         wrench = np.zeros((len(frames.names), 2, 3))
         of_bodies = self._of_bodies(start, position, node_velocity, solution) + cable_forces
@@ -166,8 +167,9 @@ class FrameWrenches:
             impulses = solution.rigid_impulse[carried.index] / time_step
             for frame, impulse, centre in zip(carried.frame.tolist(), impulses, centres, strict=True):
                 wrench[frame] += [impulse[:3], impulse[3:] + np.cross(centre, impulse[:3])]
-        for number, force, torque in model.external_forces.on_frames(start):
-            wrench[number] += [force, torque + np.cross(pivots[number], force)]
+        for number, force, torque, point in model.external_forces.on_frames(start):
+            first, last = (each.moved(point[None], number)[0] for each in (before, places))
+            wrench[number] += [force, torque + np.cross(last + (1.0 - theta) * (first - last), force)]
         for number in reversed(range(1, len(frames.names))):
             if frames.parent[number] >= 0:
                 wrench[frames.parent[number]] += wrench[number]

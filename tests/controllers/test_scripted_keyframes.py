@@ -410,6 +410,18 @@ def test_forces_of_keyframes_are_interpolated(tmp_path: Path) -> None:
     assert [forces["left"].any() for forces in seen] == [10 < number < 30 for number in range(35)]
 
 
+def test_keyframes_need_no_actuators_to_push(falling_cube: Path, tmp_path: Path) -> None:
+    """A force that fades in 0.1 s; where there are cavities, keyframes still name them."""
+    fading = "keyframes = [{time=0.0, forces.cube.force=[2.0, 0.0, 0.0]}, {time=0.1, forces={cube={}}}]"
+    simulation, controller = Simulation(load_scene(falling_cube)), scripted_controller(write(tmp_path, fading))
+    controller.reset(simulation.model)
+    for _ in range(12):
+        simulation.step(controller.control(simulation.observe()))
+    assert simulation.state.rigid_velocity[0, 0] == pytest.approx(0.01 * 2.0 * 5.5 / 0.001)
+    message = refusal(write(tmp_path, fading), lambda file: scripted_controller(file).reset(made_up_model()))
+    assert message.startswith("keyframes.0.pressure: does not name ")
+
+
 def test_forces_of_a_step_end_with_it(tmp_path: Path) -> None:
     simulation = Simulation(load_scene(TINY_GRIPPER, FREE))
     steps = "steps = [{hold=0.05}, {hold=0.1, forces.cube.force=[3.0, 0.0, 0.0]}, {hold=0.05}]"

@@ -101,6 +101,7 @@ def test_force_in_own_axes_turns_with_the_body() -> None:
         now, rest = matrices_from_quaternions(np.vstack([before.rigid_rotation, first]))
         gained = 0.02 / 0.01 * (simulation.state.rigid_velocity - before.rigid_velocity)[0]
         np.testing.assert_allclose(gained, now @ rest.T @ force, rtol=1e-9)
+        np.testing.assert_allclose(simulation.observe().external_forces["box"], gained, rtol=1e-9)
     assert np.linalg.norm(now @ rest.T @ force - force) > 1.0
 
 
@@ -195,6 +196,24 @@ def test_free_soft_body_gains_momentum_and_spin(block: Callable[..., str]) -> No
     np.testing.assert_allclose(spin, 20 * 1e-4 * np.cross(point, force), rtol=1e-3)
 
 
+@pytest.mark.parametrize("newton", [1, 20])
+def test_observed_force_in_own_axes_changes_the_momentum(block: Callable[..., str], newton: int) -> None:
+    """Of a free soft body, whose tetrahedron around the point turns by more than 0.05 in a step."""
+    body = silicone(block((3, 2, 2), (20.0, 10.0, 10.0)), element="linear")
+    time = {"step": 0.005, "newton": newton, "newton_tolerance": 1e-12}
+    simulation = simulate(soft_bodies={"block": body}, time=time)
+    assert simulation.model.elasticity is not None
+    mass, push = simulation.model.elasticity.node_mass, Force([0.0, 60.0, 0.0], point=[9.0, 0.0, 0.0], axes="own")
+    directions = []
+    for _ in range(12):
+        before = mass @ simulation.state.velocity
+        simulation.step(Control(forces={"block": push}))
+        gained = (mass @ simulation.state.velocity - before) / 0.005
+        np.testing.assert_allclose(simulation.observe().external_forces["block"], gained, atol=0.01)
+        directions.append(gained / 60.0)
+    assert np.linalg.norm(np.diff(directions, axis=0), axis=1).max() > 0.05
+
+
 def test_force_on_modes_is_that_on_the_full_body(tmp_path: Path) -> None:
     """With all modes, while it acts and after it; so is the equilibrium."""
     full = simulate(soft_bodies={"chamber": chamber(tmp_path)})
@@ -235,6 +254,22 @@ def test_what_drives_a_frame_holds_against_a_push() -> None:
         np.testing.assert_allclose(more[1], [acting, torque], atol=1e-9)
         np.testing.assert_allclose(more[0, 0], acting, atol=1e-9)
         np.testing.assert_allclose(simulation.observe().external_forces[name], acting)
+
+
+def test_drive_does_the_work_of_a_push_on_what_it_turns() -> None:
+    """By the midpoint rule: its torque times the turn is F . dx, to the second order of the turn, on frame and body."""
+    palm, turn, point = {"box": [10, 10, 10], "follows": "arm"}, 0.1, np.array([[4.0, 25.0, 0.0]])
+    for name in ("arm", "palm"):
+        simulation = simulate(
+            frames={"arm": {"pivot": [0, 10, 0]}}, rigid_bodies={"palm": palm}, time={"step": 0.01, "theta": 0.5}
+        )
+        places, work = [], []
+        for number in range(9):
+            push = {name: Force([1.0, 2.0, 0.0], point=point[0])}
+            simulation.step(Control(frame_rotation={"arm": [0.0, 0.0, turn * number]}, forces=push))
+            places.append(simulation.model.places(simulation.state).moved(point, 1)[0])
+            work.append(simulation.state.frame_wrench[1, 1, 2] * turn)
+        np.testing.assert_allclose(np.diff(places, axis=0) @ [1.0, 2.0, 0.0], work[1:], rtol=turn**2 / 10)
 
 
 def test_inverse_statics_finds_a_force(block: Callable[..., str]) -> None:
