@@ -84,9 +84,11 @@ class AirLaw:
         own = slice(count, len(self.mass))
         excess = -self.time_step * slope[own]
         excess[:, own] += np.diag(self.volume / PRESSURE_TIMES_VOLUME)
-        follow = np.linalg.solve(excess[:, own], -excess[:, :count])
-        change: np.ndarray = by_all[:, :count] + by_all[:, own] @ follow - np.diag(space * by_pressure / density)
-        return space - self.scale, change
+        # What round-off of their pressures leaves in excess is the cavities': through wide parts it is much air.
+        left = self.mass[own] + self.time_step * inflow[own] - self.volume * pressure[own] / PRESSURE_TIMES_VOLUME
+        follow = np.linalg.solve(excess[:, own], np.column_stack([left, -excess[:, :count]]))
+        change: np.ndarray = by_all[:, :count] + by_all[:, own] @ follow[:, 1:] - np.diag(space * by_pressure / density)
+        return space + by_all[:, own] @ follow[:, 0] - self.scale, change
 
     def meeting(self, effort: np.ndarray, growth: np.ndarray, compliance: np.ndarray) -> np.ndarray:
         """The pressures [kPa] at which the air takes the space that bodies give it.
