@@ -240,6 +240,7 @@ class AirNetwork:
         volume: rigid volumes, the lines' tubes before those of the table `air` [mm^3], shape (volume_count,).
         valves, regulators, drives: names in the table `air` of what requests drive; the valves come first among all.
         drive_range: smallest and largest opening or pressure of the drives, shape (drive_count, 2).
+        start_drive: opening or pressure of the drives until one is requested, shape (drive_count,).
     """
 
     def __init__(
@@ -305,7 +306,7 @@ class AirNetwork:
         ]
         self.drive_range = np.array([*openings, *pressures]).reshape(-1, 2)
         starts = [*(valve.opening for valve in valves), *(min(max(0.0, low), high) for low, high in pressures)]
-        self._start_drive = np.array(starts)
+        self.start_drive = np.array(starts)
         start_of = dict(zip(self.drives, starts, strict=True))
         self._start_sources = [start_of.get(name, source.pressure) for name, source in air.sources.items()]
         self._responses = [
@@ -319,7 +320,7 @@ class AirNetwork:
         mass, line_count = air_mass(pressure, self.volume), len(self._tubes)
         in_tube = np.zeros(len(in_cavities))
         in_tube[self._tubes] = mass[:line_count]
-        drive, longest = self._start_drive, max((one.delay for one in self._responses), default=0)
+        drive, longest = self.start_drive, max((one.delay for one in self._responses), default=0)
         return {
             "tube_air_mass": in_tube,
             "network_air_mass": mass[line_count:],
