@@ -181,7 +181,8 @@ class AirLaw:
         excess, slope = self._excess(pressure, place, give)
         for _ in range(MOST_ITERATIONS):
             terms = np.abs(slope[free]) @ pressure[:nodes]
-            if (np.abs(excess[free]) <= ROUND_OFF * terms).all():
+            before = _beyond(excess[free], terms)
+            if before == 0.0:
                 break
             step = np.zeros(nodes)
             step[free] = np.linalg.solve(slope[free, free], -excess[free])
@@ -191,12 +192,12 @@ class AirLaw:
             for value, change in ((pressure[free], step[free]), (pv, dpv)):
                 falls = change < 0.0
                 share = min(share, float((MOST_TAKEN * value[falls] / -change[falls]).min(initial=1.0)))
-            before = float(np.abs(excess[free]).sum())
             while share > LEAST_SHARE:
                 moved, wider = pressure.copy(), place + share * widening
                 moved[:nodes] += share * step
                 next_excess, next_slope = self._excess(moved, wider, give)
-                if float(np.abs(next_excess[free]).sum()) <= (1.0 - DECREASE * share) * before:
+                next_terms = np.abs(next_slope[free]) @ moved[:nodes]
+                if _beyond(next_excess[free], next_terms) <= (1.0 - DECREASE * share) * before:
                     break
                 share *= 0.5
             else:
@@ -205,6 +206,11 @@ class AirLaw:
         if (np.abs(excess[free]) > UNSOLVED * terms).any():
             pressure[first] = np.nan
         return pressure
+
+
+def _beyond(excess: np.ndarray, terms: np.ndarray) -> float:
+    """Sum of what nodes have in excess beyond the round-off of its terms: that of a few would hide what others have."""
+    return float(np.maximum(np.abs(excess) - ROUND_OFF * terms, 0.0).sum())
 
 
 # The parts of all air supplies of a model.

@@ -17,7 +17,7 @@ from test_laws_linearisation import largest_error
 from test_laws_reduced import chamber, write_modes
 
 from taichisoft import Control, Simulation, equilibrium, load_scene, rollouts
-from taichisoft.errors import ControlError, SceneError
+from taichisoft.errors import ControlError, SceneError, SimulationDiverged
 from taichisoft.mechanics.cavity_air import PRESSURE_TIMES_VOLUME, Orifice, air_mass, tube, tube_volume
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.scene import scene_from_dict
@@ -206,6 +206,40 @@ def test_a_wide_part_joins_a_tank_and_a_cavity_to_one_space(fingers: Make, figur
             largest = max(largest, abs(pressures[0] - pressures[1]))
     assert pressures[0] > 20.0
     figures.at_most("difference of the pressures [kPa]", largest, 1e-3)
+
+
+def test_much_flow_elsewhere_hides_no_small_one(fingers: Make, figures: Figures) -> None:
+    """A thimble is drained as fast beside bottles that a wide hole joins as alone: their round-off is above it."""
+    thimble: dict[str, Any] = {
+        "sources": {"pump": {"pressure": -95.0}},
+        "tanks": {"thimble": {"volume": 5.0, "pressure": -24.0}},
+        "orifices": {
+            "drain": {"inlet": "thimble", "outlet": "pump", "conductance": 0.0026, "critical_ratio": 0.35},
+            "side": {"inlet": "finger0.cavity", "outlet": "pump", "conductance": 0.0003},
+        },
+    }
+    hole = {"inlet": "large", "outlet": "small", "conductance": 3000.0, "critical_ratio": 0.02}
+    bottles = {
+        "sources": thimble["sources"],
+        "tanks": {
+            "large": {"volume": 7e5, "pressure": 400.0},
+            "small": {"volume": 1e5, "pressure": 60.0},
+            **thimble["tanks"],
+        },
+        "orifices": {**thimble["orifices"], "hole": hole},
+    }
+    both = fingers(bottles, (1e5,)), fingers(thimble, (1e5,))
+    for _ in range(5):
+        reports = [one.step() for one in both]
+        assert all(report.converged for report in reports)
+        left = [report.observation.network_pressures["thimble"] + ATMOSPHERE for report in reports]
+        figures.at_most("difference of the thimble's pressures, relative", abs(left[0] / left[1] - 1.0), 1e-9)
+
+
+def test_air_without_a_pressure_ends_the_run(fingers: Make) -> None:
+    """Pressures so high that no number is left of the others are not carried on as such."""
+    with pytest.raises(SimulationDiverged, match=r"air without a pressure.*1e\+20 kPa: soft robots have"):
+        fingers(SUPPLY | {"sources": {"pump": {}}}, (60.0,) * 3).step(Control(pressure={"pump": 1e20}, valve=OPEN))
 
 
 def test_a_line_is_a_network_of_one_cavity(fingers: Make, figures: Figures) -> None:
