@@ -109,6 +109,8 @@ class KeyboardController(Controller):
     def reset(self, model: "Model") -> None:
         """Begin with all pressures and pulls 0, or as near as limits allow, at the base's rest, all fingers selected.
 
+        Valves of the air network begin at their `opening`.
+
         A finger is a soft body with actuators; they are numbered in the order of the scene.
         """
         self.sliders, self._drives = {}, {}
@@ -118,9 +120,11 @@ class KeyboardController(Controller):
                 for drive in drives[:1]:  # sealed air has none
                     self.sliders[name] = _slider(*_range(drive, number, model), self._step(drive), drive)
                     self._drives[name] = drive
+        network = model.cavities.network
         for number, (name, drive) in enumerate(network_drives(model.scene.air).items()):
-            low, high = model.cavities.network.drive_range[number].tolist()
-            self.sliders[name] = _slider(*_within(drive, low, high, model), self._step(drive), drive)
+            low, high = network.drive_range[number].tolist()
+            slider = _slider(*_within(drive, low, high, model), self._step(drive), drive)
+            self.sliders[name] = moved(slider, float(network.start_drive[number]))
             self._drives[name] = drive
         driven = {finger_of(name) for name in self.sliders}
         self._fingers = [name for name in model.scene.soft_bodies if name in driven]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def actuators_called(name: str | None, names: Sequence[str], kind: str) -> list[str]:
     """The actuators of "finger1", or "finger1.cavity" alone, out of the names of all of a kind, "cavity" or "cable"."""
     chosen = [actuator for actuator in names if name is None or name in (actuator, finger_of(actuator))]
-    return chosen or called(name, [*dict.fromkeys(map(finger_of, names)), *names], f"finger or {kind}")
+    return chosen or called(name, [*dict.fromkeys([*map(finger_of, names), *names])], f"finger or {kind}")
 
 
 def finger_of(actuator: str) -> str:

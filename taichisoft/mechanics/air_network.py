@@ -84,9 +84,11 @@ class AirLaw:
         own = slice(count, len(self.mass))
         excess = -self.time_step * slope[own]
         excess[:, own] += np.diag(self.volume / PRESSURE_TIMES_VOLUME)
-        follow = np.linalg.solve(excess[:, own], -excess[:, :count])
-        change: np.ndarray = by_all[:, :count] + by_all[:, own] @ follow - np.diag(space * by_pressure / density)
-        return space - self.scale, change
+        # What round-off of their pressures leaves in excess is the cavities': through wide parts it is much air.
+        left = self.mass[own] + self.time_step * inflow[own] - self.volume * pressure[own] / PRESSURE_TIMES_VOLUME
+        follow = np.linalg.solve(excess[:, own], np.column_stack([left, -excess[:, :count]]))
+        change: np.ndarray = by_all[:, :count] + by_all[:, own] @ follow[:, 1:] - np.diag(space * by_pressure / density)
+        return space + by_all[:, own] @ follow[:, 0] - self.scale, change
 
     def meeting(self, effort: np.ndarray, growth: np.ndarray, compliance: np.ndarray) -> np.ndarray:
         """The pressures [kPa] at which the air takes the space that bodies give it.
@@ -179,7 +181,8 @@ class AirLaw:
         excess, slope = self._excess(pressure, place, give)
         for _ in range(MOST_ITERATIONS):
             terms = np.abs(slope[free]) @ pressure[:nodes]
-            if (np.abs(excess[free]) <= ROUND_OFF * terms).all():
+            before = _beyond(excess[free], terms)
+            if before == 0.0:
                 break
             step = np.zeros(nodes)
             step[free] = np.linalg.solve(slope[free, free], -excess[free])
@@ -189,12 +192,12 @@ class AirLaw:
             for value, change in ((pressure[free], step[free]), (pv, dpv)):
                 falls = change < 0.0
                 share = min(share, float((MOST_TAKEN * value[falls] / -change[falls]).min(initial=1.0)))
-            before = float(np.abs(excess[free]).sum())
             while share > LEAST_SHARE:
                 moved, wider = pressure.copy(), place + share * widening
                 moved[:nodes] += share * step
                 next_excess, next_slope = self._excess(moved, wider, give)
-                if float(np.abs(next_excess[free]).sum()) <= (1.0 - DECREASE * share) * before:
+                next_terms = np.abs(next_slope[free]) @ moved[:nodes]
+                if _beyond(next_excess[free], next_terms) <= (1.0 - DECREASE * share) * before:
                     break
                 share *= 0.5
             else:
@@ -203,6 +206,11 @@ class AirLaw:
         if (np.abs(excess[free]) > UNSOLVED * terms).any():
             pressure[first] = np.nan
         return pressure
+
+
+def _beyond(excess: np.ndarray, terms: np.ndarray) -> float:
+    """Sum of what nodes have in excess beyond the round-off of its terms: that of a few would hide what others have."""
+    return float(np.maximum(np.abs(excess) - ROUND_OFF * terms, 0.0).sum())
 
 
 # The parts of all air supplies of a model.
@@ -238,6 +246,7 @@ class AirNetwork:
         volume: rigid volumes, the lines' tubes before those of the table `air` [mm^3], shape (volume_count,).
         valves, regulators, drives: names in the table `air` of what requests drive; the valves come first among all.
         drive_range: smallest and largest opening or pressure of the drives, shape (drive_count, 2).
+        start_drive: opening or pressure of the drives until one is requested, shape (drive_count,).
     """
 
     def __init__(
@@ -303,7 +312,7 @@ class AirNetwork:
         ]
         self.drive_range = np.array([*openings, *pressures]).reshape(-1, 2)
         starts = [*(valve.opening for valve in valves), *(min(max(0.0, low), high) for low, high in pressures)]
-        self._start_drive = np.array(starts)
+        self.start_drive = np.array(starts)
         start_of = dict(zip(self.drives, starts, strict=True))
         self._start_sources = [start_of.get(name, source.pressure) for name, source in air.sources.items()]
         self._responses = [
@@ -317,7 +326,7 @@ class AirNetwork:
         mass, line_count = air_mass(pressure, self.volume), len(self._tubes)
         in_tube = np.zeros(len(in_cavities))
         in_tube[self._tubes] = mass[:line_count]
-        drive, longest = self._start_drive, max((one.delay for one in self._responses), default=0)
+        drive, longest = self.start_drive, max((one.delay for one in self._responses), default=0)
         return {
             "tube_air_mass": in_tube,
             "network_air_mass": mass[line_count:],

@@ -102,10 +102,9 @@ class Response:
 
     def moved(self, value: float, target: float, waiting: np.ndarray, step: int) -> float:
         """The value after a step with a request; `waiting` has the requests under way, oldest first, and moves up."""
-        if self.delay:
-            oldest = float(waiting[0])
-            waiting[: self.delay - 1], waiting[self.delay - 1] = waiting[1 : self.delay].copy(), target
-            target = oldest
+        queue = [*waiting[: self.delay].tolist(), target]
+        waiting[: self.delay], waiting[self.delay :] = queue[1:], target  # the rest is there for a longer delay
+        target = queue[0]
         if self.period is not None:
             return math.copysign(self._share_open(step, self.period, abs(target)), target)
         return value + self.share * (target - value)

@@ -10,14 +10,16 @@ from taichisoft.scene.table import Name, NotNegative, Number, Positive, Rule, Ta
 
 # What lines and networks are made of. Flow is that of ISO 6358, by sonic conductance and critical pressure ratio.
 
-Ratio = Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]
+# Up to where flow is proportional to the pressure difference, above a ratio of 0.999.
+Ratio = Annotated[float, Field(strict=True, ge=0.0, le=0.999)]
 
 
 class Restriction(Table):
     """Something that air flows through."""
 
-    conductance: Positive
-    """Sonic conductance C, of a valve that is open [dm^3/(s bar)], as in its data sheet."""
+    conductance: Annotated[Positive, Field(le=1e6)]
+    """Sonic conductance C, of a valve that is open [dm^3/(s bar)], as in its data sheet; 1e6 at most, since round-off
+    of equal pressures is a flow."""
     critical_ratio: Ratio = 0.3
     """Critical pressure ratio b [-]."""
 

@@ -303,6 +303,10 @@ class DivergenceCheck:
         if self._bodies:
             self._check_inverted(before, step)
         self._check_actuators(after.actuator_value, step)
+        if not np.isfinite(after.air_mass.sum() + after.network_air_mass.sum()):
+            raise SimulationDiverged(
+                self._names[0], step, "has air without a pressure", "lower pressures of its supply"
+            )
 
     def is_torn(self, position: np.ndarray) -> bool:
         """Whether `check` would find too many elements inverted, with nodes at positions [mm], (node_count, 3)."""

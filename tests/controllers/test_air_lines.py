@@ -122,6 +122,16 @@ def test_keys_and_actions_drive_a_network() -> None:
     assert actions.read(seen) == [0.0, 0.5, 0.01 * made.model.scene.limits.pressure_rate]
 
 
+def test_keys_leave_valves_at_their_opening_until_one_is_moved() -> None:
+    """A slider begins where the scene opens the valve, and a regulator's at its lowest pressure: nothing is shut."""
+    given = ("air.valves.inflate.opening=0.7", "air.sources.pump.lowest_pressure=4.0")
+    made = Simulation(load_scene(TINY_GRIPPER, (*NETWORK, *given)))
+    controller = KeyboardController()
+    controller.reset(made.model)
+    seen = made.step(controller.control(made.observe())).observation
+    assert seen.network_openings == {"inflate": 0.7} and seen.network_pressures["pump"] == 4.0
+
+
 def test_a_script_steers_a_network(tmp_path: Path) -> None:
     """Regulator and valves of the table `air` are driven by their names, beside a cavity with its own regulator."""
     script = tmp_path / "network.toml"

@@ -164,6 +164,21 @@ def test_a_recording_has_the_air_network(tmp_path: Path, every: int) -> None:
             resumed_simulation(opened, 0, other)
 
 
+def test_a_run_is_resumed_with_a_longer_delay(tmp_path: Path) -> None:
+    """The regulator holds the pressure that it was asked for while the delay grows: no older request comes back."""
+    steady = Control(pressure={"pump": 5.0}, valve={"supply": 1.0})
+    simulation = Simulation(load_scene(TINY_GRIPPER, NETWORK))
+    make_run(simulation, [RecordingOutput(tmp_path)], [steady] * AIR_STEPS)
+    for delay in (0.0, 0.03):
+        with recording_of(tmp_path) as opened:
+            scene = recorded_scene(opened, [f"air.sources.pump.delay={delay}"], None)
+            resumed = resumed_simulation(opened, AIR_STEPS, scene)
+        seen = [resumed.observe().network_pressures["pump"]]
+        for _ in range(4):
+            seen.append(resumed.step(steady).observation.network_pressures["pump"])
+        assert np.diff(seen).min() > 0.0
+
+
 def test_a_finger_can_be_shut_where_a_run_is_resumed(folder: Path) -> None:
     """What a regulator let in is what is shut in: pressure and shape go on from where they were."""
     with recording_of(folder) as opened:

@@ -17,7 +17,7 @@ from test_laws_linearisation import largest_error
 from test_laws_reduced import chamber, write_modes
 
 from taichisoft import Control, Simulation, equilibrium, load_scene, rollouts
-from taichisoft.errors import ControlError, SceneError
+from taichisoft.errors import ControlError, SceneError, SimulationDiverged
 from taichisoft.mechanics.cavity_air import PRESSURE_TIMES_VOLUME, Orifice, air_mass, tube, tube_volume
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.scene import scene_from_dict
@@ -190,6 +190,58 @@ def test_rigid_volumes_follow_the_differential_equation(fingers: Make, figures: 
     figures.at_most("pressures, relative to those of solve_ivp", np.abs(found[0] / expected - 1.0).max(), 1e-6)
 
 
+def test_a_wide_part_joins_a_tank_and_a_cavity_to_one_space(fingers: Make, figures: Figures) -> None:
+    """A tank behind a hole of any size fills as dead volume of the cavity does, and every step converges."""
+    valve = {"valves": {"valve": {"inlet": "pump", "outlet": "finger0.cavity", "conductance": 0.05, "opening": 1.0}}}
+    wide = {"tanks": {"tank": {"volume": 500.0}}, "orifices": {"hole": {"inlet": "tank", "outlet": "finger0.cavity"}}}
+    pump = {"sources": {"pump": {}}}
+    largest = 0.0
+    for conductance in (300.0, 1e5):
+        wide["orifices"]["hole"]["conductance"] = conductance
+        both = fingers(pump | valve | wide, (120.0,)), fingers(pump | valve, (120.0,), dead_volume=500.0)
+        for number in range(40):
+            reports = [one.step(Control(pressure={"pump": 20.0 + 10.0 * (number % 4)})) for one in both]
+            assert all(report.converged for report in reports)
+            pressures = [report.observation.pressures["finger0.cavity"] for report in reports]
+            largest = max(largest, abs(pressures[0] - pressures[1]))
+    assert pressures[0] > 20.0
+    figures.at_most("difference of the pressures [kPa]", largest, 1e-3)
+
+
+def test_much_flow_elsewhere_hides_no_small_one(fingers: Make, figures: Figures) -> None:
+    """A thimble is drained as fast beside bottles that a wide hole joins as alone: their round-off is above it."""
+    thimble: dict[str, Any] = {
+        "sources": {"pump": {"pressure": -95.0}},
+        "tanks": {"thimble": {"volume": 5.0, "pressure": -24.0}},
+        "orifices": {
+            "drain": {"inlet": "thimble", "outlet": "pump", "conductance": 0.0026, "critical_ratio": 0.35},
+            "side": {"inlet": "finger0.cavity", "outlet": "pump", "conductance": 0.0003},
+        },
+    }
+    hole = {"inlet": "large", "outlet": "small", "conductance": 3000.0, "critical_ratio": 0.02}
+    bottles = {
+        "sources": thimble["sources"],
+        "tanks": {
+            "large": {"volume": 7e5, "pressure": 400.0},
+            "small": {"volume": 1e5, "pressure": 60.0},
+            **thimble["tanks"],
+        },
+        "orifices": {**thimble["orifices"], "hole": hole},
+    }
+    both = fingers(bottles, (1e5,)), fingers(thimble, (1e5,))
+    for _ in range(5):
+        reports = [one.step() for one in both]
+        assert all(report.converged for report in reports)
+        left = [report.observation.network_pressures["thimble"] + ATMOSPHERE for report in reports]
+        figures.at_most("difference of the thimble's pressures, relative", abs(left[0] / left[1] - 1.0), 1e-9)
+
+
+def test_air_without_a_pressure_ends_the_run(fingers: Make) -> None:
+    """Pressures so high that no number is left of the others are not carried on as such."""
+    with pytest.raises(SimulationDiverged, match=r"air without a pressure.*1e\+20 kPa: soft robots have"):
+        fingers(SUPPLY | {"sources": {"pump": {}}}, (60.0,) * 3).step(Control(pressure={"pump": 1e20}, valve=OPEN))
+
+
 def test_a_line_is_a_network_of_one_cavity(fingers: Make, figures: Figures) -> None:
     """Source, valve and tube of a cavity's `line` and the same in the table `air` give the same pressures."""
     air = {
@@ -349,6 +401,14 @@ def test_limits_hold_requests_back(fingers: Make) -> None:
         ),
         ({"orifices": {"o": {"inlet": "pump", "outlet": "pump", "conductance": 1.0}}}, "to itself"),
         ({"sources": {"s": {"pressure": 5.0, "delay": 1.0}}}, "delay would have no effect beside pressure"),
+        (
+            {"orifices": {"o": {"inlet": "pump", "outlet": "manifold", "conductance": 1.0, "critical_ratio": 0.9995}}},
+            "critical_ratio = 0.9995: input should be less than or equal to 0.999",
+        ),
+        (
+            {"orifices": {"o": {"inlet": "pump", "outlet": "manifold", "conductance": 1e9}}},
+            "conductance = 1000000000.0: input should be less than or equal to 1000000",
+        ),
         (
             {"valves": {"v": {"inlet": "pump", "outlet": "manifold", "conductance": 1.0, "opening": -0.1}}},
             "opening < 0 needs the key exhaust",
