@@ -192,6 +192,8 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
 def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
     body = draft.own_body_of(component)
+    if (method := component.read_text("method").lower()) not in ("large", "polar"):
+        raise component.refused(f"method '{method}'; hexahedra turn with the body here: large, polar")
     topology = topology_of(component, fits=_has_hexahedra)
     hexahedra = computed(topology, "hexahedra", 8)
     if topology is None or not len(hexahedra):

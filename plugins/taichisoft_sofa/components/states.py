@@ -66,13 +66,15 @@ def start_position(state: "Component") -> np.ndarray:
     found = _source(state, width)
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
-    scale = state.read_vector("scale3d", default=[state.read_number("scale")] * 3)
+    scale = state.read_vector("scale3d", default=_axes(state, "s{}"))
+    if state.is_given("scale"):
+        scale = np.full(3, state.read_number("scale"))
     motions = [
         (
-            state.read_vector("rotation", default=_axes(state, "r")),
-            state.read_vector("translation", default=_axes(state, "d")),
-        ),
-        (state.read_vector("rotation2"), state.read_vector("translation2")),
+            state.read_vector(f"rotation{more}", default=_axes(state, f"r{{}}{more}")),
+            state.read_vector(f"translation{more}", default=_axes(state, f"d{{}}{more}")),
+        )
+        for more in ("", "2")
     ]
     points, turns = found[:, :3], found[:, 3:]
     for rotation, translation in motions:
@@ -84,9 +86,9 @@ def start_position(state: "Component") -> np.ndarray:
     return points if width == 3 else np.column_stack([points, turns])
 
 
-def _axes(state: "Component", letter: str) -> list[float]:
-    """Translation (dx, dy, dz) or rotation (rx, ry, rz) in the older format."""
-    return [state.read_number(f"{letter}{axis}") for axis in "xyz"]
+def _axes(state: "Component", name: str) -> list[float]:
+    """Three data of names such as "d{}" in the older format: dx, dy and dz of a translation."""
+    return [state.read_number(name.format(axis)) for axis in "xyz"]
 
 
 def _source(state: "Component", width: int) -> np.ndarray:

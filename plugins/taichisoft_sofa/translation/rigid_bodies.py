@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from taichisoft_sofa.components.draft import (
-    SPRING,
     DraftAnchor,
     DraftBody,
     DraftFrame,
@@ -91,7 +90,7 @@ def is_driven(state: "Component", index: int, draft: "SceneDraft") -> bool:
     """Whether the scene says where a frame is: joints turn it, it is held, or nothing moves it."""
     return all(
         width_of(base) == 1
-        or draft.above(node_of(base), draft.solvers) is None
+        or draft.solver_above(node_of(base)) is None
         or any(anchor.directions == "xyz" and own in (None, *anchor.points) for anchor in _anchors(base, draft))
         for base, own in base_frames(state, index)
     )
@@ -268,7 +267,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     else:
         draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA assumes 1 mm^2 per mass")
     _note_lost_weight(body, float(mass), draft)
-    solver = draft.above(body.node, draft.solvers)
+    solver = draft.solver_above(body.node)
     if solver is not None and solver.read_number("rayleighMass", default=0.0) > 0.0:
         draft.depart(f"{body.node.getPathName()}: rayleighMass does not slow a rigid body down here; in SOFA it does")
     _add_springs(name, body, table, draft, translation)
@@ -289,12 +288,10 @@ def _add_springs(
             raise anchor.component.refused(
                 "holds a rigid body in part, or twice; one spring field holds all of it here"
             )
-        solver = draft.above(body.node, draft.solvers)
+        solver = draft.solver_above(body.node)
         table["springs"] = {
             "stiffness": float(anchor.stiffness),
-            "angular_stiffness": anchor.component.read_number("angularStiffness", default=SPRING)
-            if anchor.angular is None
-            else anchor.angular,
+            "angular_stiffness": anchor.angular,
             "rayleigh_stiffness": 0.0 if solver is None else solver.read_number("rayleighStiffness", default=0.0),
             "follows": name,
         }

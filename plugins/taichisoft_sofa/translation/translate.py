@@ -182,7 +182,7 @@ def _is_mere_points(body: DraftBody) -> bool:
 
 def moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
     """The solver that moves a body; None if it stands still."""
-    solver = draft.above(body.node, draft.solvers)
+    solver = draft.solver_above(body.node)
     if solver is not None and draft.above(body.node, draft.linear_solvers) is None:
         draft.depart(
             f"{body.node.getPathName()}: moves, though it has no linear solver, without which SOFA moves nothing"
