@@ -185,6 +185,50 @@ def test_scales_and_shifts_of_other_names(folder: Path, written: str, factors: l
     assert position == pytest.approx(make_block((2, 1, 1), SIZE).nodes * factors + [shift, 0, 0], abs=1e-9)
 
 
+def test_second_motion_leaves_the_rest_shape(folder: Path) -> None:
+    """Springs pull a body back to where it was before `translation2`, and boxes select there."""
+    run = Run(
+        folder,
+        """
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    node = body(root)
+    node.dofs.translation2 = [5, 0, 0]
+    node.addObject("BoxROI", name="end", box=[-1, -99, -99, 1, 99, 99])
+    node.addObject("RestShapeSpringsForceField", points="@end.indices", stiffness=100)
+""",
+    )
+    assert run.steps(150) - run.start == pytest.approx(np.tile([-5, 0, 0], (12, 1)), abs=1e-3)
+
+
+def test_rigid_bodies_follow_others_from_where_they_begin(folder: Path) -> None:
+    create = """
+for name, place in (("other", 10), ("own", {place})):
+    node = root.addChild(name)
+    node.addObject("EulerImplicitSolver")
+    node.addObject("SparseLDLSolver")
+    node.addObject("MechanicalObject", name="dofs", template="Rigid3", position=[[place, 0, 0, 0, 0, 0, 1]])
+    node.addObject("UniformMass", totalMass=0.01)
+node.addObject("RestShapeSpringsForceField", external_rest_shape="@/other/dofs")
+"""
+    translation = translated(folder, create.format(place=10))
+    assert "springs" in translation.tables["rigid_bodies"]["own"]
+    assert "/other/dofs begins elsewhere" in refused(folder, create.format(place=11))
+
+
+def test_misspelt_data_of_nodes_are_listed(folder: Path) -> None:
+    translation = translated(folder, "root.gravty = [0, 0, -9810]\nbody(root)\n")
+    assert "node 'root': gravty is not read here; did you mean 'gravity'?" in translation.departures
+
+
+def test_box_without_a_size_is_the_unit_cube(folder: Path) -> None:
+    shift = (0.5 - make_block((2, 1, 1), SIZE).nodes[3]).tolist()
+    create = f'node = body(root)\nnode.dofs.translation = {shift}\nnode.addObject("BoxROI", name="roi")\n'
+    create += 'node.addObject("FixedProjectiveConstraint", indices="@roi.indices")\n'
+    (anchors,) = translated(folder, create).tables["soft_bodies"]["body"]["anchors"]
+    assert anchors["nodes"] == [3]
+
+
 def test_uppermost_time_integration_moves_everything_below(folder: Path) -> None:
     create = 'root.addObject("EulerImplicitSolver", rayleighMass=3)\nbody(root)\n'
     assert translated(folder, create).tables["soft_bodies"]["body"]["rayleigh_mass"] == 3.0
@@ -234,6 +278,11 @@ surface(a, "block.stl", name="b", mapping="RigidMapping").RigidMapping.index = 5
         ('body(root).addObject("EulerImplicitSolver", name="more")', "is a second time integration in its node"),
         ('body(root).addObject("RestShapeSpringsForceField", points=[0, 1], external_rest_shape="@dofs")', "of 12 in"),
         (HEXAHEDRA, "method 'small'; hexahedra turn with the body here: large, polar"),
+        (
+            'root.addObject("CollisionResponse", response="FrictionContactConstrain")',
+            "response 'FrictionContactConstrain'",
+        ),
+        ('root.addObject("CollisionResponse", response="StickContactConstraint")', "response 'StickContactConstraint'"),
         (IDENTITY + '"FixedProjectiveConstraint")', "acts on points that follow others by IdentityMapping"),
         (ON_FRAME, "RigidMapping '/a/b/RigidMapping' "),
         ('body(root).addObject("RestShapeSpringsForceField", external_rest_shape="@/gone")', "leads to no Mechanical"),

@@ -42,6 +42,9 @@ def broad_phase(component: "Component", draft: "SceneDraft") -> None:
 )
 def response(component: "Component", draft: "SceneDraft") -> None:
     """The response to contacts, with their friction."""
+    kind = response_of(component)
+    if not re.match("Penal|Friction(less)?Contact(Constraint)?$", kind):
+        raise component.refused(f"response '{kind}'; known are FrictionContactConstraint and {WITHOUT_FRICTION}")
     draft.pipeline["response"] = component
 
 
@@ -105,6 +108,8 @@ def friction_of(manager: "Component", draft: "SceneDraft") -> float:
             if not 0.0 <= friction < np.inf:
                 raise manager.refused(f"{name} = '{source}': mu must be 0 or more")
             return friction
+    if sources["responseParams"]:
+        draft.depart(f"{described(manager)}: responseParams has no mu; friction is SOFA's {DEFAULT_FRICTION:g}")
     return DEFAULT_FRICTION
 
 

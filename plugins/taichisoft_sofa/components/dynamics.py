@@ -25,6 +25,7 @@ from taichisoft_sofa.components.states import (
     composed,
     is_rigid,
     local_position,
+    rest_position,
     rigid_indices,
     start_position,
     start_values,
@@ -211,7 +212,9 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     turning = np.pad(turning, (0, len(stiffness) - len(turning)), constant_values=SPRING)
     each = np.column_stack([stiffness, turning if body.rigid else 0.0 * turning])
     each = each if len(each) == len(chosen) else np.tile(each[0], (len(chosen), 1))
-    external = _external_points(component, chosen)
+    external, rest = _external_points(component, chosen), rest_position(body.state)
+    if external is None and rest.shape == body.position.shape and (rest != body.position).any():
+        body.state.set_all({"rest_position": rest})  # the springs pull from the first step on
     for kind in np.unique(each, axis=0):
         alike = (each == kind).all(axis=1)
         target = None if external is None else replace(external, indices=external.indices[alike])

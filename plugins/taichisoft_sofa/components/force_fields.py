@@ -208,7 +208,7 @@ def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     young, poisson = np.repeat(young * stiffness_factors(topology, count), 6), np.repeat(poisson, 6)
     draft.depart(
         f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
-        "in SOFA it turns on the whole"
+        "in SOFA it turns on the whole; mapped points follow one of its tetrahedra, in SOFA all its corners"
     )
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, "polar", element="hexahedral"))
 

@@ -50,15 +50,16 @@ def width_of(state: "Component") -> int:
 
 def keep_start_position(state: "Component") -> None:
     """Keep the positions at the start, as SOFA does when it initialises a scene; later writes do not change them."""
-    if not hasattr(state, "_start"):
+    if not hasattr(state, "_kept"):
         with contextlib.suppress(SceneError):  # refused where it is translated, if that needs it
-            state._start = start_position(state)
+            state._kept = start_position(state), start_position(state, at_rest=True)
 
 
-def start_position(state: "Component") -> np.ndarray:
-    """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7)."""
-    if hasattr(state, "_start"):
-        kept: np.ndarray = state._start
+def start_position(state: "Component", at_rest: bool = False) -> np.ndarray:
+    """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7); `at_rest`
+    before `rotation2` and `translation2`, which do not move the rest shape."""
+    if hasattr(state, "_kept"):
+        kept: np.ndarray = state._kept[at_rest]
         return kept
     width = width_of(state)
     if width not in WIDTHS:
@@ -69,15 +70,10 @@ def start_position(state: "Component") -> np.ndarray:
     scale = state.read_vector("scale3d", default=_axes(state, "s{}"))
     if state.is_given("scale"):
         scale = np.full(3, state.read_number("scale"))
-    motions = [
-        (
-            state.read_vector(f"rotation{more}", default=_axes(state, f"r{{}}{more}")),
-            state.read_vector(f"translation{more}", default=_axes(state, f"d{{}}{more}")),
-        )
-        for more in ("", "2")
-    ]
     points, turns = found[:, :3], found[:, 3:]
-    for rotation, translation in motions:
+    for more in ("",) if at_rest else ("", "2"):
+        rotation = state.read_vector(f"rotation{more}", default=_axes(state, f"r{{}}{more}"))
+        translation = state.read_vector(f"translation{more}", default=_axes(state, f"d{{}}{more}"))
         if (scale != 1.0).any() or rotation.any() or translation.any():
             points = placed(points, scale.tolist(), rotation.tolist(), translation.tolist())
         if width == 7:
@@ -131,16 +127,16 @@ def start_velocity(state: "Component") -> np.ndarray:
     return np.asarray(rows[0])
 
 
-def state_position(state: "Component") -> np.ndarray:
+def state_position(state: "Component", at_rest: bool = False) -> np.ndarray:
     if (width := width_of(state)) not in WIDTHS:  # such a state has no effect here, but its scene may read it
         return np.reshape(state.read_data("position"), (-1, max(width, 1)))
-    return start_position(state)
+    return start_position(state, at_rest)
 
 
 def rest_position(state: "Component") -> np.ndarray:
     if state.is_given("rest_position"):
         return np.reshape(state.read_data("rest_position"), (-1, max(width_of(state), 1)))
-    return state.read_number("restScale") * state_position(state)
+    return state.read_number("restScale") * state_position(state, at_rest=True)
 
 
 Values = Callable[["Component"], np.ndarray]

@@ -256,9 +256,10 @@ class SceneWrites:
         self._revisions: dict[int, int] = {}
 
     def begin(self) -> None:
-        """Take all writes up to now as the initial state; later writes are changes."""
-        for data in self._rest.values():
-            data.take()
+        """Take all writes up to now as the initial state, but rest positions elsewhere; later writes are changes."""
+        for name, data in self._rest.items():
+            if not data.is_set() or np.array_equal(data.given(), self._translation.soft[name].body.position):
+                data.take()
         self._gravity.take()
         for part in self._stiffness:
             part.begin()

@@ -19,12 +19,14 @@ from taichisoft_sofa.components.dynamics import HELD
 from taichisoft_sofa.components.reading import STATE, inputs_of, is_assembled, mapping_of, nearest, node_of
 from taichisoft_sofa.components.states import (
     DrivenFrameTarget,
+    FramePoses,
     PointsTarget,
     base_frames,
     bases_of,
     index_pairs,
     rigid_indices,
     start_position,
+    start_values,
     start_velocity,
     width_of,
 )
@@ -37,6 +39,8 @@ from taichisoft_sofa.tree.value_kinds import canonical
 
 STIFFENING = 1e4
 """Young's modulus of a rigid part over that of the body [-]."""
+SAME = 1e-6
+"""Difference of poses that is round-off [mm] and [-]."""
 STIFF = 1e6
 """Stiffness of springs that hold a frame of a soft body as if it were fixed [mN/mm]."""
 
@@ -296,7 +300,12 @@ def _add_springs(
             "follows": name,
         }
         if isinstance(anchor.target, PointsTarget):
-            translation.add_frame(name, *anchor.target.frame_of(0))
+            state, index = anchor.target.frame_of(0)
+            if not np.allclose(FramePoses(start_values).of(state)[index], body.position[0], rtol=0.0, atol=SAME):
+                raise anchor.component.refused(
+                    f"external_rest_shape: {state.getPathName()} begins elsewhere; a rigid body begins at rest"
+                )
+            translation.add_frame(name, state, index)
         else:
             translation.add_frame(name, body.state, body.index)
             draft.sprung[body.state] = None
