@@ -217,8 +217,9 @@ node.addObject("RestShapeSpringsForceField", external_rest_shape="@/other/dofs")
 
 
 def test_misspelt_data_of_nodes_are_listed(folder: Path) -> None:
-    translation = translated(folder, "root.gravty = [0, 0, -9810]\nbody(root)\n")
-    assert "node 'root': gravty is not read here; did you mean 'gravity'?" in translation.departures
+    (folder / "scene.scn").write_text('<Node gravty="0 0 -9810"/>')
+    for tree in (loaded(folder, "root.gravty = [0, 0, -9810]", BODY), load_tree(folder / "scene.scn")):
+        assert "node 'root': gravty is not read here; did you mean 'gravity'?" in translate(tree).departures
 
 
 def test_box_without_a_size_is_the_unit_cube(folder: Path) -> None:
@@ -242,6 +243,13 @@ def test_penalty_contacts_touch_without_free_motion(folder: Path) -> None:
         translation = translated(folder, contact.format(response))
         assert not translation.refused
         assert translation.tables["soft_bodies"]["body"].get("collides", True) is touches
+
+
+def test_contacts_without_a_narrow_phase_or_friction_are_listed(folder: Path) -> None:
+    create = "collisions(root)\nsurface(body(root), 'block.stl')\nroot.CollisionResponse.responseParams = 'Mu=0.3'\n"
+    lines = " ".join(translated(folder, create + 'root.removeObject(root.getObject("BVHNarrowPhase"))').departures)
+    assert "there is no narrow phase" in lines
+    assert "responseParams has no mu; friction is SOFA's 0.8" in lines
 
 
 def test_force_below_a_mapped_node_acts_on_its_points(folder: Path) -> None:

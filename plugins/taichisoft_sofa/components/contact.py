@@ -30,6 +30,14 @@ def pipeline(component: "Component", draft: "SceneDraft") -> None:
 def broad_phase(component: "Component", draft: "SceneDraft") -> None:
     """The broad phase of contacts."""
     draft.pipeline["broad phase"] = component
+    if component.type_name == "BruteForceDetection":  # both phases, in older versions
+        draft.pipeline["narrow phase"] = component
+
+
+@component("BVHNarrowPhase", "ParallelBVHNarrowPhase")
+def narrow_phase(component: "Component", draft: "SceneDraft") -> None:
+    """The narrow phase of contacts."""
+    draft.pipeline["narrow phase"] = component
 
 
 @component(
@@ -73,10 +81,9 @@ SOLVER = {
 }
 
 
-@component("BVHNarrowPhase", "ParallelBVHNarrowPhase")
 @component(*CONSTRAINT_SOLVERS[:-1], **SOLVER)
 def accept_any(component: "Component", draft: "SceneDraft") -> None:
-    """Accept a narrow phase of contacts, or a solver of constraints; the engine's own stands for any."""
+    """Accept a solver of constraints; the engine's own stands for any."""
 
 
 @component("LCPConstraintSolver", **SOLVER, mu=(0.6, FROM_0))

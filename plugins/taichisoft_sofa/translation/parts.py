@@ -42,6 +42,10 @@ def contact_table(draft: SceneDraft) -> dict[str, Any]:
         "contact: bodies slide by the whole of their free motion, of which SOFA drops the tangential part where they "
         "separate; contacts are solved until they change by less than 1e-5 mm/s, whatever tolerance the scene gives"
     )
+    if "narrow phase" not in draft.pipeline:
+        draft.depart(
+            "contact: is found, though there is no narrow phase, without which SOFA v21.06 and later find none"
+        )
     table: dict[str, Any] = {"friction": friction_of(draft.pipeline["response"], draft)}
     if "distance" in draft.pipeline:
         alarm, contact = map(draft.pipeline["distance"].read_number, ("alarmDistance", "contactDistance"))
