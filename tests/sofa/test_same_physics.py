@@ -293,6 +293,7 @@ surface(a, "block.stl", name="b", mapping="RigidMapping").RigidMapping.index = 5
         ('root.addObject("CollisionResponse", response="StickContactConstraint")', "response 'StickContactConstraint'"),
         (IDENTITY + '"FixedProjectiveConstraint")', "acts on points that follow others by IdentityMapping"),
         (ON_FRAME, "RigidMapping '/a/b/RigidMapping' "),
+        (ON_FRAME.replace("index = 5", "rigidIndexPerPoint = [0]"), "rigidIndexPerPoint has 1 numbers for 12 points"),
         ('body(root).addObject("RestShapeSpringsForceField", external_rest_shape="@/gone")', "leads to no Mechanical"),
         ('surface(body(root), "block.stl").BarycentricMapping.input = "@/gone"', "input = '@/gone' leads to nothing"),
     ],

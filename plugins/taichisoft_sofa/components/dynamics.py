@@ -399,6 +399,7 @@ CELLS |= {"tetrahedra": ("tetrahedra", 4), "tetras": ("tetrahedra", 4), "cubes":
     noCompression=False,
     elongationOnly=BOOLS,
     enabled=(BOOLS, (True,)),
+    rayleighStiffness=unused(0.0),
 )
 def single_springs(component: "Component", draft: "SceneDraft") -> None:
     """Translate springs that are listed: by `spring`, rows of two indices, stiffness, damping and length at rest, or by
@@ -435,6 +436,7 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
     topology=LINK,
     noCompression=False,
     localRange=unused(()),
+    rayleighStiffness=unused(0.0),
     **{f"{cells}{what}": (0.0, FROM_0) for cells in CELLS for what in ("Stiffness", "Damping")},
     stiffness=(0.0, FROM_0),
     damping=(0.0, FROM_0),

@@ -55,7 +55,7 @@ def mechanical_object(component: "Component", draft: "SceneDraft") -> None:
 
 MAPPING = {
     **dict.fromkeys(("input", "input1", "input2", "output", "object1", "object2"), LINK),
-    "mapConstraints": unused(True),
+    **dict.fromkeys(("mapConstraints", "mapForces", "mapMasses"), unused(True)),
 }
 """Data of every mapping."""
 
@@ -66,6 +66,8 @@ MAPPING = {
     **MAPPING,
     index=0,
     rigidIndexPerPoint=(INDICES, (), FROM_0),
+    indexFromEnd=unused(False),
+    repartition=unused(()),
     globalToLocalCoords=False,
 )
 @component("SkinningMapping", **MAPPING, nbRef=INDICES, indices=INDICES, weight=())

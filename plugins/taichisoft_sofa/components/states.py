@@ -252,6 +252,8 @@ def rigid_indices(mapping: "Component", count: int) -> np.ndarray:
     each = mapping.read_numbers("rigidIndexPerPoint").astype(np.int64)
     if len(each) == count:
         return each
+    if len(each) and count:
+        raise mapping.refused(f"rigidIndexPerPoint has {len(each)} numbers for {count} points")
     return np.full(count, int(mapping.read_number("index")))
 
 
