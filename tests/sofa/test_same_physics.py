@@ -104,6 +104,7 @@ def test_same_points_below_mapped_ones_follow_their_mapping(folder: Path) -> Non
         ('"DiagonalMass", vertexMass=[0.001] * 12', 0.012),
         ('"DiagonalMass", vertexMass=[0.001] * 3', "vertexMass has 3 numbers, not one for all of 12 points"),
         ('"DiagonalMass", vertexMass=[0.001] * 11 + [0.002]', "vertexMass has 12 numbers, not one for all"),
+        ('"MeshMatrixMass", vertexMass=[0.001] * 12', "vertexMass without lumping is an error in SOFA"),
         ('"UniformMass", totalMass=0.04, indices=[0, 1]', "gives some of the points a mass"),
         ('"UniformMass", totalMass=0.04, localRange=[0, 3]', "gives some of the points a mass"),
         ('"UniformMass", filename="torus.rigid"', "filename 'torus.rigid' is not read; give vertexMass"),
@@ -193,7 +194,8 @@ def test_second_motion_leaves_the_rest_shape(folder: Path) -> None:
 def createScene(root):
     root.gravity = [0, 0, 0]
     node = body(root)
-    node.dofs.translation2 = [5, 0, 0]
+    node.dofs.translation2 = [5, 3, 0]
+    node.addObject("PartialFixedProjectiveConstraint", fixAll=True, fixedDirections=[0, 1, 0])
     node.addObject("BoxROI", name="end", box=[-1, -99, -99, 1, 99, 99])
     node.addObject("RestShapeSpringsForceField", points="@end.indices", stiffness=100)
 """,
@@ -239,7 +241,11 @@ def test_penalty_contacts_touch_without_free_motion(folder: Path) -> None:
     contact = 'root.addObject("CollisionPipeline")\nroot.addObject("BruteForceBroadPhase")\n'
     contact += 'root.addObject("BVHNarrowPhase")\nroot.addObject("RuleBasedContactManager", response="{}")\n'
     contact += 'root.addObject("DefaultAnimationLoop")\nsurface(body(root), "block.stl")\n'
-    for response, touches in (("PenalityContactForceField", True), ("FrictionContactConstraint", False)):
+    for response, touches in (
+        ("PenalityContactForceField", True),
+        ("default", True),
+        ("FrictionContactConstraint", False),
+    ):
         translation = translated(folder, contact.format(response))
         assert not translation.refused
         assert translation.tables["soft_bodies"]["body"].get("collides", True) is touches

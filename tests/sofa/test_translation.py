@@ -664,6 +664,7 @@ def test_constant_forces_act_on_points_as_in_sofa(folder: Path, data: str, each:
     for point, force in each.items():
         expected[point] = force
     assert found == pytest.approx(expected)
+    assert any("the last holds" in line for line in translation.departures) is data.startswith("indices=[2, 0, 5]")
 
 
 def test_a_static_solver_leads_to_equilibrium(folder: Path) -> None:

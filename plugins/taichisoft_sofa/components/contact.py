@@ -94,7 +94,8 @@ def solver_with_friction(component: "Component", draft: "SceneDraft") -> None:
 
 def response_of(manager: "Component") -> str:
     """Type of the response of a contact manager."""
-    return (manager.read_text("response") or manager.read_text("default") or WITHOUT_FRICTION).partition("?")[0]
+    written = manager.read_text("response") or manager.read_text("default") or WITHOUT_FRICTION
+    return WITHOUT_FRICTION if written == "default" else written.partition("?")[0]
 
 
 def friction_of(manager: "Component", draft: "SceneDraft") -> float:

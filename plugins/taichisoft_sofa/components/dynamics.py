@@ -155,6 +155,8 @@ def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
             raise component.refused(f"massDensity has {len(density)} numbers; a body has one density here")
         draft.weigh(body, Mass(component, density=float(density[0])))
     elif not component.is_given("totalMass") and len(each):
+        if component.type_name == "MeshMatrixMass" and not component.read_flag("lumping"):
+            raise component.refused("vertexMass without lumping is an error in SOFA; set lumping, or give totalMass")
         if len(each) != len(body.position) or (each != each[0]).any():
             raise component.refused(
                 f"vertexMass has {len(each)} numbers, not one for all of {len(body.position)} points"
@@ -213,7 +215,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     each = np.column_stack([stiffness, turning if body.rigid else 0.0 * turning])
     each = each if len(each) == len(chosen) else np.tile(each[0], (len(chosen), 1))
     external, rest = _external_points(component, chosen), rest_position(body.state)
-    if external is None and rest.shape == body.position.shape and (rest != body.position).any():
+    if external is None and not body.state.is_given("rest_position") and (rest != body.position).any():
         body.state.set_all({"rest_position": rest})  # the springs pull from the first step on
     for kind in np.unique(each, axis=0):
         alike = (each == kind).all(axis=1)
@@ -289,7 +291,11 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     each = {"totalForce": each[:1] / max(len(points), 1), "forces": each, "force": each[:1]}[name]
     if not len(each):
         raise component.refused("has no force; give force, forces or totalForce")
-    # As in SOFA: points beyond the list have its last force.
+    if name == "forces" and len(each) != len(points):  # as in older versions
+        draft.depart(
+            f"{described(component)}: has {len(each)} forces for {len(points)} points, of which the last holds for the "
+            "rest; later versions of SOFA report an error"
+        )
     forces = each[np.minimum(np.arange(len(points)), len(each) - 1)]
     if forces[:, 3:].any():
         raise component.refused("has a torque on a rigid body; forces alone act on rigid bodies here")

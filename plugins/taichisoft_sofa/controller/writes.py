@@ -377,4 +377,4 @@ def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:
     if len(rest) != len(part.body.position):
         raise SceneError(f"{data.linkpath}: has {len(rest)} points; {len(part.body.position)} are needed")
     held = part.points[part.anchored]
-    return np.asarray(np.where(part.anchored_follows[:, None], rest[held], part.body.position[held]))
+    return np.asarray(np.where(part.anchored_follows, rest[held], part.body.position[held]))
