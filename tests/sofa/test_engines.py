@@ -55,9 +55,11 @@ def test_tetrahedra_fill_a_grid_and_fit_each_other(size: tuple[int, int, int], a
 
 def test_points_of_a_grid_run_along_x_first() -> None:
     made = grid(nx=3, ny=2, nz=2, xmin=-1, xmax=1, ymin=0, ymax=5, zmin=0, zmax=7, p0=[10, 0, 0]).grid
-    assert made.position.value[:4].tolist() == [[9, 0, 0], [10, 0, 0], [11, 0, 0], [9, 5, 0]]
+    assert made.position.value[:4].tolist() == [[10, 0, 0], [11, 0, 0], [12, 0, 0], [10, 5, 0]]
     assert made.hexahedra.value.tolist() == [[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]]
-    assert grid(n=[2, 2, 2], cellWidth=3).grid.position.value.max() == 3.0
+    assert grid(n=[1, 1, 1], min=[1, 2, 3], max=[3, 6, 9]).grid.position.value.tolist() == [[2, 4, 3]]
+    with pytest.raises(SceneError, match="cellWidth is not known"):
+        grid(cellWidth=3).grid.position.value.max()
     assert grid(n=[3, 2, 1]).grid.quads.value.tolist() == [[0, 1, 4, 3], [1, 2, 5, 4]]
     assert grid(n=[3, 1, 1]).grid.edges.value.tolist() == [[0, 1], [1, 2]]
 

@@ -479,6 +479,17 @@ def createScene(root):
 """
 
 
+def test_each_frame_has_the_angular_stiffness_of_its_spring(folder: Path) -> None:
+    """As in SOFA: springs without a number of their own have 100 mN mm."""
+    for given, expected in (("[7, 9]", [7.0, 9.0]), ("[7]", [7.0, 100.0])):
+        springs = f"points=[3, 2], stiffness=[5, 5], angularStiffness={given}"
+        scene = FRAMES.replace("points=[2], stiffness=50, angularStiffness=50", springs)
+        written(folder, {"scene.py": BODY + scene})
+        bodies = translate(load_tree(folder / "scene.py")).tables["rigid_bodies"].values()
+        found = {body["position"][0]: body["springs"]["angular_stiffness"] for body in bodies if "springs" in body}
+        assert [found[60.0], found[40.0]] == expected
+
+
 def test_frames_of_one_object_are_bodies(folder: Path) -> None:
     """One rests on a sphere, one is fixed, one hangs m g / k lower, one has the acceleration g + F / m."""
     run = Run(folder, FRAMES)

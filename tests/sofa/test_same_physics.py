@@ -78,14 +78,33 @@ def test_what_acts_by_numbers_of_mapped_points_is_refused(folder: Path, componen
     assert "acts on points that follow others by BarycentricMapping" in refused(folder, create)
 
 
+def test_same_points_below_mapped_ones_follow_their_mapping(folder: Path) -> None:
+    create = "body(root)\n" + CHILD.format(body='root.getChild("body")')
+    push = '.addObject("ConstantForceField", indices=[0], force=[0, 0, 7])\n'
+    below = 'same = child.addChild("same")\nsame.addObject("MechanicalObject")\nsame.addObject("IdentityMapping")\n'
+    held = refused(folder, create + below + 'same.addObject("RestShapeSpringsForceField", points=[0])\n')
+    assert "acts on points that follow others by BarycentricMapping" in held
+    forces = [
+        translated(folder, create + more).tables["soft_bodies"]["body"]["forces"]
+        for more in ("child" + push, below + "same" + push)
+    ]
+    assert forces[0] == forces[1]
+
+
 @pytest.mark.parametrize(
     ("mass", "expected"),
     [
+        ('"DiagonalMass"', 1.0),
+        ('"MeshMatrixMass", lumping=True', 1.0),
+        ('"MeshMatrixMass", totalMass=0.04, massDensity=2, lumping=True', 0.04),
+        ('"DiagonalMass", totalMass=0.04, vertexMass=[0.001] * 12', 0.04),
+        ('"DiagonalMass", massDensity=2e-5, vertexMass=[0.001] * 12', 0.04),
         ('"MeshMatrixMass", totalMass=0.04, lumping=True', 0.04),
         ('"DiagonalMass", totalMass=0.04', 0.04),
         ('"DiagonalMass", vertexMass=[0.001] * 12', 0.012),
         ('"DiagonalMass", vertexMass=[0.001] * 3', "vertexMass has 3 numbers, not one for all of 12 points"),
         ('"DiagonalMass", vertexMass=[0.001] * 11 + [0.002]', "vertexMass has 12 numbers, not one for all"),
+        ('"MeshMatrixMass", vertexMass=[0.001] * 12', "vertexMass without lumping is an error in SOFA"),
         ('"UniformMass", totalMass=0.04, indices=[0, 1]', "gives some of the points a mass"),
         ('"UniformMass", totalMass=0.04, localRange=[0, 3]', "gives some of the points a mass"),
         ('"UniformMass", filename="torus.rigid"', "filename 'torus.rigid' is not read; give vertexMass"),
@@ -112,6 +131,15 @@ def test_springs_without_lengths_have_length_zero(folder: Path) -> None:
     assert springs["nodes"] == [[0, 2], [1, 3]]
     assert springs["stiffness"] == [10.0, 20.0]
     assert springs["length"] == [0.0, 0.0]
+
+
+def test_springs_beyond_a_list_have_its_last_number(folder: Path) -> None:
+    create = 'springs = body(root).addObject("StiffSpringForceField", indices1=[0, 1, 4], indices2=[2, 3, 5])\n'
+    create += "springs.stiffness, springs.lengths, springs.enabled = [10, 20], [1, 2], [True, False, True]\n"
+    (springs,) = translated(folder, create).tables["soft_bodies"]["body"]["springs"].values()
+    assert springs["nodes"] == [[0, 2], [4, 5]]
+    assert springs["stiffness"] == [10.0, 20.0]
+    assert springs["length"] == [1.0, 2.0]
 
 
 SMALL = """
@@ -143,14 +171,91 @@ def test_second_rotation_turns_what_the_first_translation_moved(folder: Path) ->
     assert translation.soft["body"].body.position == pytest.approx(moved, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("written", "factors", "shift"),
+    [
+        ("dofs.scale, node.dofs.scale3d = 2, [1, 1, 3]", [2, 2, 2], 0),
+        ("dofs.sx = 3", [3, 1, 1], 0),
+        ("dofs.dx2 = 7", [1, 1, 1], 7),
+        ("loader.scale, node.loader.scale3d = 2, [1, 1, 3]", [2, 2, 6], 0),
+    ],
+)
+def test_scales_and_shifts_of_other_names(folder: Path, written: str, factors: list[float], shift: float) -> None:
+    """A number `scale` replaces `scale3d` of a mechanical object, and multiplies that of a loader."""
+    position = translated(folder, f"node = body(root)\nnode.{written}\n").soft["body"].body.position
+    assert position == pytest.approx(make_block((2, 1, 1), SIZE).nodes * factors + [shift, 0, 0], abs=1e-9)
+
+
+def test_second_motion_leaves_the_rest_shape(folder: Path) -> None:
+    """Springs pull a body back to where it was before `translation2`, and boxes select there."""
+    run = Run(
+        folder,
+        """
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    node = body(root)
+    node.dofs.translation2 = [5, 3, 0]
+    node.addObject("PartialFixedProjectiveConstraint", fixAll=True, fixedDirections=[0, 1, 0])
+    node.addObject("BoxROI", name="end", box=[-1, -99, -99, 1, 99, 99])
+    node.addObject("RestShapeSpringsForceField", points="@end.indices", stiffness=100)
+""",
+    )
+    assert run.steps(150) - run.start == pytest.approx(np.tile([-5, 0, 0], (12, 1)), abs=1e-3)
+
+
+def test_rigid_bodies_follow_others_from_where_they_begin(folder: Path) -> None:
+    create = """
+for name, place in (("other", 10), ("own", {place})):
+    node = root.addChild(name)
+    node.addObject("EulerImplicitSolver")
+    node.addObject("SparseLDLSolver")
+    node.addObject("MechanicalObject", name="dofs", template="Rigid3", position=[[place, 0, 0, 0, 0, 0, 1]])
+    node.addObject("UniformMass", totalMass=0.01)
+node.addObject("RestShapeSpringsForceField", external_rest_shape="@/other/dofs")
+"""
+    translation = translated(folder, create.format(place=10))
+    assert "springs" in translation.tables["rigid_bodies"]["own"]
+    assert "/other/dofs begins elsewhere" in refused(folder, create.format(place=11))
+
+
+def test_misspelt_data_of_nodes_are_listed(folder: Path) -> None:
+    (folder / "scene.scn").write_text('<Node gravty="0 0 -9810"/>')
+    for tree in (loaded(folder, "root.gravty = [0, 0, -9810]", BODY), load_tree(folder / "scene.scn")):
+        assert "node 'root': gravty is not read here; did you mean 'gravity'?" in translate(tree).departures
+
+
+def test_box_without_a_size_is_the_unit_cube(folder: Path) -> None:
+    shift = (0.5 - make_block((2, 1, 1), SIZE).nodes[3]).tolist()
+    create = f'node = body(root)\nnode.dofs.translation = {shift}\nnode.addObject("BoxROI", name="roi")\n'
+    create += 'node.addObject("FixedProjectiveConstraint", indices="@roi.indices")\n'
+    (anchors,) = translated(folder, create).tables["soft_bodies"]["body"]["anchors"]
+    assert anchors["nodes"] == [3]
+
+
+def test_uppermost_time_integration_moves_everything_below(folder: Path) -> None:
+    create = 'root.addObject("EulerImplicitSolver", rayleighMass=3)\nbody(root)\n'
+    assert translated(folder, create).tables["soft_bodies"]["body"]["rayleigh_mass"] == 3.0
+
+
 def test_penalty_contacts_touch_without_free_motion(folder: Path) -> None:
     contact = 'root.addObject("CollisionPipeline")\nroot.addObject("BruteForceBroadPhase")\n'
     contact += 'root.addObject("BVHNarrowPhase")\nroot.addObject("RuleBasedContactManager", response="{}")\n'
     contact += 'root.addObject("DefaultAnimationLoop")\nsurface(body(root), "block.stl")\n'
-    for response, touches in (("PenalityContactForceField", True), ("FrictionContactConstraint", False)):
+    for response, touches in (
+        ("PenalityContactForceField", True),
+        ("default", True),
+        ("FrictionContactConstraint", False),
+    ):
         translation = translated(folder, contact.format(response))
         assert not translation.refused
         assert translation.tables["soft_bodies"]["body"].get("collides", True) is touches
+
+
+def test_contacts_without_a_narrow_phase_or_friction_are_listed(folder: Path) -> None:
+    create = "collisions(root)\nsurface(body(root), 'block.stl')\nroot.CollisionResponse.responseParams = 'Mu=0.3'\n"
+    lines = " ".join(translated(folder, create + 'root.removeObject(root.getObject("BVHNarrowPhase"))').departures)
+    assert "there is no narrow phase" in lines
+    assert "responseParams has no mu; friction is SOFA's 0.8" in lines
 
 
 def test_force_below_a_mapped_node_acts_on_its_points(folder: Path) -> None:
@@ -166,6 +271,12 @@ def test_force_below_a_mapped_node_acts_on_its_points(folder: Path) -> None:
 
 IDENTITY = 'child = body(root).addChild("child")\nchild.addObject("MechanicalObject")\n'
 IDENTITY += 'child.addObject("IdentityMapping")\nchild.addObject('
+HEXAHEDRA = """
+node = root.addChild("g")
+node.addObject("RegularGridTopology")
+node.addObject("MechanicalObject")
+node.addObject("HexahedronFEMForceField", method="small")
+"""
 ON_FRAME = """
 a = root.addChild("a")
 a.addObject("MechanicalObject", template="Rigid3")
@@ -179,8 +290,16 @@ surface(a, "block.stl", name="b", mapping="RigidMapping").RigidMapping.index = 5
         ('body(root).addObject("UniformMass", name="more")', "is a second mass of its body, beside UniformMass"),
         ("body(root).dofs.restScale = 0.5", "position differs from rest_position"),
         ('body(root).addObject("EulerImplicitSolver", name="more")', "is a second time integration in its node"),
+        ('body(root).addObject("RestShapeSpringsForceField", points=[0, 1], external_rest_shape="@dofs")', "of 12 in"),
+        (HEXAHEDRA, "method 'small'; hexahedra turn with the body here: large, polar"),
+        (
+            'root.addObject("CollisionResponse", response="FrictionContactConstrain")',
+            "response 'FrictionContactConstrain'",
+        ),
+        ('root.addObject("CollisionResponse", response="StickContactConstraint")', "response 'StickContactConstraint'"),
         (IDENTITY + '"FixedProjectiveConstraint")', "acts on points that follow others by IdentityMapping"),
         (ON_FRAME, "RigidMapping '/a/b/RigidMapping' "),
+        (ON_FRAME.replace("index = 5", "rigidIndexPerPoint = [0]"), "rigidIndexPerPoint has 1 numbers for 12 points"),
         ('body(root).addObject("RestShapeSpringsForceField", external_rest_shape="@/gone")', "leads to no Mechanical"),
         ('surface(body(root), "block.stl").BarycentricMapping.input = "@/gone"', "input = '@/gone' leads to nothing"),
     ],

@@ -637,6 +637,8 @@ def test_older_names_of_components_mean_the_same(folder: Path) -> None:
         ("indices=[0, 1, 3], totalForce=[3, 0, 6]", {0: [1, 0, 2], 1: [1, 0, 2], 3: [1, 0, 2]}),
         ("indices='0 1 3', force='0 5 0'", {0: [0, 5, 0], 1: [0, 5, 0], 3: [0, 5, 0]}),
         ("indices=[2, 0, 5], forces=[[1, 0, 0], [0, 2, 0]]", {2: [1, 0, 0], 0: [0, 2, 0], 5: [0, 2, 0]}),
+        ("indices=[2], forces=[[1, 0, 0]], force=[0, 2, 0], totalForce=[0, 0, 3]", {2: [1, 0, 0]}),
+        ("indices=[2], force=[0, 2, 0], totalForce=[0, 0, 3]", {2: [0, 2, 0]}),
         ("indices='@roi.indices', totalForce=[0, 0, 8]", {}),
         ("totalForce=[12, 0, 0]", {point: [1, 0, 0] for point in range(12)}),
     ],
@@ -662,6 +664,7 @@ def test_constant_forces_act_on_points_as_in_sofa(folder: Path, data: str, each:
     for point, force in each.items():
         expected[point] = force
     assert found == pytest.approx(expected)
+    assert any("the last holds" in line for line in translation.departures) is data.startswith("indices=[2, 0, 5]")
 
 
 def test_a_static_solver_leads_to_equilibrium(folder: Path) -> None:

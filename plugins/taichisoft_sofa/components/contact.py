@@ -30,6 +30,14 @@ def pipeline(component: "Component", draft: "SceneDraft") -> None:
 def broad_phase(component: "Component", draft: "SceneDraft") -> None:
     """The broad phase of contacts."""
     draft.pipeline["broad phase"] = component
+    if component.type_name == "BruteForceDetection":  # both phases, in older versions
+        draft.pipeline["narrow phase"] = component
+
+
+@component("BVHNarrowPhase", "ParallelBVHNarrowPhase")
+def narrow_phase(component: "Component", draft: "SceneDraft") -> None:
+    """The narrow phase of contacts."""
+    draft.pipeline["narrow phase"] = component
 
 
 @component(
@@ -42,6 +50,9 @@ def broad_phase(component: "Component", draft: "SceneDraft") -> None:
 )
 def response(component: "Component", draft: "SceneDraft") -> None:
     """The response to contacts, with their friction."""
+    kind = response_of(component)
+    if not re.match("Penal|Friction(less)?Contact(Constraint)?$", kind):
+        raise component.refused(f"response '{kind}'; known are FrictionContactConstraint and {WITHOUT_FRICTION}")
     draft.pipeline["response"] = component
 
 
@@ -70,10 +81,9 @@ SOLVER = {
 }
 
 
-@component("BVHNarrowPhase", "ParallelBVHNarrowPhase")
 @component(*CONSTRAINT_SOLVERS[:-1], **SOLVER)
 def accept_any(component: "Component", draft: "SceneDraft") -> None:
-    """Accept a narrow phase of contacts, or a solver of constraints; the engine's own stands for any."""
+    """Accept a solver of constraints; the engine's own stands for any."""
 
 
 @component("LCPConstraintSolver", **SOLVER, mu=(0.6, FROM_0))
@@ -84,7 +94,8 @@ def solver_with_friction(component: "Component", draft: "SceneDraft") -> None:
 
 def response_of(manager: "Component") -> str:
     """Type of the response of a contact manager."""
-    return (manager.read_text("response") or manager.read_text("default") or WITHOUT_FRICTION).partition("?")[0]
+    written = manager.read_text("response") or manager.read_text("default") or WITHOUT_FRICTION
+    return WITHOUT_FRICTION if written == "default" else written.partition("?")[0]
 
 
 def friction_of(manager: "Component", draft: "SceneDraft") -> float:
@@ -105,6 +116,8 @@ def friction_of(manager: "Component", draft: "SceneDraft") -> float:
             if not 0.0 <= friction < np.inf:
                 raise manager.refused(f"{name} = '{source}': mu must be 0 or more")
             return friction
+    if sources["responseParams"]:
+        draft.depart(f"{described(manager)}: responseParams has no mu; friction is SOFA's {DEFAULT_FRICTION:g}")
     return DEFAULT_FRICTION
 
 

@@ -13,6 +13,7 @@ from taichisoft_sofa.components.reading import (
     described,
     in_node,
     independent_state,
+    inputs_of,
     is_assembled,
     mapping_of,
     nearest,
@@ -91,7 +92,7 @@ class DraftAnchor:
         follows_rest: whether the points follow `rest_position`, else their target or initial positions.
         directions: axes along which they are held.
         target: what the points follow, or None.
-        angular: stiffness that holds the axes of a rigid body [mN mm]; None for that of the springs.
+        angular: stiffness that holds the axes of a rigid body [mN mm].
     """
 
     component: "Component"
@@ -100,7 +101,7 @@ class DraftAnchor:
     follows_rest: bool
     directions: str = "xyz"
     target: "AnchorTarget | FrameMotion | None" = None
-    angular: float | None = None
+    angular: float = 0.0
 
     @property
     def axes(self) -> np.ndarray:
@@ -406,9 +407,15 @@ class SceneDraft:
         return self.body_of(component)
 
     def mapping_above(self, component: "Component") -> "Component | None":
-        """The mapping that moves the points on which a component acts by their numbers, or None."""
-        state = nearest(node_of(component), {STATE})
-        return None if state is None or is_assembled(state) else mapping_of(state)
+        """The mapping that moves the points on which a component acts by their numbers, or None; of several one after
+        another the first that is no IdentityMapping."""
+        state, mapping = nearest(node_of(component), {STATE}), None
+        while state is not None and not is_assembled(state) and (above := mapping_of(state)) is not None:
+            mapping = above
+            if canonical(mapping.type_name) != "IdentityMapping":
+                return mapping
+            state = next(iter(inputs_of(mapping)), None)
+        return mapping
 
     def weigh(self, body: DraftBody, mass: Mass) -> None:
         """Give a body its mass; a second one is refused."""
@@ -451,6 +458,11 @@ class SceneDraft:
         if len(outside):
             there = f"its points are 0 to {count - 1}" if count else "there are none"
             raise component.refused(f"names point {int(outside[0])}; {there}")
+
+    def solver_above(self, node: "Node") -> "Component | None":
+        """The time integration of what is in a node: as in SOFA the uppermost of those above, or None."""
+        solvers = [self.solvers[id(above)] for above in upwards(node) if id(above) in self.solvers]
+        return solvers[-1] if solvers else None
 
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
         """The component in `by_node` of a node, or of the nearest node above it, or None."""

@@ -7,7 +7,16 @@ import numpy as np
 
 from taichisoft_sofa.components.draft import SPRING, DraftAnchor, DraftForces, DraftSprings, Mass, SceneDraft
 from taichisoft_sofa.components.mappings import weigh_joint
-from taichisoft_sofa.components.reading import STATE, inputs_of, linked_state, mapping_of, nearest, node_of, topology_of
+from taichisoft_sofa.components.reading import (
+    STATE,
+    described,
+    inputs_of,
+    linked_state,
+    mapping_of,
+    nearest,
+    node_of,
+    topology_of,
+)
 from taichisoft_sofa.components.states import (
     FrameMotion,
     FramePoses,
@@ -16,6 +25,7 @@ from taichisoft_sofa.components.states import (
     composed,
     is_rigid,
     local_position,
+    rest_position,
     rigid_indices,
     start_position,
     start_values,
@@ -113,6 +123,8 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     inertia = _inertia(each)
     if len(each) > 1 and inertia is None:
         raise component.refused(f"vertexMass has {len(each)} numbers; mass, volume and nine of the inertia are known")
+    if not len(each) and not component.is_given("totalMass"):
+        draft.depart(f"{described(component)}: has no totalMass; here 1 kg, as in SOFA before v23.12, and none since")
     given = {"each": float(each[0])} if len(each) and not total_counts else {"total": total}
     draft.weigh(body, Mass(component, inertia=inertia, **given))
 
@@ -136,17 +148,22 @@ def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
         raise component.refused(
             f"filename '{component.read_text('filename')}' is not read; give totalMass or massDensity"
         )
-    if len(each) and (len(each) != len(body.position) or (each != each[0]).any()):
-        raise component.refused(f"vertexMass has {len(each)} numbers, not one for all of {len(body.position)} points")
-    if len(each):
-        draft.weigh(body, Mass(component, each=float(each[0])))
-    elif component.is_given("totalMass"):
-        draft.weigh(body, Mass(component, total=component.read_number("totalMass"), density=0.0))
-    else:
+    # As in SOFA: the total counts before the density, the density before masses of points, and 1 kg without any.
+    if not component.is_given("totalMass") and component.is_given("massDensity"):
         density = component.read_numbers("massDensity")
         if not len(density) or (density != density[0]).any():
             raise component.refused(f"massDensity has {len(density)} numbers; a body has one density here")
         draft.weigh(body, Mass(component, density=float(density[0])))
+    elif not component.is_given("totalMass") and len(each):
+        if component.type_name == "MeshMatrixMass" and not component.read_flag("lumping"):
+            raise component.refused("vertexMass without lumping is an error in SOFA; set lumping, or give totalMass")
+        if len(each) != len(body.position) or (each != each[0]).any():
+            raise component.refused(
+                f"vertexMass has {len(each)} numbers, not one for all of {len(body.position)} points"
+            )
+        draft.weigh(body, Mass(component, each=float(each[0])))
+    else:
+        draft.weigh(body, Mass(component, total=component.read_number("totalMass"), density=0.0))
     if component.type_name == "MeshMatrixMass" and not component.read_flag("lumping"):
         draft.depart(
             f"{node_of(component).getPathName()}: MeshMatrixMass couples neighbours; here each point has its share"
@@ -193,12 +210,20 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     if not len(stiffness):
         stiffness = np.array([SPRING])
     # As in SOFA: the first stiffness holds for all points unless there is one per point.
-    each = stiffness if len(stiffness) == len(chosen) else np.full(len(chosen), stiffness[0])
-    external = _external_points(component, chosen)
-    for value in np.unique(each):
-        target = None if external is None else replace(external, indices=external.indices[each == value])
-        own = DraftAnchor(component, chosen[each == value], float(value), follows_rest=target is None, target=target)
-        body.anchors.append(own)
+    turning = component.read_numbers("angularStiffness")[: len(stiffness)]
+    turning = np.pad(turning, (0, len(stiffness) - len(turning)), constant_values=SPRING)
+    each = np.column_stack([stiffness, turning if body.rigid else 0.0 * turning])
+    each = each if len(each) == len(chosen) else np.tile(each[0], (len(chosen), 1))
+    external, rest = _external_points(component, chosen), rest_position(body.state)
+    if external is None and not body.state.is_given("rest_position") and (rest != body.position).any():
+        body.state.set_all({"rest_position": rest})  # the springs pull from the first step on
+    for kind in np.unique(each, axis=0):
+        alike = (each == kind).all(axis=1)
+        target = None if external is None else replace(external, indices=external.indices[alike])
+        value, angular = kind.tolist()
+        body.anchors.append(
+            DraftAnchor(component, chosen[alike], value, target is None, target=target, angular=angular)
+        )
     _note_selection(component, "points", draft)
 
 
@@ -211,7 +236,7 @@ def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget |
     count = len(start_position(state))
     indices = component.read_numbers("external_points", "external_indices").astype(np.int64)
     if not len(indices):
-        indices = chosen if count > int(chosen.max(initial=-1)) and count != len(chosen) else np.arange(len(chosen))
+        indices = np.arange(count)  # as in SOFA, which has no springs if these are more or fewer
     if len(indices) != len(chosen) or (len(indices) and indices.max() >= count):
         raise component.refused(
             f"external_points has {len(indices)} points, of {count} in {state.getPathName()}; {len(chosen)} are needed",
@@ -258,7 +283,7 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     if component.read_flag("indexFromEnd"):
         points = len(places) - 1 - points
     draft.check_points(component, points, len(places))
-    name = next((name for name in ("totalForce", "forces") if component.is_given(name)), "force")
+    name = next((name for name in ("forces", "force", "totalForce") if component.is_given(name)), "force")
     values = component.read_numbers(name, default=(0.0,) * width)
     if values.size % width:
         raise component.refused(f"{name} has {values.size} numbers; they are not rows of {width}")
@@ -266,7 +291,11 @@ def constant_forces(component: Component, draft: "SceneDraft") -> None:
     each = {"totalForce": each[:1] / max(len(points), 1), "forces": each, "force": each[:1]}[name]
     if not len(each):
         raise component.refused("has no force; give force, forces or totalForce")
-    # As in SOFA: points beyond the list have its last force.
+    if name == "forces" and len(each) != len(points):  # as in older versions
+        draft.depart(
+            f"{described(component)}: has {len(each)} forces for {len(points)} points, of which the last holds for the "
+            "rest; later versions of SOFA report an error"
+        )
     forces = each[np.minimum(np.arange(len(points)), len(each) - 1)]
     if forces[:, 3:].any():
         raise component.refused("has a torque on a rigid body; forces alone act on rigid bodies here")
@@ -297,7 +326,7 @@ def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
     if component.is_given("relativeMovements") and not component.read_flag("relativeMovements"):
         if body.rigid:
             raise component.refused("relativeMovements = false of a rigid body; give movements from its start")
-        shifts = shifts - start[:1]
+        start = np.zeros_like(start)  # as in SOFA: all points go to one place, or one coordinate
     if body.rigid and len(body.position) > 1:
         raise component.refused(f"moves one of {len(body.position)} frames; give it a MechanicalObject with one")
     target = FrameMotion(start, times, shifts) if body.rigid else MotionTarget(start, times, shifts)
@@ -375,6 +404,8 @@ CELLS |= {"tetrahedra": ("tetrahedra", 4), "tetras": ("tetrahedra", 4), "cubes":
     damping=((DAMPING,), FROM_0),
     noCompression=False,
     elongationOnly=BOOLS,
+    enabled=(BOOLS, (True,)),
+    rayleighStiffness=unused(0.0),
 )
 def single_springs(component: "Component", draft: "SceneDraft") -> None:
     """Translate springs that are listed: by `spring`, rows of two indices, stiffness, damping and length at rest, or by
@@ -388,13 +419,18 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
         first, second = (component.read_numbers(f"indices{end}").astype(np.int64) for end in (1, 2))
         if len(first) != len(second):
             raise component.refused(f"indices1 has {len(first)} points, indices2 {len(second)}")
-        # As in SOFA: a list that has not one number for each spring has its first, or 0, for all of them.
+        # As in SOFA: springs beyond a list have its last number, or 0.
         lists = (component.read_numbers(*names) for names in (("stiffness",), ("damping",), ("lengths", "length")))
-        each = [one if len(one) == len(first) else np.full(len(first), [*one, 0.0][0]) for one in lists]
+        numbers = np.arange(len(first))
+        each = [one[np.minimum(numbers, len(one) - 1)] if len(one) else np.zeros(len(first)) for one in lists]
         rows = np.column_stack([first, second, *each])
     pulls_alone = component.read_numbers("elongationOnly").astype(bool)
     if len(pulls_alone) not in (0, 1, len(rows)):
         raise component.refused(f"elongationOnly has {len(pulls_alone)} values for {len(rows)} springs")
+    enabled = component.read_numbers("enabled").astype(bool)
+    if len(enabled) not in (1, len(rows)):
+        raise component.refused(f"enabled has {len(enabled)} values for {len(rows)} springs")
+    rows[~np.broadcast_to(enabled, len(rows)), 2:4] = 0.0
     pairs, (stiffness, damping, lengths) = rows[:, :2].astype(np.int64), rows[:, 2:].T
     _add(component, draft, ends, pairs, stiffness, damping, lengths, pulls_alone)
 
@@ -406,6 +442,7 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
     topology=LINK,
     noCompression=False,
     localRange=unused(()),
+    rayleighStiffness=unused(0.0),
     **{f"{cells}{what}": (0.0, FROM_0) for cells in CELLS for what in ("Stiffness", "Damping")},
     stiffness=(0.0, FROM_0),
     damping=(0.0, FROM_0),

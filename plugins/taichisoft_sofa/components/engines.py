@@ -95,6 +95,10 @@ DUST = 8.0 * np.finfo(np.float64).eps ** 2
 """A coordinate below this fraction of the largest counts as 0, because it is a round-off error."""
 
 
+UNIT_BOX = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+"""Of a BoxROI without any box, as in SOFA [mm]."""
+
+
 def region_of(engine: "Component") -> Inside:
     """Predicate for points inside the region of an engine, or on its faces."""
     if canonical(engine.type_name) == "SphereROI":
@@ -102,7 +106,8 @@ def region_of(engine: "Component") -> Inside:
         if len(radii) not in (1, len(centres)):
             raise engine.refused(f"radii has {len(radii)} numbers for {len(centres)} centers")
         return in_spheres(centres, radii)
-    boxes = in_boxes(engine.read_numbers("box").reshape(-1, 6))
+    given = engine.is_given("box") or engine.is_given("orientedBox")
+    boxes = in_boxes((engine.read_numbers("box") if given else np.array(UNIT_BOX)).reshape(-1, 6))
     oriented = in_oriented_boxes(engine.read_numbers("orientedBox").reshape(-1, 10))
     return lambda points: boxes(points) | oriented(points)
 

@@ -192,6 +192,8 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
 def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Translate linear corotational elasticity of the hexahedra of the nearest topology."""
     body = draft.own_body_of(component)
+    if (method := component.read_text("method").lower()) not in ("large", "polar"):
+        raise component.refused(f"method '{method}'; hexahedra turn with the body here: large, polar")
     topology = topology_of(component, fits=_has_hexahedra)
     hexahedra = computed(topology, "hexahedra", 8)
     if topology is None or not len(hexahedra):
@@ -206,7 +208,7 @@ def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     young, poisson = np.repeat(young * stiffness_factors(topology, count), 6), np.repeat(poisson, 6)
     draft.depart(
         f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
-        "in SOFA it turns on the whole"
+        "in SOFA it turns on the whole; mapped points follow one of its tetrahedra, in SOFA all its corners"
     )
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, "polar", element="hexahedral"))
 

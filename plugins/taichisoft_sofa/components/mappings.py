@@ -37,7 +37,8 @@ def _derivatives(state: "Component") -> ValueKind:
     size=0,
     **TRANSFORMED,
     **TURNED_AGAIN,
-    **{f"{letter}{axis}": 0.0 for letter in "dr" for axis in "xyz"},
+    **{f"{letter}{axis}{more}": 0.0 for letter in "dr" for axis in "xyz" for more in ("", "2")},
+    **{f"s{axis}": 1.0 for axis in "xyz"},
     showObject=False,
     restScale=1.0,
     **without_effect("freePosition restPosition reset_velocity"),
@@ -54,7 +55,7 @@ def mechanical_object(component: "Component", draft: "SceneDraft") -> None:
 
 MAPPING = {
     **dict.fromkeys(("input", "input1", "input2", "output", "object1", "object2"), LINK),
-    "mapConstraints": unused(True),
+    **dict.fromkeys(("mapConstraints", "mapForces", "mapMasses"), unused(True)),
 }
 """Data of every mapping."""
 
@@ -65,6 +66,8 @@ MAPPING = {
     **MAPPING,
     index=0,
     rigidIndexPerPoint=(INDICES, (), FROM_0),
+    indexFromEnd=unused(False),
+    repartition=unused(()),
     globalToLocalCoords=False,
 )
 @component("SkinningMapping", **MAPPING, nbRef=INDICES, indices=INDICES, weight=())
@@ -133,7 +136,7 @@ def held_joints(draft: "SceneDraft") -> "list[DraftJoint]":
         else:
             with draft.refusing():
                 joint.stiffness(), joint.rest()
-            joint.solver = draft.above(node_of(joint.state), draft.solvers)
+            joint.solver = draft.solver_above(node_of(joint.state))
             held.append(joint)
             draft.depart("joints: bodies do not turn them; in SOFA their springs give way by torque over stiffness")
     return held

@@ -374,7 +374,7 @@ def file_finder(component: "Component") -> Callable[[str], Path | None]:
 
 def loader_position(loader: "Component") -> np.ndarray:
     """Points of a loader [mm], scaled, rotated and translated, shape (count, 3)."""
-    scale = loader.read_vector("scale3d", default=[loader.read_number("scale")] * 3)
+    scale = loader.read_vector("scale3d") * loader.read_number("scale")
     rotation = loader.read_vector("rotation", "rotation2")
     translation = loader.read_vector("translation", "translation2")
     return placed_by_loader(read_loader(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())

@@ -50,15 +50,16 @@ def width_of(state: "Component") -> int:
 
 def keep_start_position(state: "Component") -> None:
     """Keep the positions at the start, as SOFA does when it initialises a scene; later writes do not change them."""
-    if not hasattr(state, "_start"):
+    if not hasattr(state, "_kept"):
         with contextlib.suppress(SceneError):  # refused where it is translated, if that needs it
-            state._start = start_position(state)
+            state._kept = start_position(state), start_position(state, at_rest=True)
 
 
-def start_position(state: "Component") -> np.ndarray:
-    """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7)."""
-    if hasattr(state, "_start"):
-        kept: np.ndarray = state._start
+def start_position(state: "Component", at_rest: bool = False) -> np.ndarray:
+    """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7); `at_rest`
+    before `rotation2` and `translation2`, which do not move the rest shape."""
+    if hasattr(state, "_kept"):
+        kept: np.ndarray = state._kept[at_rest]
         return kept
     width = width_of(state)
     if width not in WIDTHS:
@@ -66,16 +67,13 @@ def start_position(state: "Component") -> np.ndarray:
     found = _source(state, width)
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
-    scale = state.read_vector("scale3d", default=[state.read_number("scale")] * 3)
-    motions = [
-        (
-            state.read_vector("rotation", default=_axes(state, "r")),
-            state.read_vector("translation", default=_axes(state, "d")),
-        ),
-        (state.read_vector("rotation2"), state.read_vector("translation2")),
-    ]
+    scale = state.read_vector("scale3d", default=_axes(state, "s{}"))
+    if state.is_given("scale"):
+        scale = np.full(3, state.read_number("scale"))
     points, turns = found[:, :3], found[:, 3:]
-    for rotation, translation in motions:
+    for more in ("",) if at_rest else ("", "2"):
+        rotation = state.read_vector(f"rotation{more}", default=_axes(state, f"r{{}}{more}"))
+        translation = state.read_vector(f"translation{more}", default=_axes(state, f"d{{}}{more}"))
         if (scale != 1.0).any() or rotation.any() or translation.any():
             points = placed(points, scale.tolist(), rotation.tolist(), translation.tolist())
         if width == 7:
@@ -84,9 +82,9 @@ def start_position(state: "Component") -> np.ndarray:
     return points if width == 3 else np.column_stack([points, turns])
 
 
-def _axes(state: "Component", letter: str) -> list[float]:
-    """Translation (dx, dy, dz) or rotation (rx, ry, rz) in the older format."""
-    return [state.read_number(f"{letter}{axis}") for axis in "xyz"]
+def _axes(state: "Component", name: str) -> list[float]:
+    """Three data of names such as "d{}" in the older format: dx, dy and dz of a translation."""
+    return [state.read_number(name.format(axis)) for axis in "xyz"]
 
 
 def _source(state: "Component", width: int) -> np.ndarray:
@@ -129,16 +127,16 @@ def start_velocity(state: "Component") -> np.ndarray:
     return np.asarray(rows[0])
 
 
-def state_position(state: "Component") -> np.ndarray:
+def state_position(state: "Component", at_rest: bool = False) -> np.ndarray:
     if (width := width_of(state)) not in WIDTHS:  # such a state has no effect here, but its scene may read it
         return np.reshape(state.read_data("position"), (-1, max(width, 1)))
-    return start_position(state)
+    return start_position(state, at_rest)
 
 
 def rest_position(state: "Component") -> np.ndarray:
     if state.is_given("rest_position"):
         return np.reshape(state.read_data("rest_position"), (-1, max(width_of(state), 1)))
-    return state.read_number("restScale") * state_position(state)
+    return state.read_number("restScale") * state_position(state, at_rest=True)
 
 
 Values = Callable[["Component"], np.ndarray]
@@ -254,6 +252,8 @@ def rigid_indices(mapping: "Component", count: int) -> np.ndarray:
     each = mapping.read_numbers("rigidIndexPerPoint").astype(np.int64)
     if len(each) == count:
         return each
+    if len(each) and count:
+        raise mapping.refused(f"rigidIndexPerPoint has {len(each)} numbers for {count} points")
     return np.full(count, int(mapping.read_number("index")))
 
 

@@ -188,20 +188,21 @@ def grid_size(grid: "Component") -> tuple[int, int, int]:
 
 
 def grid_position(grid: "Component") -> np.ndarray:
-    """Points of a grid [mm], shape (count, 3), x fastest: `min` to `max`, or cells of `cellWidth`, and `p0`."""
-    size = grid_size(grid)
+    """Points of a grid [mm], shape (count, 3), x fastest: from `min`, or `p0`, by `max` - `min`.
+
+    As in SOFA, one layer along x or y is half way between its ends, one along z at its lower end.
+    """
+    size = np.array(grid_size(grid))
+    if grid.read_number("cellWidth") > 0.0:
+        raise grid.refused("cellWidth is not known for this grid; give its number of points, n")
     low, high = (
         grid.read_vector(end) if grid.is_given(end) else np.array([grid.read_number(f"{axis}{end}") for axis in "xyz"])
         for end in ("min", "max")
     )
-    width = grid.read_number("cellWidth")
-    if width > 0.0:
-        high = low + width * (np.array(size) - 1)
-    axes = [
-        np.linspace(a, b, count) if count > 1 else np.array([a]) for a, b, count in zip(low, high, size, strict=True)
-    ]
-    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel(), z.ravel()]) + grid.read_vector("p0")
+    first = np.where((size == 1) & [True, True, False], (low + high) / 2, low)
+    x, y, z = (np.linspace(0.0, b - a, n) for a, b, n in zip(low, high, size, strict=True))
+    place = np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], axis=-1).reshape(-1, 3)
+    return place + grid.read_vector("p0", default=first.tolist())
 
 
 def _corners(place: np.ndarray) -> list[np.ndarray]:

@@ -256,9 +256,10 @@ class SceneWrites:
         self._revisions: dict[int, int] = {}
 
     def begin(self) -> None:
-        """Take all writes up to now as the initial state; later writes are changes."""
-        for data in self._rest.values():
-            data.take()
+        """Take all writes up to now as the initial state, but rest positions elsewhere; later writes are changes."""
+        for name, data in self._rest.items():
+            if not data.is_set() or np.array_equal(data.given(), self._translation.soft[name].body.position):
+                data.take()
         self._gravity.take()
         for part in self._stiffness:
             part.begin()
@@ -376,4 +377,4 @@ def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:
     if len(rest) != len(part.body.position):
         raise SceneError(f"{data.linkpath}: has {len(rest)} points; {len(part.body.position)} are needed")
     held = part.points[part.anchored]
-    return np.asarray(np.where(part.anchored_follows[:, None], rest[held], part.body.position[held]))
+    return np.asarray(np.where(part.anchored_follows, rest[held], part.body.position[held]))

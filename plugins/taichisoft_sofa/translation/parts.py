@@ -42,6 +42,10 @@ def contact_table(draft: SceneDraft) -> dict[str, Any]:
         "contact: bodies slide by the whole of their free motion, of which SOFA drops the tangential part where they "
         "separate; contacts are solved until they change by less than 1e-5 mm/s, whatever tolerance the scene gives"
     )
+    if "narrow phase" not in draft.pipeline:
+        draft.depart(
+            "contact: is found, though there is no narrow phase, without which SOFA v21.06 and later find none"
+        )
     table: dict[str, Any] = {"friction": friction_of(draft.pipeline["response"], draft)}
     if "distance" in draft.pipeline:
         alarm, contact = map(draft.pipeline["distance"].read_number, ("alarmDistance", "contactDistance"))
@@ -120,7 +124,7 @@ class SoftPart:
         elements: node indices of the tetrahedra, shape (element_count, 4).
         material: number of each element's native material: 0 for the body's own, from 1 for regions, (element_count,).
         anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
-        anchored_follows: whether each anchored node follows `rest_position`, else a frame or nothing, (anchor_count,).
+        anchored_follows: whether each anchored node follows `rest_position` along each axis, shape (anchor_count, 3).
         targets: what anchored nodes follow: the target, numbers of the nodes in `anchored`, of its points, of the axes.
     """
 
@@ -129,7 +133,7 @@ class SoftPart:
     elements: np.ndarray
     material: np.ndarray
     anchored: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    anchored_follows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    anchored_follows: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=bool))
     targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray, np.ndarray], ...]" = ()
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from taichisoft_sofa.components.draft import (
-    SPRING,
     DraftAnchor,
     DraftBody,
     DraftFrame,
@@ -20,12 +19,14 @@ from taichisoft_sofa.components.dynamics import HELD
 from taichisoft_sofa.components.reading import STATE, inputs_of, is_assembled, mapping_of, nearest, node_of
 from taichisoft_sofa.components.states import (
     DrivenFrameTarget,
+    FramePoses,
     PointsTarget,
     base_frames,
     bases_of,
     index_pairs,
     rigid_indices,
     start_position,
+    start_values,
     start_velocity,
     width_of,
 )
@@ -38,6 +39,8 @@ from taichisoft_sofa.tree.value_kinds import canonical
 
 STIFFENING = 1e4
 """Young's modulus of a rigid part over that of the body [-]."""
+SAME = 1e-6
+"""Difference of poses that is round-off [mm] and [-]."""
 STIFF = 1e6
 """Stiffness of springs that hold a frame of a soft body as if it were fixed [mN/mm]."""
 
@@ -91,7 +94,7 @@ def is_driven(state: "Component", index: int, draft: "SceneDraft") -> bool:
     """Whether the scene says where a frame is: joints turn it, it is held, or nothing moves it."""
     return all(
         width_of(base) == 1
-        or draft.above(node_of(base), draft.solvers) is None
+        or draft.solver_above(node_of(base)) is None
         or any(anchor.directions == "xyz" and own in (None, *anchor.points) for anchor in _anchors(base, draft))
         for base, own in base_frames(state, index)
     )
@@ -268,7 +271,7 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
     else:
         draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA assumes 1 mm^2 per mass")
     _note_lost_weight(body, float(mass), draft)
-    solver = draft.above(body.node, draft.solvers)
+    solver = draft.solver_above(body.node)
     if solver is not None and solver.read_number("rayleighMass", default=0.0) > 0.0:
         draft.depart(f"{body.node.getPathName()}: rayleighMass does not slow a rigid body down here; in SOFA it does")
     _add_springs(name, body, table, draft, translation)
@@ -289,17 +292,20 @@ def _add_springs(
             raise anchor.component.refused(
                 "holds a rigid body in part, or twice; one spring field holds all of it here"
             )
-        solver = draft.above(body.node, draft.solvers)
+        solver = draft.solver_above(body.node)
         table["springs"] = {
             "stiffness": float(anchor.stiffness),
-            "angular_stiffness": anchor.component.read_number("angularStiffness", default=SPRING)
-            if anchor.angular is None
-            else anchor.angular,
+            "angular_stiffness": anchor.angular,
             "rayleigh_stiffness": 0.0 if solver is None else solver.read_number("rayleighStiffness", default=0.0),
             "follows": name,
         }
         if isinstance(anchor.target, PointsTarget):
-            translation.add_frame(name, *anchor.target.frame_of(0))
+            state, index = anchor.target.frame_of(0)
+            if not np.allclose(FramePoses(start_values).of(state)[index], body.position[0], rtol=0.0, atol=SAME):
+                raise anchor.component.refused(
+                    f"external_rest_shape: {state.getPathName()} begins elsewhere; a rigid body begins at rest"
+                )
+            translation.add_frame(name, state, index)
         else:
             translation.add_frame(name, body.state, body.index)
             draft.sprung[body.state] = None

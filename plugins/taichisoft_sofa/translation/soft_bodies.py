@@ -153,11 +153,12 @@ def _strain(rest: np.ndarray, position: np.ndarray) -> float:
 def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np.ndarray) -> SoftPart:
     """A soft body with what its anchored nodes follow; of two anchors along one axis of a node the later decides."""
     count = len(part.points)
-    by, follows = np.full((count, 3), -1), np.ones(count, dtype=bool)
+    by, follows = np.full((count, 3), -1), np.ones((count, 3), dtype=bool)
     for place, anchor in enumerate(anchors):
         nodes = node_of_point[anchor.points]
-        by[np.ix_(nodes[nodes >= 0], anchor.axes)] = place
-        follows[nodes[nodes >= 0]] &= anchor.follows_rest
+        held_here = np.ix_(nodes[nodes >= 0], anchor.axes)
+        by[held_here] = place
+        follows[held_here] &= anchor.follows_rest
     held = (by >= 0).any(axis=1)
     targets = []
     for place, anchor in enumerate(anchors):

@@ -44,7 +44,7 @@ from taichisoft_sofa.translation.rigid_bodies import (
 )
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
 from taichisoft_sofa.tree.component import Component, misspelt, names_of
-from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.node import OF_NODES, Node
 from taichisoft_sofa.tree.scene_controller import OwnComponent
 from taichisoft_sofa.tree.value_kinds import LINK, Declared, canonical
 
@@ -182,7 +182,7 @@ def _is_mere_points(body: DraftBody) -> bool:
 
 def moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
     """The solver that moves a body; None if it stands still."""
-    solver = draft.above(body.node, draft.solvers)
+    solver = draft.solver_above(body.node)
     if solver is not None and draft.above(body.node, draft.linear_solvers) is None:
         draft.depart(
             f"{body.node.getPathName()}: moves, though it has no linear solver, without which SOFA moves nothing"
@@ -415,6 +415,9 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         for name in ("gravity", "dt"):
             if node is not root and node.is_given(name):
                 translation.not_read.setdefault("Node", {})[name] = None
+        for name in vars(node) | node.data_by_name:
+            if name not in OF_NODES and not name.startswith("_") and (meant := misspelt(name, tuple(OF_NODES))):
+                draft.depart(f"{node.described()}: {name} is not read here; did you mean '{meant}'?")
     active = [component for node in root.walk() if _is_active(node) for component in node.objects]
     for component in active:
         _gather(component, draft, translation)
@@ -521,8 +524,8 @@ def _add_bodies(bodies: list[DraftBody], frames: list[DraftFrame], draft: SceneD
 def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a body as a rigid body, soft body or obstacle."""
     solver = moved_by(body, draft)
-    fixed = any(anchor.directions == "xyz" and not anchor.follows_rest for anchor in body.anchors)
-    if body.rigid and fixed and motion_of(body) is None:
+    held = (anchor for anchor in body.anchors if anchor.target is None and not anchor.follows_rest)
+    if body.rigid and any(anchor.directions == "xyz" for anchor in held):
         solver = None  # its frame is fixed
     if not body.rigid and len(body_tetrahedra(body)):
         add_soft_body(name, body, solver, draft, translation)

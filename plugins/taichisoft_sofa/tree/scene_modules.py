@@ -310,6 +310,7 @@ class _Builder:
             data = {key: value for key, value in given.items() if key != "name" and not key.startswith("show")}
             if not inside:
                 lines = [f"root.findData({key!r}) and setattr(root, {key!r}, {value!r})" for key, value in data.items()]
+                lines += [f"root.findData({key!r}) or root.set_all({ {key: value}!r})" for key, value in data.items()]
             else:
                 lines = [f"{self._open[-1]} = {inside}.addChild({given.get('name', 'unnamed')!r}, **{data!r})"]
         else:
