@@ -4,6 +4,7 @@ import io
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,10 @@ from taichisoft_outputs.web.web_output import WebOutput
 pytest.importorskip("viser", reason="needs the extra 'web'")
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[Session]:
     """The tiny gripper with a page, paused at its start."""
-    output = WebOutput(tmp_path_factory.mktemp("run"), "127.0.0.1:0")
+    output = WebOutput(tmp_path / "run", "127.0.0.1:0")
     running = Session(Simulation(load_scene(TINY_GRIPPER)), KeyboardController(), [output], np.inf, speed=1.0)
     running.paused = True
     thread = threading.Thread(target=run_session, args=(running,))

@@ -325,8 +325,8 @@ def place_arms(
             start_gap -= (2.0 * side - 1.0) * passed * speed
     if turns != 0 and start_gap < separation.touching[c]:
         for side in ti.static(range(2)):
-            if is_corner(c, side, contacts, is_round):
-                body = contacts.bodies[c, side] - first_rigid
+            body = contacts.bodies[c, side] - first_rigid
+            if body >= 0 and body < rigid.position.shape[0] and is_corner(c, side, contacts, is_round):
                 back = -0.5 * passed * rigid.angular[body]
                 separation.arm[c, side] = turned(separation.arm[c, side], back)
 
