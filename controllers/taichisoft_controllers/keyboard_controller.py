@@ -120,8 +120,8 @@ class KeyboardController(Controller):
                 for drive in drives[:1]:  # sealed air has none
                     self.sliders[name] = _slider(*_range(drive, number, model), self._step(drive), drive)
                     self._drives[name] = drive
-        network = model.cavities.network
         for number, (name, drive) in enumerate(network_drives(model.scene.air).items()):
+            network = model.cavities.network
             low, high = network.drive_range[number].tolist()
             slider = _slider(*_within(drive, low, high, model), self._step(drive), drive)
             self.sliders[name] = moved(slider, float(network.start_drive[number]))
