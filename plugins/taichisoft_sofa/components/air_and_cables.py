@@ -50,9 +50,7 @@ def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") 
     centres = component.read_numbers("centers").reshape(-1, 3)
     if not len(centres):
         centres = points[component.read_numbers("indices").astype(np.int64)]
-    radii = component.read_numbers("radii")
-    if len(radii) not in (1, len(centres)):
-        raise component.refused(f"radii has {len(radii)} numbers for {len(centres)} places")
+    radii = component.read_each("radii", len(centres), "places")
     draft.depart(
         f"{component.getPathName()}: its length is measured to the weighted means of its areas; in SOFA to one vertex "
         "of each, which is not what it pulls at"
@@ -61,7 +59,7 @@ def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") 
     surface, used = trimesh.Trimesh(points, triangles, process=False), np.unique(triangles)
     feet, _, under = trimesh.proximity.closest_point_naive(surface, centres)
     places: list[Any] = []
-    for foot, triangle, radius in zip(feet, under, np.broadcast_to(radii, len(centres)), strict=True):
+    for foot, triangle, radius in zip(feet, under, radii, strict=True):
         distance = np.full(len(points), np.inf)
         if method == "sphere":
             distance[used] = np.linalg.norm(points[used] - foot, axis=1)

@@ -381,7 +381,6 @@ def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> N
 
 STIFFNESS, DAMPING = 100.0, 5.0
 """SOFA's defaults of springs that are given one by one [mN/mm] and [mN s/mm]."""
-EACH_PUSHES = np.zeros(0, dtype=bool)
 MOST = 500
 """Largest number of springs between bodies: each is a row of the constraint solver."""
 CELLS = {"lines": ("edges", 2), "triangles": ("triangles", 3), "quads": ("quads", 4)}
@@ -424,15 +423,12 @@ def single_springs(component: "Component", draft: "SceneDraft") -> None:
         numbers = np.arange(len(first))
         each = [one[np.minimum(numbers, len(one) - 1)] if len(one) else np.zeros(len(first)) for one in lists]
         rows = np.column_stack([first, second, *each])
-    pulls_alone = component.read_numbers("elongationOnly").astype(bool)
-    if len(pulls_alone) not in (0, 1, len(rows)):
-        raise component.refused(f"elongationOnly has {len(pulls_alone)} values for {len(rows)} springs")
-    enabled = component.read_numbers("enabled").astype(bool)
-    if len(enabled) not in (1, len(rows)):
-        raise component.refused(f"enabled has {len(enabled)} values for {len(rows)} springs")
-    rows[~np.broadcast_to(enabled, len(rows)), 2:4] = 0.0
+    pushes: np.ndarray | bool = True
+    if len(component.read_numbers("elongationOnly")):
+        pushes = component.read_each("elongationOnly", len(rows), "springs") == 0.0
+    rows[component.read_each("enabled", len(rows), "springs") == 0.0, 2:4] = 0.0
     pairs, (stiffness, damping, lengths) = rows[:, :2].astype(np.int64), rows[:, 2:].T
-    _add(component, draft, ends, pairs, stiffness, damping, lengths, pulls_alone)
+    _add(component, draft, ends, pairs, stiffness, damping, lengths, pushes)
 
 
 @component(
@@ -488,7 +484,7 @@ def _add(
     stiffness: np.ndarray,
     damping: np.ndarray,
     lengths: np.ndarray | None = None,
-    pulls_alone: np.ndarray = EACH_PUSHES,
+    pushes: np.ndarray | bool = True,
 ) -> None:
     """Add springs between pairs of points; without lengths they are at rest, with stiffness and damping by stretch."""
     for state, points in zip(ends, pairs.T, strict=True):
@@ -505,8 +501,7 @@ def _add(
         raise component.refused(f"joins points {one} and {other} at one place; a spring needs a length here")
     if lengths is None:
         lengths, stiffness, damping = distances, stiffness / distances, damping / distances
-    pushes = np.broadcast_to(~pulls_alone if len(pulls_alone) else True, len(pairs))
-    pushes = pushes & (not component.read_flag("noCompression"))
+    pushes = np.broadcast_to(pushes & (not component.read_flag("noCompression")), len(pairs))
     columns = (one[there] for one in (pairs, distances, stiffness, damping, lengths, pushes))
     draft.springs.append(DraftSprings(component, ends, is_inside, *columns))
     if not is_inside and sum(len(one.pairs) for one in draft.springs if not one.is_inside) > MOST:

@@ -102,10 +102,8 @@ UNIT_BOX = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 def region_of(engine: "Component") -> Inside:
     """Predicate for points inside the region of an engine, or on its faces."""
     if canonical(engine.type_name) == "SphereROI":
-        centres, radii = engine.read_numbers("centers").reshape(-1, 3), engine.read_numbers("radii")
-        if len(radii) not in (1, len(centres)):
-            raise engine.refused(f"radii has {len(radii)} numbers for {len(centres)} centers")
-        return in_spheres(centres, radii)
+        centres = engine.read_numbers("centers").reshape(-1, 3)
+        return in_spheres(centres, engine.read_each("radii", len(centres), "centers"))
     given = engine.is_given("box") or engine.is_given("orientedBox")
     boxes = in_boxes((engine.read_numbers("box") if given else np.array(UNIT_BOX)).reshape(-1, 6))
     oriented = in_oriented_boxes(engine.read_numbers("orientedBox").reshape(-1, 10))

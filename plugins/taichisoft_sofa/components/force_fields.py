@@ -145,14 +145,6 @@ COROTATIONS = {"small": "none", "none": "none", "large": "edges", "qr": "edges"}
 COROTATIONS |= dict.fromkeys(("polar", "polar2", "svd"), "polar")
 
 
-def of_cells(component: Component, name: str, count: int, cells: str = "tetrahedra") -> np.ndarray:
-    """A modulus or ratio of each of `count` cells of a force field, shape (count,)."""
-    values = component.read_numbers(name)
-    if len(values) not in (1, count):
-        raise component.refused(f"{name} has {len(values)} numbers for {count} {cells}")
-    return np.broadcast_to(values, count)
-
-
 ELASTICITY = {
     "youngModulus": ((5000.0,), FROM_0),
     "poissonRatio": ((0.45,), RATIO),
@@ -184,7 +176,7 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     tetrahedra = _tetrahedra_of(component)
     count = len(tetrahedra)
     draft.check_points(component, tetrahedra, len(body.position))
-    young, poisson = (of_cells(component, name, count) for name in ("youngModulus", "poissonRatio"))
+    young, poisson = (component.read_each(name, count, "tetrahedra") for name in ("youngModulus", "poissonRatio"))
     body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, COROTATIONS[method]))
 
 
@@ -204,7 +196,7 @@ def hexahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     except MeshError as error:
         raise SceneError(str(error)) from error
     count = len(hexahedra)
-    young, poisson = (of_cells(component, name, count, "hexahedra") for name in ("youngModulus", "poissonRatio"))
+    young, poisson = (component.read_each(name, count, "hexahedra") for name in ("youngModulus", "poissonRatio"))
     young, poisson = np.repeat(young * stiffness_factors(topology, count), 6), np.repeat(poisson, 6)
     draft.depart(
         f"{component.getPathName()}: each hexahedron has one change of volume, and turns at each of its Gauss points; "
@@ -286,7 +278,7 @@ def _cells_of(component: Component) -> np.ndarray:
     topology = topology_of(component, fits=_has_tetrahedra)
     tetrahedra = computed(topology, "tetrahedra", 4)
     if not len(tetrahedra):
-        with_cells = topology or nearest(node_of(component), TOPOLOGIES, lambda one: len(hexahedra_of(one)[0]) > 0)
+        with_cells = topology or nearest(node_of(component), TOPOLOGIES, _has_hexahedra)
         if with_cells is not None:
             tetrahedra = divided(*hexahedra_of(with_cells), alternating=True)
     return tetrahedra

@@ -11,7 +11,6 @@ from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.air_and_cables import VOLUME, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import DraftJoint, DraftMaterial
-from taichisoft_sofa.components.force_fields import of_cells
 from taichisoft_sofa.components.known_components import is_without_effect
 from taichisoft_sofa.components.reading import STATE, described, mapping_of, present_value
 from taichisoft_sofa.components.states import FramePoses, base_frames, bases_of, is_rigid, start_values, width_of
@@ -211,7 +210,7 @@ def _present_stiffness(field: DraftMaterial) -> DraftMaterial:
     if not component.reinit_requested and not component.read_flag("updateStiffness"):
         return field
     component.reinit_requested = False
-    young = of_cells(component, "youngModulus", len(field.tetrahedra))
+    young = component.read_each("youngModulus", len(field.tetrahedra), "tetrahedra")
     return field if np.array_equal(young, field.young_modulus) else replace(field, young_modulus=young)
 
 

@@ -286,6 +286,13 @@ class TreeObject(ABC):
             raise self.refused(f"{names[0]} is empty; a number is needed")
         return float(values[0])
 
+    def read_each(self, name: str, count: int, things: str) -> np.ndarray:
+        """A number of a data for each of `count` things, given one by one or the same for all, shape (count,)."""
+        values = self.read_numbers(name)
+        if len(values) not in (1, count):
+            raise self.refused(f"{name} has {len(values)} numbers for {count} {things}")
+        return np.broadcast_to(values, count)
+
     def read_vector(self, *names: str, default: Sequence[float] | None = None) -> np.ndarray:
         """Three numbers of a data; a default replaces the declared one."""
         values = self.read_numbers(*names, default=default)
