@@ -11,7 +11,6 @@ from taichisoft.errors import SceneError
 from taichisoft_sofa.components.reading import (
     STATE,
     described,
-    in_node,
     independent_state,
     inputs_of,
     is_assembled,
@@ -467,8 +466,3 @@ class SceneDraft:
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
         """The component in `by_node` of a node, or of the nearest node above it, or None."""
         return next((by_node[id(above)] for above in upwards(node) if id(above) in by_node), None)
-
-    def is_mapped(self, component: "Component") -> bool:
-        """Whether the mechanical object in a component's node follows another one."""
-        state = in_node(node_of(component), {STATE})
-        return state is not None and mapping_of(state) is not None

@@ -2,7 +2,7 @@
 
 from taichisoft_sofa.components.draft import DraftJoint, SceneDraft
 from taichisoft_sofa.components.meshes import TRANSFORMED, TURNED_AGAIN
-from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, node_of
+from taichisoft_sofa.components.reading import STATE, in_node, inputs_of, is_assembled, mapping_of, node_of
 from taichisoft_sofa.components.states import (
     FramePoses,
     index_pairs,
@@ -46,7 +46,7 @@ def _derivatives(state: "Component") -> ValueKind:
 def mechanical_object(component: "Component", draft: "SceneDraft") -> None:
     """Make a body of an independent mechanical object, or of points that are put together from several others."""
     if draft.joint_of(component) is None and (
-        not draft.is_mapped(component) or (is_assembled(component) and not is_rigid(component))
+        mapping_of(component) is None or (is_assembled(component) and not is_rigid(component))
     ):
         draft.body_of(component)
 

@@ -26,7 +26,7 @@ def computed(component: "Component | None", name: str, width: int) -> np.ndarray
 
 def described(component: "Component") -> str:
     """Type, path and line of a component, for error messages."""
-    return f"{component.type_name} '{component.getPathName()}' ({component.place})"
+    return f"{component.described()} ({component.place})"
 
 
 STATE = "MechanicalObject"
@@ -62,7 +62,7 @@ def node_of(component: "Component") -> "Node":
     """The node of a component."""
     node = component.getContext()
     if node is None:
-        raise SceneError(f"{component.described()} ({component.place}) is in no node")
+        raise SceneError(f"{described(component)} is in no node")
     return node
 
 
@@ -134,7 +134,7 @@ def linked_state(mapping: "Component", path: str, target: Any) -> "Component":
     kind = getattr(target, "type_name", "")
     state = in_node(target, {STATE}) if kind == "Node" else target if canonical(kind) == STATE else None
     if state is None:
-        raise SceneError(f"{mapping.described()} ({mapping.place}): '{path}' leads to no MechanicalObject")
+        raise mapping.refused(f"'{path}' leads to no MechanicalObject")
     found: Component = state
     return found
 
