@@ -486,6 +486,11 @@ def test_position_constraint_moves_points_along_its_axes(folder: Path) -> None:
     assert abs(moved[5, 0]) > 1e-3
 
 
+def test_later_support_decides_along_its_axis_alone(folder: Path) -> None:
+    run = Run(folder, MOVED.replace("useDirections=[0, 1, 0]", "useDirections=[1, 1, 1]"))
+    np.testing.assert_allclose((run.steps(1) - run.start)[[2, 5]], [[0.0, 0.5, 0.5], [0.5, 0.5, 0.5]], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "component",
     [

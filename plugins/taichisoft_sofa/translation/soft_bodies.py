@@ -165,8 +165,10 @@ def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np
         if anchor.target is not None and not isinstance(anchor.target, FrameMotion):
             there, row = np.flatnonzero(node_of_point[anchor.points] >= 0), np.zeros(count, dtype=np.int64)
             row[node_of_point[anchor.points[there]]] = there
-            if len(chosen := np.flatnonzero((by[held] == place).any(axis=1))):
-                targets.append((anchor.target, chosen, row[held][chosen], anchor.axes))
+            own = by[held] == place
+            for axes in np.unique(own[own.any(axis=1)], axis=0):
+                chosen = np.flatnonzero((own == axes).all(axis=1))
+                targets.append((anchor.target, chosen, row[held][chosen], np.flatnonzero(axes)))
     return replace(part, anchored=np.flatnonzero(held), anchored_follows=follows[held], targets=tuple(targets))
 
 
