@@ -186,7 +186,7 @@ SELECTION = {
 @component("BoxROI", **SELECTION, box=vectors(6), orientedBox=vectors(10))
 @component("SphereROI", **SELECTION, centers=vectors(3), radii=((), FROM_0))
 def accept_selection(component: "Component", draft: "SceneDraft") -> None:
-    """Accept an engine, and record points whose selection differs from SOFA's by round-off."""
+    """Accept an engine; points whose selection differs from SOFA's by round-off are listed."""
     lost = lost_to_round_off(component)
     if len(lost):
         draft.depart(
