@@ -176,14 +176,16 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     meshes = successes(source, ways, make)
     yield (coarse := next(meshes))
     yield from meshes
+    least = FINEST * sizes.smallest
     for ratio in WALL_RATIOS:
         before = rows
-        rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, FINEST * sizes.smallest)
+        rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, least)
         # They would change nothing, or no more than the last ones, as in walls that get the least size with both.
         if rows[:, 9:].min() > 0.9 * sizes.largest or np.array_equal(rows, before):
             continue
         warn_caller(
-            f"{source}: elements are flat in thin walls; tried again with at most {ratio:g} times the walls' thickness"
+            f"{source}: elements are flat in thin walls; tried again with {ratio:g} times the walls' thickness, "
+            f"but no less than {least:.3g} mm"
         )
         with suppress(MeshError):
             yield from successes(source, ways, make)
