@@ -308,17 +308,16 @@ def _without_small_rounds(gmsh: Any, path: Path, solids: list[tuple[int, int]], 
     if not dropped:
         warn_caller(f"{where}: no face has a radius up to {radius:g} mm; it has no effect")
         return solids
-    place = f"at {next(iter(dropped.values())).tolist()} mm"
+    place = next(iter(dropped.values())).tolist()
+    refusal = MeshError(f"{where}: cannot drop {len(dropped)} faces, the first at {place} mm; try a smaller radius")
     try:
         left = occ.defeature([solid for _, solid in solids], list(dropped))
     except Exception as error:  # gmsh raises plain Exception
-        raise MeshError(
-            f"{where}: cannot drop {len(dropped)} faces, the first {place}; try a smaller radius"
-        ) from error
+        raise refusal from error
     occ.synchronize()
     kept = small_rounds()
     if len(left) != len(solids) or len(kept) == len(dropped):
-        raise MeshError(f"{where}: cannot drop {len(dropped)} faces, the first {place}; try a smaller radius")
+        raise refusal
     after = sum(occ.getMass(*solid) for solid in left)
     rest = f"; {len(kept)} are left, the first at {next(iter(kept.values())).tolist()} mm" if kept else ""
     warn_caller(

@@ -120,8 +120,6 @@ def mesh_step(
 KEPT_TOLERANCE = 1e-9
 """Largest error of a volume between the given surfaces, as a share of it [-]: only rounding may be missing."""
 
-"""Largest error of a volume between flat faces [-], whose corners have the rounding of single precision."""
-
 
 def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMesh:
     """Fill a body and keep its surfaces: vertices of the outside, then of each cavity, are the first nodes.
@@ -168,7 +166,7 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     ways += [(True, algorithm) for algorithm in SURFACE_ALGORITHMS]
     ways += [(False, algorithm) for algorithm in SURFACE_ALGORITHMS[1 if flat else 0 :]]
 
-    rows = None
+    rows = np.empty((0, 12))
 
     def make(gmsh: Any, way: tuple[bool, int]) -> VolumeMesh:
         cut, algorithm = way
@@ -178,12 +176,16 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     meshes = successes(source, ways, make)
     yield (coarse := next(meshes))
     yield from meshes
+    least = FINEST * sizes.smallest
     for ratio in WALL_RATIOS:
-        rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, FINEST * sizes.smallest)
-        if rows[:, 9:].min() > 0.9 * sizes.largest:  # they would change nothing
+        before = rows
+        rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, least)
+        # They would change nothing, or no more than the last ones, as in walls that get the least size with both.
+        if rows[:, 9:].min() > 0.9 * sizes.largest or np.array_equal(rows, before):
             continue
         warn_caller(
-            f"{source}: elements are flat in thin walls; tried again with at most {ratio:g} times the walls' thickness"
+            f"{source}: elements are flat in thin walls; tried again with {ratio:g} times the walls' thickness, "
+            f"but no less than {least:.3g} mm"
         )
         with suppress(MeshError):
             yield from successes(source, ways, make)
@@ -197,14 +199,14 @@ def _remesh(
     cut: bool,
     flat: bool,
     source: str,
-    rows: np.ndarray | None,
+    rows: np.ndarray,
 ) -> VolumeMesh:
     shells = (body.outer, *body.cavities)
     surfaces = _classify(gmsh.model, shells, angle, cut)
     gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
     set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
     follow_curvature(gmsh, sizes, [] if flat else shells, angle)
-    if rows is not None:
+    if len(rows):
         obey_wall_sizes(gmsh, sizes, rows)
     gmsh.model.mesh.generate(3)
     mesh = meshed_body(gmsh, surfaces, source)

@@ -156,7 +156,6 @@ GAIN = 0.02
 DIRECTIONS = np.array([signs for signs in product((-1.0, 0.0, 1.0), repeat=3) if any(signs)])
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
-
 MOST_SLIVERS = 40
 """With more of them a mesh is too coarse for its walls, and no other places of its nodes help."""
 

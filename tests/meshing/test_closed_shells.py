@@ -239,7 +239,8 @@ def test_a_solid_in_a_solid_is_taken_for_a_cavity_and_said() -> None:
             together(BODY, box((5, 5, 5), (16, 0, 0))),
             [],
             r"^body.stl, shell 2 of 2: crosses or touches the outer surface, body.stl, shell 1 of 2: \d+ pairs of "
-            r"triangles, the first \(\d+ and \d+\) at \[.*\] mm; silicone must remain between them; both face the same",
+            r"triangles, the first \(\d+ and \d+\) at \[.*\] mm; silicone must remain between them; both face the same "
+            "way: if they are parts of one body, unite = true joins them$",
         ),
         (
             BODY,

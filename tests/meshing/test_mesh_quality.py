@@ -169,10 +169,10 @@ def test_winding_numbers_tell_inside_from_outside() -> None:
 def test_each_limit_is_named_with_value_and_place(limit: dict, line: str) -> None:
     quality = measure(hollow())
     (told,) = missed_limits(quality, QualityLimits(**limit))
-    assert told.startswith(line)
-    place = re.search(r" in \d+ elements?, the worst at (\[.+\]) mm$", told)
-    assert (place is None) == ("walls" in line)
-    if place is not None:
+    place = re.fullmatch(re.escape(line) + r" in \d+ elements?, the worst at (\[.+\]) mm", told)
+    if place is None:
+        assert told == line and "walls" in line
+    else:
         away = np.linalg.norm(quality.centres - json.loads(place[1]), axis=1)
         assert away.min() < 0.01
 
