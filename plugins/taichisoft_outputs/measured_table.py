@@ -14,30 +14,8 @@ NUMBER = re.compile(r"[-+]?[.,]?[0-9][-+0-9.,eE]*|[-+]?(nan|inf)", re.IGNORECASE
 """What is meant as a number, well written or not."""
 UNIT = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]]\s*$")
 """A unit in brackets at the end of a column's name."""
-BARE_UNITS = frozenset(
-    [
-        "",
-        "%",
-        "-",
-        "s",
-        "min",
-        "mm",
-        "cm",
-        "m",
-        "n",
-        "kn",
-        "mn",
-        "pa",
-        "kpa",
-        "mpa",
-        "bar",
-        "deg",
-        "°",
-        "n/mm²",
-        "n/mm2",
-    ]
-)
-"""What may stand without brackets in a line of units."""
+BARE_UNIT = re.compile(r"|%|-|s|min|[mc]?m|[km]?n|[km]?pa|bar|deg|°|n/mm[²2]")
+"""What may stand without brackets in a line of units, in small letters."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +181,7 @@ def _share_of_numbers(cells: Sequence[str]) -> float:
 def _has_units(rows: Sequence[Sequence[str]], line: int) -> bool:
     """Whether the line below the names has a unit, or nothing, for each."""
     units = rows[line + 1] if line + 1 < len(rows) else []
-    known = all(unit.lower() in BARE_UNITS or UNIT.fullmatch(unit) for unit in units)
+    known = all(BARE_UNIT.fullmatch(unit.lower()) or UNIT.fullmatch(unit) for unit in units)
     return len(units) == len(rows[line]) and any(units) and known
 
 
