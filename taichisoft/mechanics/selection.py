@@ -218,8 +218,8 @@ def surface_group(mesh: VolumeMesh, name: str, key: str) -> np.ndarray:
 def _group(mesh: VolumeMesh, name: str, key: str, surfaces: bool) -> np.ndarray:
     if surfaces and name in mesh.surface_groups:
         return mesh.surface_groups[name].reshape(-1)
-    if surfaces and name not in mesh.element_groups and name in named_surfaces(mesh):
-        return named_surfaces(mesh)[name].reshape(-1)
+    if surfaces and name not in mesh.element_groups and (surface := named_surfaces(mesh).get(name)) is not None:
+        return surface.reshape(-1)
     if name in mesh.element_groups:
         elements = mesh.element_groups[name]
         return mesh.elements[elements].reshape(-1) if surfaces else elements

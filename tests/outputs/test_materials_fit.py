@@ -289,12 +289,12 @@ def test_the_command_writes_a_material_that_a_scene_can_name(tmp_path: Path) -> 
 
 
 def test_specimens_of_two_files_are_fitted_together(tmp_path: Path) -> None:
-    """One rubber, 10 and 20 mm^2 thick: each file has its own area, and the modulus has an interval."""
+    """One rubber, 10 and 20 mm^2 thick: each file has its own area and encoding, and the modulus has an interval."""
     stress = nominal_stress("neo-hookean", {"mu": 50.0}, STRETCH)
-    for name, area in (("a", 10.0), ("b", 20.0)):
+    for name, area, encoding in (("a", 10.0, "cp1252"), ("b", 20.0, "utf-16")):
         pairs = zip(STRETCH.tolist(), (area * stress / 1e3).tolist(), strict=True)
         text = "".join(f"{100.0 * (one - 1.0):.5f};{force:.6f}\n" for one, force in pairs).replace(".", ",")
-        (tmp_path / f"{name}.csv").write_text("Dehnung (%);Prüfkraft\n" + text, encoding="cp1252")
+        (tmp_path / f"{name}.csv").write_text("Dehnung (%);Prüfkraft\n" + text, encoding=encoding)
     command = ["fit", str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), "--law", "neo-hookean"]
     command += ["--columns", "force=Prüfkraft (N)", "--area", "10"]
     result = CliRunner().invoke(materials, [*command, "--area", "20"])
