@@ -224,13 +224,21 @@ class _Run:
             if step % self._interval == 0:
                 states[step] = simulation.state
             simulation.step(self._control(step))
-            self._refuse_forces(simulation.state)
+            self._refuse(simulation.state)
             value, slopes = self._part(simulation.observe_state(simulation.state))
             total += value
             parts.append(slopes)
         return states, parts, total
 
-    def _refuse_forces(self, state: State) -> None:
+    def _refuse(self, state: State) -> None:
+        """Refuse a step to a state, of which not all has a derivative."""
+        for name, table, pose in zip(
+            self._model.frames.names, self._model.scene.all_frames.values(), state.frame_pose, strict=True
+        ):
+            holds = any((body.anchor_frame == name).any() for body in self._model.soft_bodies)
+            if self._moves and table.pivot is None and holds and pose[1].any():
+                moved = next(iter(self._moves))
+                raise TaichisoftError(f"by: 'rest.{moved}' moves the pivot of '{name}', which turns: give a pivot")
         external = self._model.external_forces
         for number in np.flatnonzero(state.external_force_steps).tolist():
             name, is_soft = external.names[number], external.is_soft(number)

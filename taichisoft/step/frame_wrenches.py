@@ -10,7 +10,7 @@ import numpy as np
 
 from taichisoft.contact.model import Model
 from taichisoft.mechanics.actuator_kind import Line
-from taichisoft.mechanics.cables import CABLES
+from taichisoft.mechanics.cavities import CAVITIES
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.rigid_body_arrays import FramePlaces
 from taichisoft.mechanics.state import State
@@ -96,8 +96,7 @@ class FrameWrenches:
         self._shared = np.concatenate([*shared, np.zeros(0)]).astype(np.int32)
         self._anchors = AnchorForces(model, soft, equations, self._shared) if shared and soft is not None else None
         self._held = self._lay_out() if self._bodies else None
-        cables = actuators.place(CABLES)
-        coordinates = actuators.first_coordinate[[cables.start, cables.stop]]
+        coordinates = actuators.first_coordinate[[actuators.place(CAVITIES).stop, -1]]
         self._entries = slice(*actuators.coordinates.entry_start[coordinates].tolist())
         counts = np.diff(actuators.coordinates.entry_start)
         self._coordinate = np.repeat(np.arange(len(counts)), counts)[self._entries]

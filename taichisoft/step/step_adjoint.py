@@ -155,8 +155,7 @@ class RestSlopes:
         change = velocity - start.velocity - h * start.gravity + h * elasticity.node_rayleigh_mass[:, None] * velocity
         total = -(more - less) / (2.0 * self._half) - float(self._mass @ (change * nodes).sum(axis=1))
         anchored = self._model.anchored_nodes
-        counts = [int(body.anchored.sum()) for body in self._model.soft_bodies]
-        turn = self._model.places(start).turn[np.repeat(self._model.soft_frame, counts)]
+        turn = self._model.places(start).turn[self._model.anchor_frame]
         targets = np.einsum("aij,aj->ai", turn, self._move[anchored])
         total += h * float((elasticity.anchor_stiffness[anchored] * nodes[anchored] * targets).sum())
         rows = found.row[3 * derivative.contact_count :]

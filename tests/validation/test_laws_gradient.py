@@ -340,6 +340,39 @@ def test_gradient_by_a_dimension(element: str, drive: str, figures: Figures, tmp
         figures.at_most(f"gradient by {name}, {element}, {drive}", error, 1e-5)
 
 
+def test_gradient_by_a_dimension_between_frames(figures: Figures, tmp_path: Path) -> None:
+    """One of the two turns; where its pivot is not given it moves along with the nodes, which is refused."""
+    mesh = make_block((4, 2, 2), (20.0, 10.0, 10.0))
+    move = mesh.nodes * [0.1, 0.05, 0.0]
+
+    def grown(share: float, **pivot: list[float]) -> Simulation:
+        write_volume_mesh(replace(mesh, nodes=mesh.nodes + share * move), tmp_path / "block.msh")
+        body = {
+            **{"mesh": str(tmp_path / "block.msh"), "density": 1e-6, "young_modulus": 100.0, "poisson_ratio": 0.3},
+            "anchors": [
+                {"box": [[-20.0, -9.0, -9.0], [-9.5, 9.0, 9.0]], "follows": "left"},
+                {"box": [[9.5, -9.0, -9.0], [20.0, 9.0, 9.0]], "follows": "right"},
+            ],
+        }
+        frames = {"left": {}, "right": pivot}
+        return Simulation(scene_from_dict({"time": {"step": 0.01}, "frames": frames, "soft_bodies": {"block": body}}))
+
+    def objective(seen: Observation) -> tuple[float, dict[str, np.ndarray]]:
+        return float((weight * seen.state.position).sum()), {"state.position": weight}
+
+    weight = np.random.default_rng(3).standard_normal(mesh.nodes.shape)
+    controls = [Control(frame_rotation={"right": [0.04 * step, 0.02 * step, 0.03 * step]}) for step in range(1, 5)]
+    pivot = [10.0, 0.0, 0.0]
+    slope = float(gradient(grown(0.0, pivot=pivot), controls, objective, ["rest.size"], {"size": move})["rest.size"])
+    sides = []
+    for half in (1e-4, -1e-4):
+        simulation = grown(half, pivot=pivot)
+        sides.append(sum(objective(simulation.step(control).observation)[0] for control in controls))
+    figures.close("gradient by a size", slope, (sides[0] - sides[1]) / 2e-4, 1e-5 * abs(slope))
+    with pytest.raises(TaichisoftError, match=r"'rest\.size' moves the pivot of 'right', which turns: give a pivot"):
+        gradient(grown(0.0), controls, objective, ["rest.size"], {"size": move})
+
+
 PUSH = Control(forces={"cube": Force([0.0, 5.0, 0.0])})
 REFUSED = {
     "by: 'presure.left.cavity' is nothing": {"by": ["presure.left.cavity"]},
