@@ -9,20 +9,18 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import rich
 import trimesh
-from conftest import PATIENCE
+from conftest import PATIENCE, Command
 from rich.console import Console
 from typer.testing import CliRunner
 
 import taichisoft
 from taichisoft import load_scene
 from taichisoft.base import plain
-from taichisoft.command_line import main
 from taichisoft.scene import data_folder
 from taichisoft_benchmarks.__main__ import bench
 from taichisoft_outputs import material_files
@@ -54,25 +52,13 @@ CUBE = SCENE[: SCENE.index("[soft_bodies.finger]")] + SCENE[SCENE.index("[rigid_
 """Needs few kernels, so that its process starts faster."""
 SHIPPED = sorted(path.stem for path in (data_folder() / "scenes").glob("*.toml"))
 
-Command = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
-) -> Callable[..., tuple[int, str, str]]:
-    """Runs the command in a folder of its own; returns exit code, output and errors."""
+def command(command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Command:
+    """Runs the command in a folder of its own with a scene."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.toml").write_text(SCENE)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        shown = capfd.readouterr()
-        return int(left.value.code or 0), shown.out, shown.err
-
-    return run
+    return command
 
 
 def refusal(command: Command, *arguments: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import PATIENCE
+from conftest import PATIENCE, Command
 from studies import made_apart
 
 from taichisoft import load_plugin, read_volume_mesh
@@ -179,17 +179,16 @@ def wait_for_the_end_of_group(leader: int) -> None:
             time.sleep(0.05)
 
 
-def test_locked_folder_is_refused(block: Path, tmp_path: Path) -> None:
+def test_locked_folder_is_refused(block: Path, tmp_path: Path, command: Command) -> None:
     """Two, perhaps on two machines, would mix the files of different meshes of the same name."""
     output = tmp_path / "out"
     with locked_folder(output):
-        _, error = sweep_process(block, output, "--vary", "stretch=1").communicate(timeout=PATIENCE)
+        _, _, error = command("mesh", "sweep", block, "-o", output, "--plugin", PLUGIN, "--vary", "stretch=1")
         assert error.startswith(f"taichisoft: --output {output}: a run is going on there (process {os.getpid()} on ")
     assert not output.exists()
 
 
-def test_wrong_jobs_are_refused(block: Path, tmp_path: Path) -> None:
-    process = sweep_process(block, tmp_path / "out", "--vary", "stretch=1", "--jobs", "0")
-    _, error = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, error) == (2, "taichisoft: --jobs 0: must be at least 1\n")
+def test_wrong_jobs_are_refused(tmp_path: Path, command: Command) -> None:
+    words = ["mesh", "sweep", "block.toml", "-o", tmp_path / "out", "--vary", "stretch=1", "--jobs", "0"]
+    assert command(*words) == (2, "", "taichisoft: --jobs 0: must be at least 1\n")
     assert not (tmp_path / "out").exists()
