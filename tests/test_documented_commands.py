@@ -80,7 +80,6 @@ SHORTER = (
     (r"--steps \d+", "--steps 3"),
     (r"taichisoft mould tutorial", f"taichisoft mould tutorial {SMALL_FINGER}"),
     (r"taichisoft mould tendon", "taichisoft mould body.step"),  # whose many faces take seconds
-    (r"(taichisoft reduce \S+)", r"\1 --processes 1"),  # a process takes longer to start than all runs of pads
     (r"--(at|time) [\d.]+", r"--\1 0.02"),
     (r"runs/1aaaa8ec010c7dbe out/study/runs/3c6447d2fcc3c084", "runs/FIRST out/study/runs/SECOND"),
 )
@@ -200,7 +199,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from taichisoft_meshing import body_pictures, mesh_job
     from taichisoft_outputs.rendering import video
     from taichisoft_outputs.web import recording_page, web_output
-    from taichisoft_reduction import shape_reduction, training_plan
+    from taichisoft_reduction import shape_reduction, training_plan, training_run
     from taichisoft_studies import workers
 
     shutil.copytree(ROOT / "data", data)
@@ -214,8 +213,9 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_job, "_known_elsewhere", lambda job: False)
     monkeypatch.setattr(mesh_job, "requested_mesh", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
-    monkeypatch.setattr(training_plan, "PRESSES", 1)
-    monkeypatch.setattr(training_plan, "UNSEEN_PRESSES", 1)
+    for name, small in (("PRESSES", 1), ("UNSEEN_PRESSES", 1), ("RISE", 0.2), ("PAUSE", 0.1), ("FREQUENCY", 6.0)):
+        monkeypatch.setattr(training_plan, name, small)
+    monkeypatch.setattr(training_run, "Pool", RunsHere)
     monkeypatch.setattr(shape_reduction, "ATTEMPTS", 1)
     monkeypatch.setattr(workers, "study_workers", workers_here)
     monkeypatch.setattr(web_output.WebOutput, "follow", lambda self, session: None)
@@ -284,6 +284,25 @@ def workers_here(cluster: Any, tasks: int) -> Iterator[Any]:
             return self.done.pop()
 
     yield Here()
+
+
+class RunsHere:
+    """A pool of processes that is this process."""
+
+    def __init__(self, *_: Any) -> None:
+        self.done: list[Path] = []
+
+    def submit(self, path: Path, job: Any, *_: Any) -> None:
+        from taichisoft_reduction.training_run import make_run
+
+        make_run(*job)
+        self.done.append(path)
+
+    def next_done(self) -> tuple[Path, None]:
+        return self.done.pop(), None
+
+    def __exit__(self) -> None:
+        """There is nothing to end."""
 
 
 def write_files_of_a_user(folder: Path) -> None:
