@@ -10,7 +10,7 @@ from blocks import block_hexahedra, make_block
 from conftest import Figures, examples
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import advance, silicone, simulate, soft_momentum
+from scenes import advance, dense_matrix, silicone, simulate, soft_momentum
 from scipy.spatial.transform import Rotation
 
 from taichisoft import Model, VolumeMesh, read_volume_mesh, write_volume_mesh
@@ -190,7 +190,7 @@ def test_the_matrix_is_the_slope_of_the_forces_at_rest(models: dict[str, Model],
     system = ElasticSystem(model.elasticity)
     system.position[:] = model.rest_position
     system.assemble()
-    matrix = _dense(system, len(model.rest_position))
+    matrix = dense_matrix(system, len(model.rest_position))
     lag = model.elasticity.node_lag[0]
     time_step = model.scene.time.step
     mass = np.repeat(model.elasticity.node_mass, 3)
@@ -204,15 +204,6 @@ def test_the_matrix_is_the_slope_of_the_forces_at_rest(models: dict[str, Model],
         system.velocity[:] = motion
         system.assemble()
         np.testing.assert_allclose(system.force.ravel(), -lag * pull, atol=1e-9 * np.abs(lag * pull).max())
-
-
-def _dense(system: ElasticSystem, node_count: int) -> np.ndarray:
-    """The system matrix, (3 node_count, 3 node_count)."""
-    matrix = np.zeros((node_count, 3, node_count, 3))
-    for (row, column), block in zip(system.solver.symbolic.block_pairs, system.solver.blocks, strict=True):
-        matrix[row, :, column] = block
-        matrix[column, :, row] = block.T
-    return matrix.reshape(3 * node_count, -1)
 
 
 @pytest.mark.parametrize("kind", ELEMENTS)
