@@ -5,7 +5,8 @@ Taichi's kernels and functions are made here from ours, with Taichi's own object
 language.py. A port to another version, or to a fork of Taichi, begins and ends here.
 
 The machine code has the same bits on every processor. For that LLVM may not reassociate sums: the flag that lets it is
-taken out of Taichi's text but for the sums of a vector's entries, whose order is a fixed one. No step is slower for it.
+taken out of Taichi's text but for the sums of a vector's entries, whose order is a fixed one. No step is slower for it. LLVM's own passes run once more, now that the text says that
+arguments are constant.
 """
 
 import ast
@@ -375,8 +376,10 @@ def _object_file(text: str, tasks: list[str], function: str) -> bytes:
     return machine.emit_object(module)
 
 
+# An argument's place in a launch, and a load from a place; the number of an empty entry of the module's metadata.
 ADDRESS = re.compile(r"\s+(%[\w.]+) = getelementptr (?:inbounds )?%arguments, ptr (%[\w.]+),")
 LOAD = re.compile(r"\s+(%[\w.]+) = load [^,]+, ptr (%[\w.]+)(?:, align \d+)?$")
+CONSTANT = 99999
 
 
 def _with_constant_arguments(lines: list[str]) -> list[str]:
@@ -395,9 +398,6 @@ def _with_constant_arguments(lines: list[str]) -> list[str]:
             constant = load and (load[1] in bases or load[2] in places)
             marked.append(f"{line}, !invariant.load !{CONSTANT}" if constant else line)
     return [*marked, f"!{CONSTANT} = !{{}}"]
-
-
-CONSTANT = 99999  # the number of an empty entry of the module's metadata
 
 
 # Of Taichi's enumeration of types: what the layouts above need.
