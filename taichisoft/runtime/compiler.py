@@ -5,8 +5,8 @@ Taichi's kernels and functions are made here from ours, with Taichi's own object
 language.py. A port to another version, or to a fork of Taichi, begins and ends here.
 
 The machine code has the same bits on every processor. For that LLVM may not reassociate sums: the flag that lets it is
-taken out of Taichi's text but for the sums of a vector's entries, whose order is a fixed one. No step is slower for it. LLVM's own passes run once more, now that the text says that
-arguments are constant.
+taken out of Taichi's text but for the sums of a vector's entries, whose order is a fixed one. No step is slower for it.
+LLVM's own passes run once more, now that the text says that arguments are constant.
 """
 
 import ast
