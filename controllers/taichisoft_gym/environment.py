@@ -391,7 +391,7 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         pushed, diverged = replace(control, forces=self.pushes()), {}
         try:
             for number in range(self._steps):
-                self.simulation.step(control if number else pushed)
+                self.simulation.step(None if number else pushed)  # what was asked for goes on
         except SimulationDiverged as error:
             diverged = {"diverged": str(error)}
         seen = self.simulation.observe()

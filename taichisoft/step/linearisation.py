@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from taichisoft.contact.model import Model
-from taichisoft.control.control import Control, Force
+from taichisoft.control.control import NOTHING, Control, Force
 from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
 from taichisoft.control.requests import DRIVES
@@ -20,7 +20,6 @@ from taichisoft.step.solution import StepSolution
 from taichisoft.step.step_derivative import Edge, StepDerivative
 from taichisoft.step.time_stepper import TimeStepper
 
-NOTHING = Control()
 AXES = ("x", "y", "z")
 BASE = {"base_translation": ("mm", "base_velocity"), "base_rotation": ("rad", "base_angular_velocity")}
 """Unit of a pose, and the key of `Control` that may ask for it in its place."""
