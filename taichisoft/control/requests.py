@@ -88,9 +88,8 @@ FRAME_MAPPINGS = (*(f"frame_{kind}" for part in PARTS for kind in part), "frame_
 
 def frame_requests(
     model: Model, tables: Mapping[str, FrameSettings], state: State, control: Control
-) -> dict[str, np.ndarray]:
-    """What the frames of these tables are asked for, and how far they get in this step."""
-    time_step = model.scene.time.step
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses and velocities that the frames of these tables are asked for, with what they were asked for last."""
     request, velocity = state.frame_request.copy(), state.frame_velocity.copy()
     for row, (pose, rate) in enumerate(PARTS):
         poses, rates = (_requests(model, tables, control, kind) for kind in (pose, rate))
@@ -111,7 +110,14 @@ def frame_requests(
         if hinge is None:
             raise ControlError(f"{key}: this frame has no hinge; give it one in the scene, or ask for frame_rotation")
         request[number, 1] = hinge.unit_axis * finite(angle, key, ())
-    reached = state.frame_pose.copy()
+    return request, velocity
+
+
+def frames_moved(
+    tables: Mapping[str, FrameSettings], time_step: float, state: State, request: np.ndarray, velocity: np.ndarray
+) -> dict[str, np.ndarray]:
+    """How far the frames get in a step [s] by the poses and velocities that they are asked for."""
+    request, reached = request.copy(), state.frame_pose.copy()
     for number, table in enumerate(tables.values()):
         if table.path is not None:
             request[number] = reached[number] = _on_path(table.path, (state.step + 1) * time_step)
@@ -224,7 +230,7 @@ MAPPINGS = (
 )
 """Keys of a control that ask for actuators, and all that have dictionaries by name."""
 OF_FRAMES = slice(len(WAYS), len(WAYS) + len(FRAME_MAPPINGS))
-_mappings_of = attrgetter(*MAPPINGS)
+_mappings_of, _base_motion_of = attrgetter(*MAPPINGS), attrgetter(*BASE_KEYS)
 
 
 class Requests:
@@ -267,19 +273,23 @@ class Requests:
             raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
         model, given = self._model, _mappings_of(control)
         _refuse_other_types(model, given, control)
-        changes: dict[str, Any] = self._asked(state, given[: len(WAYS)])
-        changes["actuator_target"] = target = self._targets(state, *(changes[name] for name in ASKED[:2]))
+        asked = self._asked(state, given[: len(WAYS)]) if any(given[: len(WAYS)]) else state
+        target = self._targets(state, asked.actuator_imposed, asked.actuator_request)
+        changes: dict[str, Any] = {"actuator_target": target}
         if model.cavities.air_lines:
             pressure = model.actuators.of(CAVITIES, target)
-            changes |= model.cavities.valves_moved(state, pressure, changes["valve_request"])
+            changes |= model.cavities.valves_moved(state, pressure, asked.valve_request)
         if model.cavities.network.drives:
-            request = changes["network_request"]
-            reached = _within(request, state.network_target, *self._network_limits)
-            changes |= model.cavities.network.moved(state, request, reached)
+            reached = _within(asked.network_request, state.network_target, *self._network_limits)
+            changes |= model.cavities.network.moved(state, asked.network_request, reached)
         if control.pull_points:
             changes["pull_point"] = _pull_point(model, state, control)
-        if self._frames_move(state, control, given[OF_FRAMES]):
-            changes |= frame_requests(model, self._frames, state, control)
+        request, velocity = state.frame_request, state.frame_velocity
+        if any(given[OF_FRAMES]) or any(motion is not None for motion in _base_motion_of(control)):
+            request, velocity = frame_requests(model, self._frames, state, control)
+        moves = np.count_nonzero(velocity) or np.count_nonzero(request != state.frame_pose)
+        if moves or velocity is not state.frame_velocity or self._follows_path:
+            changes |= frames_moved(self._frames, model.scene.time.step, state, request, velocity)
         if control.anchor_positions:
             changes["anchor_position"] = _anchor_position(model, state, control)
         if control.forces or np.count_nonzero(state.external_force_steps):
@@ -288,14 +298,11 @@ class Requests:
             changes["gravity"] = finite(control.gravity, "control.gravity", (3,))
         if control.young_modulus:
             changes["young_modulus"] = _young_modulus(model, state, control)
-        return state.changed(**changes)
+        return asked.changed(**changes)
 
-    def _asked(self, state: State, given: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-        """The fields `ASKED` of a state with what is asked for in the order of `WAYS`."""
-        asked = {name: getattr(state, name) for name in ASKED}
-        if not any(given):
-            return asked
-        asked = {name: values.copy() for name, values in asked.items()}
+    def _asked(self, state: State, given: Sequence[Mapping[str, Any]]) -> State:
+        """The state with what is asked for in the order of `WAYS`."""
+        asked: dict[str, np.ndarray] = {name: getattr(state, name).copy() for name in ASKED}
         for kind, efforts, coordinates in zip(ACTUATOR_KINDS, given[::2], given[1::2], strict=False):
             if efforts and coordinates and (both := sorted(efforts.keys() & coordinates.keys())):
                 words = f"{kind.effort.words} and a {kind.coordinate.words}"
@@ -311,7 +318,7 @@ class Requests:
                 if drive is VALVE and not -1.0 <= asked[field][number] <= 1.0:
                     range_ = "must be from -1 (open to the exhaust) to 1 (open to the source)"
                     raise ControlError(f"{key} = {float(value)!r}: {range_}")
-        return asked
+        return state.changed(**asked)
 
     def _refusal(self, kind: ActuatorKind, drive: Drive, name: str) -> ControlError:
         actuators = self._model.actuators.sets[kind.name]
@@ -335,19 +342,6 @@ class Requests:
             led = np.where(imposed, actuators.own_coordinates(state), state.actuator_effort)
             last = np.where(is_other, led, last)
         return _within(request, last, low, high, furthest)
-
-    def _frames_move(self, state: State, control: Control, by_name: Sequence[Mapping[str, Any]]) -> bool:
-        """Whether a frame is asked to move, follows a path, or has not arrived yet."""
-        return (
-            self._follows_path
-            or control.base_translation is not None
-            or control.base_rotation is not None
-            or control.base_velocity is not None
-            or control.base_angular_velocity is not None
-            or any(by_name)
-            or bool(np.count_nonzero(state.frame_velocity))
-            or bool(np.count_nonzero(state.frame_request != state.frame_pose))
-        )
 
 
 def _within(
