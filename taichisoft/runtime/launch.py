@@ -157,9 +157,9 @@ class Kernel:
         if len(arguments) != len(self._names):
             raise TypeError(f"kernel {self.__name__} takes {len(self._names)} arguments, not {len(arguments)}")
         thread = get_ident()
-        of_arrays = (thread, *(id(arguments[place]) for place in self._held))
+        of_arrays = (thread, *map(id, map(arguments.__getitem__, self._held)))
         launch = self._remembered.get(of_arrays) or self._make_launch(of_arrays, arguments)
-        numbers = tuple(arguments[place] for place in self._numbers)
+        numbers = tuple(map(arguments.__getitem__, self._numbers))
         for (place, kind), number, before in zip(self._number_places, numbers, launch.numbers, strict=True):
             if number != before:
                 launch.compiled.set_number(launch.context, place, kind(number))
