@@ -234,11 +234,16 @@ _mappings_of, _base_motion_of = attrgetter(*MAPPINGS), attrgetter(*BASE_KEYS)
 
 
 class Requests:
-    """Takes what controllers ask for over into the states of a model, as far as the scene's limits allow."""
+    """Takes what controllers ask for over into the states of a model, as far as the scene's limits allow.
+
+    Attributes:
+        model: the model.
+        places: by key of a control, and name of what can be driven so: which of `ASKED` has its request, and where.
+    """
 
     def __init__(self, model: Model):
         """Read the limits of a model's scene."""
-        self._model, actuators = model, model.actuators
+        self.model, actuators = model, model.actuators
         own = actuators.effort_range, actuators.coordinate_range
         # Lowest and highest target, and its largest change in a step, of efforts and of coordinates.
         self._limits = np.empty((2, 3, len(actuators.names)))
@@ -254,24 +259,23 @@ class Requests:
         of_regulators = self._network_limits[:, len(network.valves) :]
         of_regulators[:2] = np.clip(of_regulators[:2], *reach[:2])
         of_regulators[2] = reach[2]
-        self._known = [self._known_by(kind, drive) for kind, drive in WAYS]
+        self.places = {drive.request: self._places(kind, drive) for kind, drive in WAYS}
         self._frames = model.scene.all_frames
         self._follows_path = any(frame.path is not None for frame in self._frames.values())
 
-    def _known_by(self, kind: ActuatorKind, drive: Drive) -> dict[str, tuple[str, int]]:
-        """By the names of what can be driven so, which of `ASKED` has its requests, and its number there."""
-        actuators, first = self._model.actuators.sets[kind.name], self._model.actuators.place(kind).start
+    def _places(self, kind: ActuatorKind, drive: Drive) -> dict[str, tuple[str, int]]:
+        actuators, first = self.model.actuators.sets[kind.name], self.model.actuators.place(kind).start
         field, first = ("valve_request", 0) if drive is VALVE else ("actuator_request", first)
         own = enumerate(actuators.names)
         known = {name: (field, first + number) for number, name in own if not actuators.why_not(drive, number)}
-        drives = self._model.cavities.network.drives
+        drives = self.model.cavities.network.drives
         return known | {name: ("network_request", drives.index(name)) for name in actuators.elsewhere(drive)}
 
     def apply(self, state: State, control: Control) -> State:
         """The state with what `control` asks for; what it does not mention stays as it was asked for last."""
         if not isinstance(control, Control):
             raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
-        model, given = self._model, _mappings_of(control)
+        model, given = self.model, _mappings_of(control)
         _refuse_other_types(model, given, control)
         asked = self._asked(state, given[: len(WAYS)]) if any(given[: len(WAYS)]) else state
         target = self._targets(state, asked.actuator_imposed, asked.actuator_request)
@@ -307,7 +311,7 @@ class Requests:
             if efforts and coordinates and (both := sorted(efforts.keys() & coordinates.keys())):
                 words = f"{kind.effort.words} and a {kind.coordinate.words}"
                 raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
-        for (kind, drive), known, requests in zip(WAYS, self._known, given, strict=True):
+        for (kind, drive), known, requests in zip(WAYS, self.places.values(), given, strict=True):
             for name, value in requests.items():
                 if name not in known:
                     raise self._refusal(kind, drive, name)
@@ -321,7 +325,7 @@ class Requests:
         return state.changed(**asked)
 
     def _refusal(self, kind: ActuatorKind, drive: Drive, name: str) -> ControlError:
-        actuators = self._model.actuators.sets[kind.name]
+        actuators = self.model.actuators.sets[kind.name]
         elsewhere = actuators.elsewhere(drive)
         word = f"{kind.name}{' or part of [air]' * bool(elsewhere)}"
         why_not = actuators.why_not(drive, index_of(name, (*actuators.names, *elsewhere), word, drive.request))
@@ -338,7 +342,7 @@ class Requests:
         low, high, furthest = np.where(imposed, self._limits[1], self._limits[0])
         last, is_other = state.actuator_target, imposed != state.actuator_imposed
         if np.count_nonzero(is_other):  # continue from where the other drive has led
-            actuators = self._model.actuators
+            actuators = self.model.actuators
             led = np.where(imposed, actuators.own_coordinates(state), state.actuator_effort)
             last = np.where(is_other, led, last)
         return _within(request, last, low, high, furthest)
