@@ -9,7 +9,16 @@ import typer
 from taichisoft.base import extra, require, say
 from taichisoft.errors import TaichisoftError
 from taichisoft.running import GoalOption, OutputsOption, SpeedOption, requested, takes_run_options
-from taichisoft_outputs.drawing.style import COLOURINGS, FPS, VIEWS, Style, parse_point, parse_range, parse_size
+from taichisoft_outputs.drawing.style import (
+    COLOURINGS,
+    FPS,
+    VIEWS,
+    Style,
+    parse_point,
+    parse_range,
+    parse_size,
+    read_key_frames,
+)
 
 if TYPE_CHECKING:
     from taichisoft_outputs.recording.reader import Recording
@@ -143,6 +152,13 @@ def render(
         str | None,
         typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
     ] = None,
+    key_frames: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="CSV file through which the camera moves: time \\[s], eye x, y, z, target x, y, z \\[mm].",
+        ),
+    ] = None,
     follow: Annotated[
         str | None,
         typer.Option(
@@ -177,6 +193,11 @@ def render(
     cavity_pressure: Annotated[bool, typer.Option(help="Colour cavities by their pressure.")] = STYLE.cavity_pressure,
     cable_tension: Annotated[bool, typer.Option(help="Colour cables by their tension.")] = STYLE.cable_tension,
     arrows: Annotated[bool, typer.Option(help="Draw contact forces as arrows.")] = STYLE.arrows,
+    displacement_arrows: Annotated[
+        float | None,
+        typer.Option(metavar="TIMES", help="Arrows of the displacement, so many times as long; 1 is as long as it is."),
+    ] = None,
+    scale_bar: Annotated[bool, typer.Option("--scale-bar", help="Draw a bar that shows how long mm are.")] = False,
     axes: Annotated[
         bool | None,
         typer.Option("--axes/--no-axes", help="Show the scene's axes in a corner  \\[default: the scene's]"),
@@ -221,6 +242,7 @@ def render(
             view=one,
             eye=parse_point("eye", eye),
             target=parse_point("target", target),
+            key_frames=[] if key_frames is None else read_key_frames(key_frames),
             opacity=opacity,
             background=background,
             transparent=transparent,
@@ -230,6 +252,8 @@ def render(
             cavity_pressure=cavity_pressure,
             cable_tension=cable_tension,
             arrows=arrows,
+            displacement_arrows=displacement_arrows,
+            scale_bar=scale_bar,
             axes=axes,
             body_axes=body_axes,
             caption=caption,

@@ -152,12 +152,14 @@ class Section:
     Attributes:
         plane: the plane that cuts them; what is on the side of its normal is left out.
         names: of the surfaces that are cut.
+        hollow: of those of them that show their far walls from inside.
         caps: of some of them, corners of the triangles that close them [mm], shape (count, 3, 3), with a value at each
             corner as a fourth number where the surface has values.
     """
 
     plane: SectionPlane
     names: frozenset[str]
+    hollow: frozenset[str]
     caps: Mapping[str, np.ndarray]
 
 
@@ -186,7 +188,9 @@ class SurfacePainter:
         self._normals = {name: SmoothNormals(of_surface) for name, of_surface in triangles.items()}
         self._triangles = triangles
         self._translucent = list(translucent) if opacity < 1.0 else []
-        self._opaque = [name for name in triangles if name not in self._translucent]
+        # Silicone would move colours off the bar: what shows numbers within it is drawn over it.
+        self._above = [name for name in unlit if self._translucent and name not in self._translucent]
+        self._opaque = [name for name in triangles if name not in (*self._translucent, *self._above)]
         self._always: list[str] = []
         self._stage = Stage(size)
 
@@ -217,7 +221,7 @@ class SurfacePainter:
         for layer in depth_layers(bodies, camera, self._size):
             names = [self._translucent[body] for body in layer]
             picture = self._laid_over(picture, camera, names, holdouts, self._opacity)
-        return picture
+        return self._laid_over(picture, camera, self._above, holdouts, 1.0) if self._above else picture
 
     def _laid_over(
         self, picture: np.ndarray, camera: PictureCamera, names: list[str], holdouts: list[str], opacity: float
@@ -248,6 +252,9 @@ class SurfacePainter:
         soup = np.concatenate([corners, normals, at_corners], axis=1).reshape(-1, 3, 6 + at_corners.shape[1])
         if section is not None and name in section.names:
             soup, _, _ = split_triangles(soup, section.plane.height(soup[..., :3]))
+            if name in section.hollow:
+                soup = soup[:, ::-1]
+                soup[..., 3:6] *= -1.0
             cap = section.caps.get(name, np.zeros((0, 3, 3)))
             of_cap = np.empty((len(cap), *soup.shape[1:]))
             of_cap[..., :3], of_cap[..., 3:6] = cap[..., :3], section.plane.normal
@@ -397,7 +404,7 @@ def cut_open(
     plane: SectionPlane,
     values: np.ndarray | None = None,
 ) -> Section:
-    """Cut what moves and the obstacles: silicone shows its elements' section, air and bodies are filled.
+    """Cut what moves and the obstacles: silicone shows its elements' section, rigid bodies are filled, air is hollow.
 
     Cables, and planes without an end, stay whole.
 
@@ -417,8 +424,9 @@ def cut_open(
         caps[body.name] = cut_tetrahedra(corners, plane.height(corners[..., :3]), plane.normal)[0]
     cut = [surface for surface in surfaces if surface.kind != "line"]
     for surface in cut:
-        if surface.kind != "soft":
+        if surface.kind not in ("soft", "cavity"):
             corners = surface.vertices(instant)[surface.triangles]
             _, _, sides = split_triangles(corners, plane.height(corners))
             caps[surface.name] = closed_cap(sides, plane.normal)
-    return Section(plane, frozenset(surface.name for surface in cut), caps)
+    hollow = frozenset(surface.name for surface in cut if surface.kind == "cavity")
+    return Section(plane, frozenset(surface.name for surface in cut), hollow, caps)
