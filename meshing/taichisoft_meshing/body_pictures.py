@@ -129,6 +129,10 @@ def _colours(part: CheckedPart) -> np.ndarray:
 
 EYES = ((1.0, -1.4, 0.9), (-1.0, 1.4, -0.9))
 """Directions from the body to the two eyes: every face of a block is seen by one of them."""
+VIEW = np.array([10.0, 4.8])
+"""Width and height that a view takes at least [inches]."""
+LABEL = np.array([24.0, 14.0])
+"""Width and height of a number [points]."""
 TRIED = 6  # triangles of a face, those near its middle and those near the eye, that are tried as its number's place
 
 
@@ -173,16 +177,35 @@ def _draw(axes: Any, body: CadBody, eye: np.ndarray) -> None:
     axes.autoscale_view()
     axes.set(aspect="equal", xticks=[], yticks=[], frame_on=False)
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-    for face in np.unique(body.face_of[seen]).tolist():
-        place = _visible_place(corners, seen, np.flatnonzero(body.face_of[seen] == face))
-        if place is not None:
-            axes.text(*place, str(face), ha="center", va="center", fontsize=9, bbox=box)
+    faces = np.unique(body.face_of[seen]).tolist()
+    found = {face: _visible_place(corners, seen, np.flatnonzero(body.face_of[seen] == face)) for face in faces}
+    places = {face: place for face, place in found.items() if place is not None}
+    extent = np.ptp(corners[seen, :, :2].reshape(-1, 2), axis=0)
+    labels = labels_apart(list(places.values()), LABEL * (extent / (VIEW * 72.0)).max())
+    for (face, place), label in zip(places.items(), labels, strict=True):
+        if (label != place).any():
+            axes.plot(*np.array([place, label]).T, "o-", color="#202020", linewidth=0.7, markersize=2.5, markevery=[0])
+        axes.text(*label, str(face), ha="center", va="center", fontsize=9, bbox=box)
     span = np.ptp(corners[seen, :, :2].reshape(-1, 2), axis=0).max()
     origin = corners[seen, :, :2].reshape(-1, 2).min(axis=0) - 0.08 * span
     for name, axis in zip("xyz", view[:, :2], strict=True):
         ends = np.array([origin, origin + 0.08 * span * axis]).T
         axes.plot(*ends, color="#404040", linewidth=1.5)
         axes.text(*(origin + 0.1 * span * axis), name, color="#404040", ha="center", va="center")
+
+
+def labels_apart(places: Sequence[np.ndarray], size: np.ndarray) -> list[np.ndarray]:
+    """Where labels of one size stand so that none covers another: each at its place, or as near as there is space."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    around = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    rings = np.concatenate([np.zeros((1, 2)), *(ring * around for ring in range(1, 3 + 2 * len(places)))]) * size
+    labels: list[np.ndarray] = []
+    for place in places:
+        tried = place + rings
+        taken = np.reshape(labels, (-1, 2))
+        free = (np.abs(tried[:, None] - taken) >= size).any(axis=2).all(axis=1)
+        labels.append(tried[free.argmax()])
+    return labels
 
 
 def _visible_place(corners: np.ndarray, seen: np.ndarray, its: np.ndarray) -> np.ndarray | None:

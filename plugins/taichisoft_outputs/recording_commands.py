@@ -121,6 +121,7 @@ STYLE = Style()
 
 
 def render(
+    context: typer.Context,
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN.h5", help="Recording of a run; several with --side-by-side.")
     ],
@@ -236,33 +237,15 @@ def render(
     if eye is not None and view:
         raise TaichisoftError("--eye takes the place of a view; give either --eye, or --view and --follow")
     views: list[str | None] = list(dict.fromkeys(view)) if view else [None]
-    styles = {
-        one: Style(
-            size=parse_size(size),
-            view=one,
-            eye=parse_point("eye", eye),
-            target=parse_point("target", target),
-            key_frames=[] if key_frames is None else read_key_frames(key_frames),
-            opacity=opacity,
-            background=background,
-            transparent=transparent,
-            colour_by=colour_by,
-            colour_range=parse_range(colour_range),
-            colour_map=colour_map,
-            cavity_pressure=cavity_pressure,
-            cable_tension=cable_tension,
-            arrows=arrows,
-            displacement_arrows=displacement_arrows,
-            scale_bar=scale_bar,
-            axes=axes,
-            body_axes=body_axes,
-            caption=caption,
-            surface=surface,
-            section=section,
-            font_size=font_size,
-        )
-        for one in views
+    chosen = {name: value for name, value in context.params.items() if name in STYLE.__dataclass_fields__}
+    chosen |= {
+        "size": parse_size(size),
+        "eye": parse_point("eye", eye),
+        "target": parse_point("target", target),
+        "key_frames": [] if key_frames is None else read_key_frames(key_frames),
+        "colour_range": parse_range(colour_range),
     }
+    styles = {one: Style(**{**chosen, "view": one}) for one in views}
     check_slow_motion(slow_motion)
     if video is not None:
         check_video(video, fps)

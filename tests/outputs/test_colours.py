@@ -43,11 +43,11 @@ from taichisoft_outputs.drawing.colouring import (
 from taichisoft_outputs.drawing.overlay import (
     FORCE_COLOURS,
     ON_DARK,
-    ForceArrows,
     arrow_colour,
     as_bytes,
     caption_parts,
     displacement_arrows,
+    force_arrows,
     paint_caption,
 )
 from taichisoft_outputs.drawing.stage import Floor
@@ -183,7 +183,7 @@ def test_there_is_no_bar_for_what_cannot_be_seen(gripper, tmp_path):
     with read_recording(tmp_path / "recording.h5") as start:  # without any pressure or contact
         assert Colouring(start, Style(), [0], start.surfaces).scales == ()
         assert caption_parts(start, 0) == ["0.00 s", "pressure 0.0 kPa", "cube raised 0.0 mm"]
-        ForceArrows(start, [0], 10.0).paint(None, None, 0, None)  # would fail if it tried to paint
+        force_arrows(start, [0], 10.0).paint(None, None, 0, None)  # would fail if it tried to paint
 
 
 def test_a_colour_scale_is_linear_and_holds_its_ends():
@@ -237,7 +237,7 @@ def test_twice_the_force_is_twice_the_arrow(gripper):
     lengths = []
     for radius in (50.0, 100.0):
         picture = Image.new("RGB", (640, 360))
-        ForceArrows(gripper, FRAMES, radius).paint_scale(picture, camera, (0.0, 0.0, 0.0), 9.0)
+        force_arrows(gripper, FRAMES, radius).paint_scale(picture, camera, (0.0, 0.0, 0.0), 9.0)
         lengths.append(np.ptp(np.nonzero(np.asarray(picture).any(axis=2))[1]))
     assert lengths[1] == pytest.approx(2 * lengths[0], abs=2)
 
@@ -253,7 +253,7 @@ def test_a_force_on_what_is_cut_off_has_no_arrow(gripper):
     painted = []
     for section in (None, "x<1000", "x<-1000"):
         picture, plane = Image.new("RGB", (64, 36)), SectionPlane.parse(section) if section else None
-        ForceArrows(gripper, FRAMES, 500.0).paint(picture, camera, 2, plane)
+        force_arrows(gripper, FRAMES, 500.0).paint(picture, camera, 2, plane)
         painted.append(int(np.asarray(picture).any(axis=2).sum()))
     assert painted[0] == painted[1] > 0 == painted[2]
 

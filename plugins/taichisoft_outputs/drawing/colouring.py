@@ -69,9 +69,6 @@ BEAD = 2.0
 SIDES = 10
 """Faces around a tube: few enough to draw fast, and enough that they meet at angles that are shaded smoothly."""
 
-_TURN = 2.0 * np.pi * np.arange(SIDES) / SIDES
-_RING = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
-
 
 @dataclass(frozen=True)
 class LineTube(RecordedSurface):
@@ -120,24 +117,23 @@ def line_tubes(recording: Recording, first_frame: int) -> list[LineTube]:
 
 def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
     """Vertices of a tube with beads around a polyline [mm], shape (vertex_count, 3)."""
-    along = np.diff(points, axis=0)
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
+    ways = np.diff(points, axis=0)
+    along = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-30)
     # Any direction across: faces are too many and too small for anybody to see where the first of them is.
     aside = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
     aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-30)
-    across = np.stack([aside, np.cross(along, aside)], axis=1)
-    rings = radius * np.einsum("sk,pkd->psd", _RING, across)
-    ends = np.stack([points[:-1], points[1:]], axis=1)
-    tubes = ends[:, :, None] + rings[:, None]
+    axes = np.stack([radius * aside, radius * np.cross(along, aside), ways], axis=1)
+    tubes = 0.5 * (points[1:] + points[:-1])[:, None] + _tube().vertices @ axes
     beads = points[:, None] + BEAD * radius * _ball().vertices
     return np.concatenate([tubes.reshape(-1, 3), beads.reshape(-1, 3)])
 
 
 def tube_triangles(point_count: int) -> np.ndarray:
     """Vertex indices of the outward triangles of `tube_vertices`, shape (triangle_count, 3)."""
-    segments = 2 * SIDES * np.arange(point_count - 1)
-    beads = 2 * SIDES * (point_count - 1) + len(_ball().vertices) * np.arange(point_count)
-    return np.concatenate([_repeated(_band(0, SIDES), segments), _repeated(_ball().faces, beads)])
+    size = len(_tube().vertices)
+    segments = size * np.arange(point_count - 1)
+    beads = size * (point_count - 1) + len(_ball().vertices) * np.arange(point_count)
+    return np.concatenate([_repeated(_tube().faces, segments), _repeated(_ball().faces, beads)])
 
 
 def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int], np.ndarray]:
@@ -146,7 +142,7 @@ def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int
 
 def _segments(point_count: int) -> np.ndarray:
     """The segment of each vertex of `tube_vertices`; that of a bead is the one that ends there."""
-    of_tubes = np.repeat(np.arange(point_count - 1), 2 * SIDES)
+    of_tubes = np.repeat(np.arange(point_count - 1), len(_tube().vertices))
     of_beads = np.repeat(np.maximum(np.arange(point_count) - 1, 0), len(_ball().vertices))
     return np.concatenate([of_tubes, of_beads])
 
@@ -155,13 +151,11 @@ def _repeated(triangles: np.ndarray, starts: Iterable[int]) -> np.ndarray:
     return np.concatenate([triangles + start for start in starts])
 
 
-def _band(first: int, second: int) -> np.ndarray:
-    """Triangles between two rings of SIDES vertices that begin at these indices, outward from the axis."""
-    here = np.arange(SIDES)
-    after = (here + 1) % SIDES
-    lower = np.stack([first + here, first + after, second + after], axis=1)
-    upper = np.stack([first + here, second + after, second + here], axis=1)
-    return np.concatenate([lower, upper])
+@cache
+def _tube() -> Any:
+    from trimesh.creation import cylinder
+
+    return cylinder(radius=1.0, height=1.0, sections=SIDES)
 
 
 @cache

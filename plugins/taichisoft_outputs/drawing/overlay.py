@@ -183,24 +183,15 @@ class Arrows:
         paint_text(picture, (tip[0], tip[1] - 0.02 * height), text, letters, ink, "rs")
 
 
-class ForceArrows(Arrows):
-    """Arrows of contact forces [mN].
-
-    Args:
-        behind: red, green and blue [-] of what may be behind the arrows.
-        length: length of the arrows [mm/mN]; that which suits the strongest force when it is not given.
-    """
-
-    def __init__(
-        self,
-        recording: Recording,
-        instants: Sequence[int],
-        radius: float,
-        behind: Sequence[np.ndarray] = (),
-        length: float | None = None,
-    ):
-        colour, longest = arrow_colour(behind), LONGEST * radius
-        super().__init__(recording.contacts, ("force", "mN"), instants, colour, length, longest)
+def force_arrows(
+    recording: Recording,
+    instants: Sequence[int],
+    radius: float,
+    behind: Sequence[np.ndarray] = (),
+    length: float | None = None,
+) -> Arrows:
+    """Arrows of contact forces, of a colour that is seen before those `behind`, red, green and blue [-]."""
+    return Arrows(recording.contacts, ("force", "mN"), instants, arrow_colour(behind), length, LONGEST * radius)
 
 
 def displacement_arrows(
@@ -316,7 +307,7 @@ class Overlay:
         self._ink = text_colour(style.background_colour)
         self._arrows: list[Arrows] = []
         if style.arrows:
-            self._arrows.append(ForceArrows(recording, instants, radius, behind, length))
+            self._arrows.append(force_arrows(recording, instants, radius, behind, length))
         if style.displacement_arrows is not None:
             times = style.displacement_arrows
             self._arrows.append(displacement_arrows(recording, surfaces, instants, self._ink, times))

@@ -98,13 +98,12 @@ def face_alike(areas: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndar
 
 def corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """All ordered pairs of corners that share a vertex, each corner with itself too."""
-    order = np.argsort(vertex_of_corner, kind="stable")
-    _, start, count = np.unique(vertex_of_corner[order], return_index=True, return_counts=True)
-    size = np.repeat(count, count)  # per sorted corner: how many corners its vertex has
-    first = np.repeat(np.arange(len(order)), size)
-    step = np.arange(len(first)) - np.repeat(np.cumsum(size) - size, size)
-    second = np.repeat(np.repeat(start, count), size) + step
-    return order[first], order[second]
+    from scipy.sparse import csr_array
+
+    count = len(vertex_of_corner)
+    corners = csr_array((np.ones(count), (np.arange(count), vertex_of_corner)))
+    one, other = (corners @ corners.T).nonzero()
+    return one, other
 
 
 def key_light(scene: Scene) -> np.ndarray:

@@ -19,9 +19,9 @@ from taichisoft_outputs.drawing.colouring import (
 )
 from taichisoft_outputs.drawing.overlay import (
     Colour,
-    ForceArrows,
     as_bytes,
     colour_bars_width,
+    force_arrows,
     letters_of,
     paint_colour_bars,
     text_colour,
@@ -120,7 +120,7 @@ def _shared(
             seen = points.setdefault(upright, [])
             seen.append(outermost_points(surfaces, sample_instants(shown, LOOKED_AT)))
             if style.arrows:
-                arrows = ForceArrows(recording, shown, radius_around_mean(seen[-1]))
+                arrows = force_arrows(recording, shown, radius_around_mean(seen[-1]))
                 lengths += [arrows.length] * (arrows.length > 0.0)
                 seen.append(arrows.tails)
             background = style.for_scene(recording.scene).background_colour
