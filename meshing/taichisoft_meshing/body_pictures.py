@@ -1,6 +1,7 @@
 """Pictures and tables of bodies: their numbered faces, and the parts of a mould."""
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,14 @@ def body_tables(body: CadBody) -> Group:
     )
 
 
-# A picture of each part of a mould, from above and from below, with the places that the check found.
+# A picture of each part of a mould, from both sides of its parting direction, with the places that the check found.
 
 SIZE = (900, 640)
-"""Width and height of each of the two views [pixels]."""
+"""Width and height of each of the four views [pixels]."""
 PRINTED, SILICONE, HELD, THIN = (0.55, 0.66, 0.76), (0.86, 0.80, 0.68), (0.80, 0.10, 0.10), (0.95, 0.60, 0.05)
 """Colours of what is printed and of silicone, of what an undercut holds, and of walls too thin to print."""
+DEEP = 0.35
+"""Part of the light that the lowest place gets less than the highest: it tells levels apart that face one way."""
 INK, LETTERS = (0.1, 0.12, 0.14), 22.0
 """Colour [-] and height [pixels] of the letters."""
 TIME_LIMIT = 300.0
@@ -67,7 +70,7 @@ def draw_parts(parts: Sequence[CheckedPart]) -> list[Path]:
     try:
         images = call_apart(
             "taichisoft_meshing.body_pictures:draw_views",
-            [(part.corners, _colours(part)) for part in parts],
+            [(part.corners, _colours(part), _parting(part, parts)) for part in parts],
             time_limit=TIME_LIMIT,
         )
     except (WorkerLost, OSError, RuntimeError) as error:
@@ -76,19 +79,22 @@ def draw_parts(parts: Sequence[CheckedPart]) -> list[Path]:
 
     files = [part.file.with_suffix(".png") for part in parts]
     for image, file, part in zip(images, files, parts, strict=True):
-        picture = Image.fromarray(image)
+        picture = Image.fromarray(np.pad(image, ((round(2 * LETTERS), 0), (0, 0), (0, 0)), constant_values=255))
         size = " x ".join(f"{length:.1f}" for length in np.ptp(part.corners, axis=(0, 1)))
-        paint_caption(picture, [file.stem, f"{size} mm", "from above and from below"], INK, LETTERS)
+        paint_caption(
+            picture, [file.stem, f"{size} mm", "from both sides, on the right along the parting"], INK, LETTERS
+        )
         with atomic_file(file, MeshError) as partial:
             picture.save(partial, format="png")
     return files
 
 
-def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
-    """What the drawing process does: two views of each part, beside each other, dtype uint8.
+def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """What the drawing process does: four views of each part, aslant and along the parting, dtype uint8.
 
     Args:
-        parts: corners [mm], shape (count, 3, 3), and colours of the triangles [-], (count, 3), of each part.
+        parts: corners [mm], shape (count, 3, 3), colours of the triangles [-], (count, 3), and the parting direction
+            of each part, (3,).
     """
     from taichisoft_outputs.drawing.camera import fit_camera, scene_axes, seen_from_front
     from taichisoft_outputs.drawing.drawer import antialias
@@ -97,24 +103,33 @@ def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarra
 
     stage = Stage(SIZE)  # a process can have only one
     images = []
-    for corners, colours in parts:
+    for corners, colours, parting in parts:
         normals = area_vectors(corners)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         views = []
-        for up in (np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])):
+        for side, view in product((1.0, -1.0), ("iso", "top")):
+            up = side * parting
             key = np.array(KEY_LIGHT) @ scene_axes(up)
-            camera = fit_camera(corners.reshape(-1, 3), up, "iso", SIZE[0] / SIZE[1])
+            camera = fit_camera(corners.reshape(-1, 3), up, view, SIZE[0] / SIZE[1])
             front = seen_from_front(camera, corners)
             points, triangles = corners[front].reshape(-1, 3), np.arange(3 * front.sum()).reshape(-1, 3)
             shown = shade(colours[front], normals[front], key / np.linalg.norm(key), up)
-            for name, of_triangle in (("part", shown), ("normals", 0.5 + 0.5 * normals[front])):
-                stage.put(name, points, triangles, np.repeat(of_triangle, 3, axis=0))
+            height = points @ up
+            brightness = 1.0 - DEEP * (height.max() - height) / max(np.ptp(height), 1e-9)
+            stage.put("part", points, triangles, np.repeat(shown, 3, axis=0) * brightness[:, None])
+            stage.put("normals", points, triangles, np.repeat(0.5 + 0.5 * normals[front], 3, axis=0))
             image = stage.image(camera, ["part"])
             draw_lines(image, stage.image(camera, ["normals"]))
             image[(image == EMPTY).all(axis=2)] = 255
             views.append(antialias(image))
-        images.append(np.concatenate(views, axis=1))
+        images.append(np.concatenate([np.concatenate(views[row : row + 2], axis=1) for row in (0, 2)]))
     return images
+
+
+def _parting(part: CheckedPart, parts: Sequence[CheckedPart]) -> np.ndarray:
+    """The direction along which a part comes off, or others come off it."""
+    ways = [one.comes_off for one in (part, *parts) if one.comes_off is not None]
+    return np.array(ways[0]) if ways else np.array([0.0, 1.0, 0.0])
 
 
 def _colours(part: CheckedPart) -> np.ndarray:

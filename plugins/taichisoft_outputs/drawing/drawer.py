@@ -183,10 +183,15 @@ class Drawer:
         self._wall_colours = {name: own.get(name, np.array(PLAIN["obstacle"])) for name, _, _ in self._walls}
         triangles = {surface.name: surface.triangles for surface in self._surfaces}
         triangles |= {name: of_wall for name, _, of_wall in self._walls}
-        soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
+        soft, within = (
+            [surface.name for surface in self._surfaces if surface.kind in kinds]
+            for kinds in (("soft",), ("cavity", "line"))
+        )
         light_from = key_light(recording.scene)
         unlit, scale = self._colouring.unlit, self._colouring.values_scale
-        self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, scale)
+        self._painter = SurfacePainter(
+            style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, within, scale
+        )
         self._recording = recording
         if floors:
             self._hide_what_is_under(floors[-1], points)

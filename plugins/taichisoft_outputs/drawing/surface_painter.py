@@ -168,6 +168,7 @@ class SurfacePainter:
     Args:
         unlit: names of the surfaces whose colours stand for numbers, which get no light, and whether they get lines
             along their edges.
+        within: names of the surfaces within soft bodies, which are seen through these where they are unlit.
         scale: the colours of surfaces that have values.
     """
 
@@ -180,6 +181,7 @@ class SurfacePainter:
         key: np.ndarray,
         up: np.ndarray,
         unlit: Mapping[str, bool],
+        within: Sequence[str],
         scale: ColourScale | None = None,
     ):
         self._size, self._opacity, self._key, self._up = size, opacity, key, up
@@ -188,7 +190,7 @@ class SurfacePainter:
         self._triangles = triangles
         self._translucent = list(translucent) if opacity < 1.0 else []
         # Silicone would move colours off the bar: what shows numbers within it is drawn over it.
-        self._above = [name for name in unlit if self._translucent and name not in self._translucent]
+        self._above = [name for name in within if name in unlit and self._translucent]
         self._opaque = [name for name in triangles if name not in (*self._translucent, *self._above)]
         self._always: list[str] = []
         self._stage = Stage(size)
