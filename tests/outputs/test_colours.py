@@ -549,7 +549,7 @@ def test_arrows_of_displacements_lead_from_the_kept_shape(gripper) -> None:
     """Twice as long from the same ends: the tails are where points would be, and further away by the displacement."""
     ways = displacements(gripper)(2)
     assert np.linalg.norm(ways, axis=1) == pytest.approx(displacement(gripper)(2)[:, 0])
-    once, twice = (displacement_arrows(gripper, gripper.surfaces, [2], (0, 0, 0), times).tails for times in (1.0, 2.0))
+    once, twice = (displacement_arrows(gripper, [2], 80.0, (0, 0, 0), times).tails for times in (1.0, 2.0))
     kept = gripper.row("position", 2) - ways
     off = np.linalg.norm(once[:, None] - kept, axis=2).min(axis=1)
     assert 60 < len(once) < 1500 and off.max() < 1e-6

@@ -155,7 +155,7 @@ class Drawer:
         self._colouring = Colouring(recording, style, instants, self._surfaces)
         followed = followed_part(recording, self._surfaces, style.followed) if style.followed is not None else None
         radius = seen_radius(style, points, followed)
-        self._overlay = Overlay(recording, style, instants, self._surfaces, self._colouring.scales, radius)
+        self._overlay = Overlay(recording, style, instants, self._colouring.scales, radius)
         side = colour_bars_width(self._colouring.scales, letters_of(style)) if style.bars else 0.0
         aspect = max(width - 2 * side, width / 2) / height
         spread = np.concatenate([points + room * (points - points.mean(axis=0)), self._overlay.arrow_tails])

@@ -13,7 +13,6 @@ from taichisoft_outputs.drawing.camera import (
     depth_of_scale,
     focal_length,
     project,
-    radius_around_mean,
 )
 from taichisoft_outputs.drawing.colouring import (
     ColourScale,
@@ -23,7 +22,6 @@ from taichisoft_outputs.drawing.colouring import (
     sample_instants,
 )
 from taichisoft_outputs.drawing.style import SMALLEST_LETTERS, Style
-from taichisoft_outputs.recording.bodies import RecordedSurface
 from taichisoft_outputs.recording.reader import Recording
 
 # Smooth polygons and text in a finished picture.
@@ -112,8 +110,8 @@ SEEN = 0.45
 """Least distance of the colour of arrows from the colours behind them [-]."""
 LONGEST = 0.5
 """Length of the arrow of the strongest force, in radii of the scene [-]."""
-ARROWS_ALONG = 6
-"""Arrows of displacements along the radius of a body."""
+ARROWS_ALONG = 12
+"""Arrows of displacements along the radius of the scene."""
 SAMPLES = 200
 """Number of instants, at most, in which the longest vector is looked for."""
 FORCE_WIDTH, AXIS_WIDTH = 1 / 220, 1 / 180
@@ -195,25 +193,17 @@ def force_arrows(
 
 
 def displacement_arrows(
-    recording: Recording, surfaces: Sequence[RecordedSurface], instants: Sequence[int], colour: Colour, length: float
+    recording: Recording, instants: Sequence[int], radius: float, colour: Colour, length: float
 ) -> Arrows:
     """Arrows from where points of soft bodies would be if these had kept their shape, `length` times as long [-]."""
     ways = displacements(recording)
-    soft = [
-        (surface, surface.mapping) for surface in surfaces if surface.kind == "soft" and surface.mapping is not None
-    ]
-    rest = {surface.name: surface.vertices(instants[0]) for surface, _ in soft}
-    cell = max(map(radius_around_mean, rest.values()), default=1.0) / ARROWS_ALONG
-    chosen = {name: np.unique(np.rint(at / cell), axis=0, return_index=True)[1] for name, at in rest.items()}
+    soft = [one.mapping.nodes for one in recording.surfaces if one.kind == "soft" and one.mapping is not None]
+    outside = np.unique(np.concatenate([np.zeros(0, dtype=int), *map(np.ravel, soft)]))
+    cells = np.rint(recording.row("position", instants[0])[outside] / (radius / ARROWS_ALONG))
+    chosen = outside[np.unique(cells, axis=0, return_index=True)[1]]
 
     def at(instant: int) -> tuple[np.ndarray, np.ndarray]:
-        ways_of_nodes = ways(instant)
-        ends, vectors = [np.zeros((0, 3))], [np.zeros((0, 3))]
-        for surface, mapping in soft:
-            points = chosen[surface.name]
-            ends.append(surface.vertices(instant)[points])
-            vectors.append(np.einsum("pk,pkd->pd", mapping.weights[points], ways_of_nodes[mapping.nodes[points]]))
-        return np.concatenate(ends), np.concatenate(vectors)
+        return recording.row("position", instant)[chosen], ways(instant)[chosen]
 
     return Arrows(at, ("displacement", "mm"), instants, colour, length)
 
@@ -292,13 +282,7 @@ class Overlay:
     """Paints all that a style wants over a picture."""
 
     def __init__(
-        self,
-        recording: Recording,
-        style: Style,
-        instants: Sequence[int],
-        surfaces: Sequence[RecordedSurface],
-        scales: Sequence[ColourScale],
-        radius: float,
+        self, recording: Recording, style: Style, instants: Sequence[int], scales: Sequence[ColourScale], radius: float
     ):
         self._recording, self._style, self._scales = recording, style, scales
         behind = [np.array(style.background_colour), *body_colours(recording.scene).values()]
@@ -310,7 +294,7 @@ class Overlay:
             self._arrows.append(force_arrows(recording, instants, radius, behind, length))
         if style.displacement_arrows is not None:
             times = style.displacement_arrows
-            self._arrows.append(displacement_arrows(recording, surfaces, instants, self._ink, times))
+            self._arrows.append(displacement_arrows(recording, instants, radius, self._ink, times))
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from taichisoft.mechanics import Plane
+from taichisoft.mesh import split_triangles
 from taichisoft_outputs.drawing.camera import (
     VERTICAL_ANGLE,
     PictureCamera,
@@ -112,24 +113,10 @@ def square_of_plane(
     # Front is right x up: seen from the side of the normal, right -> back -> left turns against the clock.
     corners = np.array([right - front, -right - front, front - right, right + front])
     corners = foot_of(points, plane) + half * radius_around_mean(points) * corners
+    triangles = corners[[[0, 1, 2], [0, 2, 3]]]
     for floor in floors:
-        corners = _above(corners, floor)
-    fan = [[0, k, k + 1] for k in range(1, len(corners) - 1)]
-    return corners, np.array(fan, dtype=int).reshape(-1, 3)
-
-
-def _above(corners: np.ndarray, floor: Plane) -> np.ndarray:
-    """The part of a convex polygon above a floor."""
-    kept: list[np.ndarray] = []
-    height = (corners - floor.point) @ floor.normal
-    for k in range(len(corners)):
-        after = (k + 1) % len(corners)
-        if height[k] >= 0:
-            kept.append(corners[k])
-        if (height[k] >= 0) != (height[after] >= 0):
-            part = height[k] / (height[k] - height[after])
-            kept.append(corners[k] + part * (corners[after] - corners[k]))
-    return np.array(kept).reshape(-1, 3)
+        triangles, _, _ = split_triangles(triangles, (floor.point - triangles) @ floor.normal)
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 # The floor: painted behind everything else, with soft shadows, fading into the background far away.
