@@ -13,7 +13,7 @@ from taichisoft.errors import MeshError
 from taichisoft_meshing.cad_body import CadBody
 from taichisoft_meshing.closed_shells import area_vectors
 from taichisoft_meshing.mesh_quality import aligned_table
-from taichisoft_meshing.mould_check import CheckedPart
+from taichisoft_meshing.mould_check import CheckedPart, ray_crossings
 
 # The tables that `taichisoft mesh info` prints of a body from CAD.
 
@@ -192,9 +192,7 @@ def _draw(axes: Any, body: CadBody, eye: np.ndarray) -> None:
     axes.autoscale_view()
     axes.set(aspect="equal", xticks=[], yticks=[], frame_on=False)
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-    faces = np.unique(body.face_of[seen]).tolist()
-    found = {face: _visible_place(corners, seen, np.flatnonzero(body.face_of[seen] == face)) for face in faces}
-    places = {face: place for face, place in found.items() if place is not None}
+    places = _visible_places(corners[seen], body.face_of[seen])
     extent = np.ptp(corners[seen, :, :2].reshape(-1, 2), axis=0)
     labels = labels_apart(list(places.values()), LABEL * (extent / (VIEW * 72.0)).max())
     for (face, place), label in zip(places.items(), labels, strict=True):
@@ -223,33 +221,22 @@ def labels_apart(places: Sequence[np.ndarray], size: np.ndarray) -> list[np.ndar
     return labels
 
 
-def _visible_place(corners: np.ndarray, seen: np.ndarray, its: np.ndarray) -> np.ndarray | None:
-    """The centre of a triangle that nothing covers, best near the middle of its face; None where there is none.
+def _visible_places(corners: np.ndarray, faces: np.ndarray) -> dict[int, np.ndarray]:
+    """For each face that is seen the middle of a triangle that nothing covers, best near the middle of the face.
 
     Args:
-        corners: of all triangles: to the right, up, and towards the eye [mm], shape (triangle_count, 3, 3).
-        seen: triangles that face the eye.
-        its: which of these are of the face.
+        corners: of the triangles that face the eye: to the right, up, and towards it [mm], shape (count, 3, 3).
+        faces: face of each, shape (count,).
     """
-    centres = corners[seen[its]].mean(axis=1)
-    middle = centres[:, :2].mean(axis=0)
-    nearest = np.argsort(np.linalg.norm(centres[:, :2] - middle, axis=1), kind="stable")
-    a, b, c = np.moveaxis(corners[seen], 1, 0)
-    highest = np.argsort(-centres[:, 2], kind="stable")
-    for number in (*nearest[:TRIED], *highest[:TRIED]):
-        p = centres[number]
-        shares = np.column_stack([_doubled(p, b, c), _doubled(a, p, c), _doubled(a, b, p)])
-        shares = shares / _doubled(a, b, c)[:, None]
-        depth = (shares * corners[seen][:, :, 2]).sum(axis=1)
-        covered = (shares > -1e-9).all(axis=1) & (depth > p[2] + 1e-6 * np.abs(corners).max())
-        if not covered.any():
-            place: np.ndarray = p[:2]
-            return place
-    return None
-
-
-def _doubled(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Twice the signed areas of triangles in the plane of the picture [mm^2]."""
-    u, v = b - a, c - a
-    area: np.ndarray = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    return area
+    centres, tried = corners.mean(axis=1), list[int]()
+    for face in np.unique(faces):
+        its = np.flatnonzero(faces == face)
+        away = np.linalg.norm(centres[its, :2] - centres[its, :2].mean(axis=0), axis=1)
+        for order in (away, -centres[its, 2]):
+            tried += its[np.argsort(order, kind="stable")[:TRIED]].tolist()
+    crossings = ray_crossings(centres[tried], np.array([0.0, 0.0, 1.0]), corners)
+    covered = crossings.ray[crossings.distance > 1e-6 * np.abs(corners).max()]
+    places: dict[int, np.ndarray] = {}
+    for number in np.setdiff1d(np.arange(len(tried)), covered):
+        places.setdefault(int(faces[tried[number]]), centres[tried[number], :2])
+    return places

@@ -110,7 +110,7 @@ SEEN = 0.45
 """Least distance of the colour of arrows from the colours behind them [-]."""
 LONGEST = 0.5
 """Length of the arrow of the strongest force, in radii of the scene [-]."""
-ARROWS_ALONG = 12
+ARROWS_ALONG = 8
 """Arrows of displacements along the radius of the scene."""
 SAMPLES = 200
 """Number of instants, at most, in which the longest vector is looked for."""
