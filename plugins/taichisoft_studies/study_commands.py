@@ -232,6 +232,9 @@ def calibrate(
         list[Path] | None,
         typer.Option("--data", help="Measured data (CSV), one for each experiment that names none (repeatable)."),
     ] = None,
+    gradient: Annotated[
+        bool, typer.Option("--gradient", help="Go down by gradients of the runs first, as method = 'gradient'.")
+    ] = False,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
 ) -> None:
@@ -245,7 +248,8 @@ def calibrate(
     from taichisoft_studies.study_file import find_study, read_tables
 
     path = find_study(study)
-    calibration = make_study(Calibration, read_tables(path), str(path), jobs, scheduler)
+    tables = {**read_tables(path), **({"method": "gradient"} if gradient else {})}
+    calibration = make_study(Calibration, tables, str(path), jobs, scheduler)
     files = _files(calibration, path, data or [])
     measured = [
         read_measurement(experiment, file, f"{path}: experiments.{index}")
