@@ -1,6 +1,8 @@
 """Searches by gradients: which keys of a study have one, and the descent along it."""
 
+import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -59,6 +61,10 @@ def _name(leaf: str, scene: Scene) -> str:
     return ""
 
 
+class Enough(Exception):
+    """Raised by what is made small where no more runs may be made."""
+
+
 def descend(
     value_and_slope: Callable[[np.ndarray], tuple[float, np.ndarray] | None],
     start: np.ndarray,
@@ -68,7 +74,8 @@ def descend(
     """The best point of the unit cube that L-BFGS-B reaches from a start.
 
     Args:
-        value_and_slope: gives a value, to be made small, and its derivatives; None where a run failed.
+        value_and_slope: gives a value, to be made small, and its derivatives; None where a run failed; may raise
+            `Enough`.
         start: where it begins.
         most: calls of it.
         tolerance: smallest part by which a step must lower the value.
@@ -76,19 +83,30 @@ def descend(
     from scipy.optimize import minimize
 
     known: list[tuple[float, np.ndarray]] = []
-    first = value_and_slope(start)
-    if first is None:
-        raise StudyError("the run with the values of the start failed, so that there is no gradient to follow")
-    unit = max(float(np.linalg.norm(first[1])), 1e-300) / FIRST_STEP
+    unit = 0.0
 
     def scaled(point: np.ndarray) -> tuple[float, np.ndarray]:
-        answer = value_and_slope(point) if known else first
-        if answer is None:  # a shorter step is tried then
+        nonlocal unit
+        if len(known) >= most:
+            raise Enough
+        answer = value_and_slope(point)
+        if answer is None and known:  # a shorter step is tried then
             worst = max(value for value, _ in known)
             return (worst + 10.0 * abs(worst)) / unit, np.zeros_like(point)
+        if answer is None:
+            raise Enough
         known.append((answer[0], point.copy()))
+        unit = unit or max(float(np.linalg.norm(answer[1])), 1e-300) / FIRST_STEP
         return answer[0] / unit, answer[1] / unit
 
-    options = {"ftol": tolerance * abs(first[0]) / unit, "gtol": 1e-9, "maxfun": most}
-    minimize(scaled, start, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(start), options=options)
-    return min(known, key=lambda pair: pair[0])[1]
+    def slow(between: Any) -> None:
+        before, after = lows[-1], min(value for value, _ in known)
+        lows.append(after)
+        if before - after <= tolerance * abs(known[0][0]):
+            raise Enough
+
+    lows = [math.inf]
+    bounds, options = [(0.0, 1.0)] * len(start), {"ftol": 0.0, "gtol": 1e-9}
+    with suppress(Enough):
+        minimize(scaled, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options, callback=slow)
+    return min(known, key=lambda pair: pair[0])[1] if known else start
