@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -59,6 +59,33 @@ def _name(leaf: str, scene: Scene) -> str:
         case ["contact", "pairs", number, "friction"]:
             return f"friction.{'|'.join(scene.contact.pairs[int(number)].bodies)}"
     return ""
+
+
+class Bounded(Protocol):
+    """Bounds of a value; `log` of a magnitude."""
+
+    low: float
+    high: float
+    log: bool
+
+
+def share_of(bounds: Bounded, value: float) -> float:
+    """Where a value lies between its bounds, from 0 to 1."""
+    if bounds.log:
+        return math.log(value / bounds.low) / math.log(bounds.high / bounds.low)
+    return (value - bounds.low) / (bounds.high - bounds.low)
+
+
+def value_at(bounds: Bounded, share: float) -> float:
+    """The value there."""
+    if bounds.log:
+        return float(bounds.low * (bounds.high / bounds.low) ** share)
+    return float(bounds.low + share * (bounds.high - bounds.low))
+
+
+def rate_of(bounds: Bounded, value: float) -> float:
+    """Derivative of the value by the share."""
+    return value * math.log(bounds.high / bounds.low) if bounds.log else bounds.high - bounds.low
 
 
 class Enough(Exception):

@@ -26,7 +26,7 @@ from taichisoft_outputs.tension_test import (
 )
 from taichisoft_studies.curve_differences import OVER, Compared, CurveDifferences
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.gradient_search import descend, factors
+from taichisoft_studies.gradient_search import descend, factors, rate_of, share_of, value_at
 from taichisoft_studies.run_job import COMPLETED, LOG, RunJob, read_curves, read_record
 from taichisoft_studies.study_file import Count, Expression, Study, scene_with
 from taichisoft_studies.sweep_runs import fixed_overrides, job_for, make_missing
@@ -305,7 +305,7 @@ def fit_parameters(
         change: np.ndarray = (after - before) / np.diag(forward - backward)[:, None]
         return change.T
 
-    start = np.array([_share(parameter, parameter.start) for parameter in study.parameters.values()])
+    start = np.array([share_of(parameter, parameter.start) for parameter in study.parameters.values()])
     if study.method == "gradient":
         start = _descended(study, measurements, folder, workers, start, tried, made)
     solution = least_squares(
@@ -346,7 +346,7 @@ def _descended(
             assert record is not None
             slope += [record["metrics"]["gradient"][key] for key in values]
         tried(values, value)
-        rates = [_rate(parameter, values[key]) for key, parameter in study.parameters.items()]
+        rates = [rate_of(parameter, values[key]) for key, parameter in study.parameters.items()]
         return value, slope * rates + _slopes_by_law(study, measurements, point)
 
     return descend(value_and_slope, start, study.most_steps, DESCENT)
@@ -392,7 +392,7 @@ def misfits(study: Calibration, measurements: Sequence[Measurement], fit: Calibr
     """A sentence for each value that ends at a bound, and each curve whose residual has another cause than noise."""
     for key, value in fit.values.items():
         parameter = study.parameters[key]
-        share = _share(parameter, value)
+        share = share_of(parameter, value)
         for name, bound, left in (("low", parameter.low, share), ("high", parameter.high, 1.0 - share)):
             if left < AT_BOUND:
                 yield f"hint: {key} ends at its bound, {name} = {bound:g}: the data ask for more, or say nothing of it"
@@ -574,30 +574,10 @@ def _split(residuals: np.ndarray, measurements: Sequence[Measurement]) -> list[n
     return [part.reshape(data.curves.shape) for part, data in zip(parts, measurements, strict=True)]
 
 
-def _share(parameter: Parameter, value: float) -> float:
-    """Where a value lies between its bounds, from 0 to 1."""
-    if parameter.log:
-        return float(np.log(value / parameter.low) / np.log(parameter.high / parameter.low))
-    return (value - parameter.low) / (parameter.high - parameter.low)
-
-
-def _value(parameter: Parameter, share: float) -> float:
-    if parameter.log:
-        return float(parameter.low * (parameter.high / parameter.low) ** share)
-    return float(parameter.low + share * (parameter.high - parameter.low))
-
-
-def _rate(parameter: Parameter, value: float) -> float:
-    """Derivative of the value by the share."""
-    if parameter.log:
-        return value * math.log(parameter.high / parameter.low)
-    return parameter.high - parameter.low
-
-
 def _values(study: Calibration, point: np.ndarray) -> dict[str, float]:
     """The values at a point of the unit cube, by key."""
     pairs = zip(study.parameters.items(), point, strict=True)
-    return {key: float(f"{_value(parameter, float(share)):.12g}") for (key, parameter), share in pairs}
+    return {key: float(f"{value_at(parameter, float(share)):.12g}") for (key, parameter), share in pairs}
 
 
 def _intervals(
@@ -606,6 +586,6 @@ def _intervals(
     """Lowest and highest value by key; beyond both bounds where the data say nothing."""
     half = np.minimum(half_widths(slopes, residuals, correlation), 1.0)
     return {
-        key: (_value(parameter, float(share - one)), _value(parameter, float(share + one)))
+        key: (value_at(parameter, float(share - one)), value_at(parameter, float(share + one)))
         for (key, parameter), share, one in zip(study.parameters.items(), point, half, strict=True)
     }

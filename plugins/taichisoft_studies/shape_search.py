@@ -21,7 +21,7 @@ from taichisoft_meshing.closed_shells import angles_between, area_vectors, facin
 from taichisoft_meshing.geometry_file import is_geometry
 from taichisoft_meshing.mesh_job import mesh_for_scene
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.gradient_search import Enough, descend, factors
+from taichisoft_studies.gradient_search import Enough, descend, factors, rate_of, share_of, value_at
 from taichisoft_studies.kept_run import VOLUMES
 from taichisoft_studies.optimiser import PARAMETERS, Optimisation, counted
 from taichisoft_studies.run_job import read_record
@@ -126,7 +126,8 @@ def run_descent(
     request = gradient_request(study)
     ranges = {key: values for key, values in study.variables.items() if isinstance(values, Range)}
     sign = -1.0 if objective.maximise else 1.0
-    point = np.array([_share(span, study.start.get(key)) for key, span in ranges.items()])
+    start = study.start
+    point = np.array([share_of(span, start[key]) if key in start else 0.5 for key, span in ranges.items()])
     while True:
         shape = Shape(study, folder, _values(ranges, point), request)
 
@@ -149,7 +150,7 @@ def run_descent(
                 if trial.number == 0:
                     raise StudyError(f"the run of the start: {record['status']}: {record['message']}")
                 return None
-            slopes = [record["metrics"]["gradient"][key] * _rate(span, values[key]) for key, span in ranges.items()]
+            slopes = [record["metrics"]["gradient"][key] * rate_of(span, values[key]) for key, span in ranges.items()]
             return sign * trial.values[0], sign * np.array(slopes)
 
         before, point = point, descend(value_and_slope, point, study.trials, TOLERANCE)
@@ -252,26 +253,8 @@ def gradient_request(study: Optimisation) -> dict[str, Any]:
     return {"objective": objective.text, "figures": final}
 
 
-# Values of the variables, and their places between the bounds from 0 to 1.
-
-
-def _share(span: Range, value: float | None) -> float:
-    """The place of a value; the middle without one."""
-    if value is None:
-        return 0.5
-    if span.log:
-        return float(np.log(value / span.low) / np.log(span.high / span.low))
-    return (value - span.low) / (span.high - span.low)
-
-
 def _values(ranges: Mapping[str, Range], point: np.ndarray) -> dict[str, float]:
     values = {}
     for (key, span), share in zip(ranges.items(), point.tolist(), strict=True):
-        value = span.low * (span.high / span.low) ** share if span.log else span.low + share * (span.high - span.low)
-        values[key] = min(max(float(f"{value:.10g}"), span.low), span.high)
+        values[key] = min(max(float(f"{value_at(span, share):.10g}"), span.low), span.high)
     return values
-
-
-def _rate(span: Range, value: float) -> float:
-    """Derivative of a value by its place."""
-    return value * float(np.log(span.high / span.low)) if span.log else span.high - span.low
