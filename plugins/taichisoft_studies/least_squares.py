@@ -279,19 +279,22 @@ def fit_parameters(
 
     evaluations = 0
 
+    def evaluated(values: Mapping[str, float], cost: float) -> None:
+        nonlocal evaluations
+        evaluations += 1
+        tried(values, cost)
+
     def residuals(points: Sequence[np.ndarray]) -> list[np.ndarray | StudyError]:
         values = [_values(study, point) for point in points]
         return _residuals(study, measurements, folder, workers, values, made)
 
     def cost(point: np.ndarray) -> np.ndarray:
-        nonlocal evaluations
         (misses,) = residuals([point])
         if isinstance(misses, StudyError):
             if not evaluations:
                 raise misses
             return np.full(sum(data.curves.size for data in measurements), np.inf)  # scipy then takes a shorter step
-        evaluations += 1
-        tried(_values(study, point), float(0.5 * misses @ misses))
+        evaluated(_values(study, point), float(0.5 * misses @ misses))
         return misses
 
     def slopes(point: np.ndarray) -> np.ndarray:
@@ -307,7 +310,7 @@ def fit_parameters(
 
     start = np.array([share_of(parameter, parameter.start) for parameter in study.parameters.values()])
     if study.method == "gradient":
-        start = _descended(study, measurements, folder, workers, start, tried, made)
+        start = _descended(study, measurements, folder, workers, start, evaluated, made)
     solution = least_squares(
         cost, start, slopes, bounds=(0.0, 1.0), xtol=STEP, ftol=1e-8, gtol=1e-10, max_nfev=study.most_steps
     )

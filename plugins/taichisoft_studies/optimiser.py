@@ -115,6 +115,11 @@ class Optimisation(Study):
             raise ValueError(
                 f"start.{unknown} is not a variable; {nearest(unknown, list(self.variables), 'there are')}"
             )
+        for key, value in self.start.items():
+            span = self.variables[key]
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if isinstance(span, Range) and not (is_number and span.low <= value <= span.high):
+                raise ValueError(f"start.{key} = {value!r}: must be a number from {span.low:g} to {span.high:g}")
         if not self.objectives:
             raise ValueError("objectives has no key; at least one is needed")
         many = len(self.objectives) > 1

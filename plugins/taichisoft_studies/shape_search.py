@@ -151,6 +151,8 @@ def run_descent(
                     raise StudyError(f"the run of the start: {record['status']}: {record['message']}")
                 return None
             slopes = [record["metrics"]["gradient"][key] * rate_of(span, values[key]) for key, span in ranges.items()]
+            if trial.number == 0 and not any(slopes):
+                raise StudyError("the objective changes with no variable at the start; begin elsewhere, by [start]")
             return sign * trial.values[0], sign * np.array(slopes)
 
         before, point = point, descend(value_and_slope, point, study.trials, TOLERANCE)
@@ -160,7 +162,7 @@ def run_descent(
 
 def _ended(trials: Any, name: str) -> Any:
     """The trial with a run of this name that has ended; None without one."""
-    ended = (one for one in trials.get_trials(deepcopy=False) if one.state.is_finished())
+    ended = (one for one in counted(trials) if one.state.is_finished())
     return next((one for one in ended if one.user_attrs.get(RUNS_OF_TRIAL) == {"": name}), None)
 
 

@@ -387,8 +387,8 @@ def test_gradient_finds_what_made_the_data(tmp_path: Path, figures: Figures) -> 
     """Modulus, damping and friction of a pad against a wall at once, without noise."""
     study = pushed_pad(tmp_path)
     data = read_measurement(study.experiments[0], tmp_path / "pad.csv", "experiments.0")
-    workers, costs = Here(), list[float]()
-    fit = fit_parameters(study, [data], tmp_path, workers, lambda values, cost: costs.append(cost))
+    workers = Here()
+    fit = fit_parameters(study, [data], tmp_path, workers, lambda values, cost: None)
     for key, value in PUSHED.items():
         figures.close(f"{key}, found and true", fit.values[key], value, 1e-6 * value)
-    assert fit.evaluations < 6
+    assert len(workers.made) < 7 * fit.evaluations  # of which those of differences have six more runs

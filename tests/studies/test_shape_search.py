@@ -189,6 +189,9 @@ def test_search_along_gradients_finds_optimum_and_goes_on(tmp_path: Path) -> Non
             "time.step: has no gradient here, since it changes",
         ),
         ({"variables": {LENGTH: [60.0, 61.0]}}, "real variables; without constraints, pruning, scenes, lists and int"),
+        ({"start": {LENGTH: 90.0}}, "start.length = 90.0: must be a number from 55 to 75"),
+        ({"start": {LENGTH: "60"}}, "start.length = '60': must be a number from 55 to 75"),
+        ({"objectives": {"x": {"minimise": "0 * parameters['length']"}}}, "the objective changes with no variable"),
         ({"constraints": {"low": "total <= 1"}}, "knows one objective, an expression of one run"),
     ],
 )
