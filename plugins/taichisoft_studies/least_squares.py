@@ -4,11 +4,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichisoft import Scene
 from taichisoft.errors import SceneError
 from taichisoft.runtime import RUBBER_LAWS
 from taichisoft.scene import NotNegative, Number, Positive, Table
@@ -22,7 +24,9 @@ from taichisoft_outputs.tension_test import (
     residual_correlation,
     shear_stress,
 )
+from taichisoft_studies.curve_differences import OVER, Compared, CurveDifferences
 from taichisoft_studies.errors import StudyError
+from taichisoft_studies.gradient_search import descend, factors, rate_of, share_of, value_at
 from taichisoft_studies.run_job import COMPLETED, LOG, RunJob, read_curves, read_record
 from taichisoft_studies.study_file import Count, Expression, Study, scene_with
 from taichisoft_studies.sweep_runs import fixed_overrides, job_for, make_missing
@@ -136,6 +140,9 @@ class Calibration(Study):
     """The measurements, all fitted at once."""
     difference: Annotated[float, Field(strict=True, gt=0.0, le=0.2)] = 0.01
     """Step of the finite differences, as a share of the range between low and high."""
+    method: Literal["differences", "gradient"] = "differences"
+    """How the fit goes down: by derivatives of each curve from differences of runs, or first by the gradient of each
+    run (L-BFGS-B), which costs the same for any number of parameters."""
     most_steps: Count = 20
     """Most evaluations of the fit; each takes a run for each experiment, and two more for each parameter."""
 
@@ -213,7 +220,6 @@ def _noise(over: np.ndarray, curves: np.ndarray) -> np.ndarray:
 
 # Calibration: parameters whose runs repeat measured curves, by least squares on the runs of a study.
 
-OVER = "over"
 AT_BOUND = 1e-4
 """Distance from a bound, as a share of the range, below which a value counts as at it [-]."""
 FAR, SMALL = 3.0, 0.01
@@ -221,6 +227,8 @@ FAR, SMALL = 3.0, 0.01
 INCOMPRESSIBLE = 0.45
 """Poisson's ratio from which the stress of incompressible rubber is taken: Young's modulus differs by 3 %."""
 STATIC = {"time.dynamics": "static", "time.theta": 1.0}
+DESCENT = 1e-3
+"""Part of the first squares by which a step along gradients must lower them; differences do the rest."""
 STEP = 1e-4
 """Change of the parameters, as a share of their ranges, at which the fit has converged."""
 
@@ -257,6 +265,7 @@ def fit_parameters(
     """Find the parameters with the least squares of differences, by trust regions within bounds (Branch et al. 1999).
 
     Derivatives are central finite differences, whose runs are made at the same time. `half_widths` has the intervals.
+    With `method = "gradient"` they begin where gradients have led.
 
     Args:
         study: the file.
@@ -270,19 +279,22 @@ def fit_parameters(
 
     evaluations = 0
 
+    def evaluated(values: Mapping[str, float], cost: float) -> None:
+        nonlocal evaluations
+        evaluations += 1
+        tried(values, cost)
+
     def residuals(points: Sequence[np.ndarray]) -> list[np.ndarray | StudyError]:
         values = [_values(study, point) for point in points]
         return _residuals(study, measurements, folder, workers, values, made)
 
     def cost(point: np.ndarray) -> np.ndarray:
-        nonlocal evaluations
         (misses,) = residuals([point])
         if isinstance(misses, StudyError):
             if not evaluations:
                 raise misses
             return np.full(sum(data.curves.size for data in measurements), np.inf)  # scipy then takes a shorter step
-        evaluations += 1
-        tried(_values(study, point), float(0.5 * misses @ misses))
+        evaluated(_values(study, point), float(0.5 * misses @ misses))
         return misses
 
     def slopes(point: np.ndarray) -> np.ndarray:
@@ -296,7 +308,9 @@ def fit_parameters(
         change: np.ndarray = (after - before) / np.diag(forward - backward)[:, None]
         return change.T
 
-    start = np.array([_share(parameter, parameter.start) for parameter in study.parameters.values()])
+    start = np.array([share_of(parameter, parameter.start) for parameter in study.parameters.values()])
+    if study.method == "gradient":
+        start = _descended(study, measurements, folder, workers, start, evaluated, made)
     solution = least_squares(
         cost, start, slopes, bounds=(0.0, 1.0), xtol=STEP, ftol=1e-8, gtol=1e-10, max_nfev=study.most_steps
     )
@@ -310,11 +324,78 @@ def fit_parameters(
     return CalibrationFit(_values(study, solution.x), intervals, residual, modelled, evaluations, correlation)
 
 
+def _descended(
+    study: Calibration,
+    measurements: Sequence[Measurement],
+    folder: Path,
+    workers: Workers,
+    start: np.ndarray,
+    tried: Callable[[Mapping[str, float], float], None],
+    made: Callable[[RunJob, Mapping[str, Any]], None],
+) -> np.ndarray:
+    """The point of the unit cube with the least squares to which gradients of the runs lead from a start."""
+    requests = gradient_requests(study, measurements)
+
+    def value_and_slope(point: np.ndarray) -> tuple[float, np.ndarray] | None:
+        values = _values(study, point)
+        (misses,) = _residuals(study, measurements, folder, workers, [values], made, requests)
+        if isinstance(misses, StudyError):
+            if (point == start).all():
+                raise misses
+            return None
+        value, slope = float(0.5 * misses @ misses), np.zeros(len(point))
+        for index, request in requests.items():
+            record = read_record(experiment_job(study, index, values, folder, request).place)
+            assert record is not None
+            slope += [record["metrics"]["gradient"][key] for key in values]
+        tried(values, value)
+        rates = [rate_of(parameter, values[key]) for key, parameter in study.parameters.items()]
+        return value, slope * rates + _slopes_by_law(study, measurements, point)
+
+    return descend(value_and_slope, start, study.most_steps, DESCENT)
+
+
+def gradient_requests(study: Calibration, measurements: Sequence[Measurement]) -> dict[int, dict[str, Any]]:
+    """What the runs of the experiments derive, by number of the experiment: half their squares, by the parameters."""
+    requests = {}
+    start = {key: parameter.start for key, parameter in study.parameters.items()}
+    for index, data in enumerate(measurements):
+        if study.experiments[index].test is not None:
+            continue
+        if statics(study, index)[0]:
+            raise StudyError(
+                f"experiments.{index}: every step is an equilibrium, which has no gradient; take quasi_static = false, "
+                'or method = "differences"'
+            )
+        own = _of_experiment(study, index)
+
+        def scene_of(values: Mapping[str, Any], own: Calibration = own) -> Scene:
+            return scene_with(own.scene, {**fixed_overrides(own), **values}, own.controller)
+
+        by_key = {key: factors(scene_of, start, key) for key in start}
+        requests[index] = {"factors": by_key, "moves": {}, "squares": compared(study, index, data)._asdict()}
+    return requests
+
+
+def _slopes_by_law(study: Calibration, measurements: Sequence[Measurement], point: np.ndarray) -> np.ndarray:
+    """Derivatives of half the squares of all specimens by a point of the unit cube, by differences of the law."""
+
+    def value(at: np.ndarray) -> float:
+        misses = [
+            _differences_by_law(study, index, _values(study, at), data)
+            for index, data in enumerate(measurements)
+            if study.experiments[index].test is not None
+        ]
+        return sum(float(0.5 * one @ one) for one in misses)
+
+    return np.array([value(point + step) - value(point - step) for step in STEP * np.eye(len(point))]) / (2.0 * STEP)
+
+
 def misfits(study: Calibration, measurements: Sequence[Measurement], fit: CalibrationFit) -> Iterator[str]:
     """A sentence for each value that ends at a bound, and each curve whose residual has another cause than noise."""
     for key, value in fit.values.items():
         parameter = study.parameters[key]
-        share = _share(parameter, value)
+        share = share_of(parameter, value)
         for name, bound, left in (("low", parameter.low, share), ("high", parameter.high, 1.0 - share)):
             if left < AT_BOUND:
                 yield f"hint: {key} ends at its bound, {name} = {bound:g}: the data ask for more, or say nothing of it"
@@ -348,11 +429,12 @@ def _residuals(
     workers: Workers,
     points: Sequence[Mapping[str, float]],
     made: Callable[[RunJob, Mapping[str, Any]], None],
+    requests: Mapping[int, Mapping[str, Any]] = MappingProxyType({}),
 ) -> list[np.ndarray | StudyError]:
     """(run - data) / scale of all curves, or what went wrong, for several sets of values at once."""
     jobs = [
         {
-            index: experiment_job(study, index, values, folder)
+            index: experiment_job(study, index, values, folder, requests.get(index))
             for index, experiment in enumerate(study.experiments)
             if experiment.test is None
         }
@@ -430,8 +512,14 @@ def statics(study: Calibration, index: int) -> tuple[tuple[str, ...], str]:
     return changes, f"{where}: every step is an equilibrium; quasi_static = false brings inertia and damping"
 
 
-def experiment_job(study: Calibration, index: int, values: Mapping[str, float], folder: Path) -> RunJob:
-    """The run that stands for an experiment, with values of the parameters."""
+def experiment_job(
+    study: Calibration,
+    index: int,
+    values: Mapping[str, float],
+    folder: Path,
+    gradient: Mapping[str, Any] | None = None,
+) -> RunJob:
+    """The run that stands for an experiment, with values of the parameters; `gradient` as of `RunJob`."""
     experiment, own = study.experiments[index], _of_experiment(study, index)
     changed = own.model_copy(
         update={
@@ -440,7 +528,7 @@ def experiment_job(study: Calibration, index: int, values: Mapping[str, float], 
         }
     )
     watch = {OVER: experiment.over, **{str(n): curve.quantity for n, curve in enumerate(experiment.curves)}}
-    return job_for(changed, values, folder, study.seed, watch=watch)
+    return job_for(changed, values, folder, study.seed, watch=watch, gradient=gradient)
 
 
 def scaled_differences(
@@ -473,15 +561,13 @@ def scaled_differences(
             f"experiments.{index}: the data lie from {data.over[0]:g} to {data.over[-1]:g}, and the run from "
             f"{over[0]:g} to {over[-1]:g}; change duration, first, last or shift"
         )
-    place = np.clip(np.searchsorted(over, data.over) - 1, 0, len(over) - 2)
-    share = (data.over - over[place]) / (over[place + 1] - over[place])
-    parts = []
-    for number, curve in enumerate(study.experiments[index].curves):
-        values = columns[str(number)][rises]
-        modelled = (1.0 - share) * values[place] + share * values[place + 1]
-        modelled -= modelled[0] if curve.relative else 0.0
-        parts.append((modelled - data.curves[number]) / data.scales[number])
-    return np.concatenate(parts)
+    return CurveDifferences(columns, compared(study, index, data)).values.ravel()
+
+
+def compared(study: Calibration, index: int, data: Measurement) -> Compared:
+    """The measurement of an experiment, as plain data."""
+    relative = [curve.relative for curve in study.experiments[index].curves]
+    return Compared(data.over.tolist(), data.curves.tolist(), data.scales.tolist(), relative)
 
 
 def _split(residuals: np.ndarray, measurements: Sequence[Measurement]) -> list[np.ndarray]:
@@ -491,23 +577,10 @@ def _split(residuals: np.ndarray, measurements: Sequence[Measurement]) -> list[n
     return [part.reshape(data.curves.shape) for part, data in zip(parts, measurements, strict=True)]
 
 
-def _share(parameter: Parameter, value: float) -> float:
-    """Where a value lies between its bounds, from 0 to 1."""
-    if parameter.log:
-        return float(np.log(value / parameter.low) / np.log(parameter.high / parameter.low))
-    return (value - parameter.low) / (parameter.high - parameter.low)
-
-
-def _value(parameter: Parameter, share: float) -> float:
-    if parameter.log:
-        return float(parameter.low * (parameter.high / parameter.low) ** share)
-    return float(parameter.low + share * (parameter.high - parameter.low))
-
-
 def _values(study: Calibration, point: np.ndarray) -> dict[str, float]:
     """The values at a point of the unit cube, by key."""
     pairs = zip(study.parameters.items(), point, strict=True)
-    return {key: float(f"{_value(parameter, float(share)):.12g}") for (key, parameter), share in pairs}
+    return {key: float(f"{value_at(parameter, float(share)):.12g}") for (key, parameter), share in pairs}
 
 
 def _intervals(
@@ -516,6 +589,6 @@ def _intervals(
     """Lowest and highest value by key; beyond both bounds where the data say nothing."""
     half = np.minimum(half_widths(slopes, residuals, correlation), 1.0)
     return {
-        key: (_value(parameter, float(share - one)), _value(parameter, float(share + one)))
+        key: (value_at(parameter, float(share - one)), value_at(parameter, float(share + one)))
         for (key, parameter), share, one in zip(study.parameters.items(), point, half, strict=True)
     }

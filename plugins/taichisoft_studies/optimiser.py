@@ -93,8 +93,9 @@ class Optimisation(Study):
     """Values of the first trial by key, such as a known design."""
     trials: Annotated[int, Field(strict=True, ge=1, le=MOST)] = 60
     """Number of runs, including the runs before a continuation."""
-    sampler: Literal["tpe", "cmaes", "nsga2", "gp"] = "tpe"
-    """Tree-structured Parzen estimator, CMA-ES, NSGA-II, or a Gaussian process (needs PyTorch)."""
+    sampler: Literal["tpe", "cmaes", "nsga2", "gp", "gradient"] = "tpe"
+    """Tree-structured Parzen estimator, CMA-ES, NSGA-II, a Gaussian process (needs PyTorch), or L-BFGS-B along
+    gradients of the runs, from `start` or the middle of the bounds."""
     pruning: Pruning | None = None
     beyond_the_law: bool = False
     """Whether runs count that went far beyond what the law of a body holds for; otherwise they are left out."""
@@ -114,6 +115,11 @@ class Optimisation(Study):
             raise ValueError(
                 f"start.{unknown} is not a variable; {nearest(unknown, list(self.variables), 'there are')}"
             )
+        for key, value in self.start.items():
+            span = self.variables[key]
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if isinstance(span, Range) and not (is_number and span.low <= value <= span.high):
+                raise ValueError(f"start.{key} = {value!r}: must be a number from {span.low:g} to {span.high:g}")
         if not self.objectives:
             raise ValueError("objectives has no key; at least one is needed")
         many = len(self.objectives) > 1
@@ -128,6 +134,14 @@ class Optimisation(Study):
             raise ValueError("pruning watches a single run; remove it, or the table scenes")
         if self.sampler == "cmaes" and (many or self.constraints):
             raise ValueError("sampler = 'cmaes' knows one objective and no constraints; take tpe, nsga2 or gp")
+        if self.sampler == "gradient":
+            chosen = any(not isinstance(values, Range) or values.integer for values in self.variables.values())
+            by_function = is_function(next(iter(self.objectives.values())).text)
+            if many or self.constraints or self.pruning or self.scenes or chosen or by_function:
+                raise ValueError(
+                    "sampler = 'gradient' knows one objective, an expression of one run, and real variables; without "
+                    "constraints, pruning, scenes, lists and integers"
+                )
         if self.pruning is not None and is_function(next(iter(self.objectives.values())).text):
             raise ValueError("pruning needs an expression as objective: a function is called when the run has ended")
         return self

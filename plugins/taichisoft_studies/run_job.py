@@ -85,6 +85,7 @@ class RunJob:
         time_limit: longest time that it may take [s].
         watch: quantities recorded at every step, text of an expression by name; or None.
         pruning: settings of `PruningOutput`; None: no pruning.
+        gradient: what is to be derived and by what, see `kept_run.derived`; None: nothing.
     """
 
     name: str
@@ -99,6 +100,7 @@ class RunJob:
     time_limit: float = 3600.0
     watch: Mapping[str, str] | None = None
     pruning: Mapping[str, Any] | None = None
+    gradient: Mapping[str, Any] | None = None
     needs_engine: ClassVar = True
 
     @property
@@ -128,14 +130,20 @@ class RunJob:
 
 def make_job(scene: Scene, folder: Path, **others: Any) -> RunJob:
     """The job of a run of a scene; `others` are the remaining attributes of `RunJob`."""
+    keys = ("watch", "gradient")
     name = run_hash(
-        scene, others.get("duration"), others.get("seed", 1), others.get("plugins", ()), others.get("watch")
+        scene, others.get("duration"), others.get("seed", 1), others.get("plugins", ()), *map(others.get, keys)
     )
     return RunJob(name=name, folder=str(folder.resolve()), scene=scene_to_toml(scene), **others)
 
 
 def run_hash(
-    scene: Table, duration: float | None, seed: int, plugins: tuple[str, ...], watch: Mapping[str, str] | None = None
+    scene: Table,
+    duration: float | None,
+    seed: int,
+    plugins: tuple[str, ...],
+    watch: Mapping[str, str] | None = None,
+    gradient: Mapping[str, Any] | None = None,
 ) -> str:
     """The hash of all that decides the results of a run: the resolved scene, seed, version, contents of its files.
 
@@ -148,6 +156,7 @@ def run_hash(
         "version": taichisoft.__version__,
         "plugins": [_code_digest(Path(plugin)) for plugin in plugins],
         "watch": dict(watch) if watch is not None else None,
+        **({"gradient": _by_contents(gradient)} if gradient is not None else {}),
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:DIGITS]
 
@@ -410,9 +419,13 @@ def _simulate(job: RunJob, folder: Path) -> None:
     from taichisoft.scene import scene_from_toml
 
     (folder / "scene.toml").write_text(job.scene, encoding="utf-8")
+    from taichisoft_studies.kept_run import KeptSimulation, OpenLoop, derived
+
     scene = scene_from_toml(job.scene, job.source)
     controller = make_controller(scene)
-    simulation = Simulation(scene)
+    if job.gradient is not None:
+        controller = OpenLoop(controller, make_controller(scene))
+    simulation = Simulation(scene) if job.gradient is None else KeptSimulation(scene)
     outputs = [make_output(name, folder) for name in job.outputs]
     if job.watch is not None:
         outputs.append(CurvesOutput(folder, job.watch))
@@ -420,6 +433,12 @@ def _simulate(job: RunJob, folder: Path) -> None:
         metrics: Any = outputs[job.outputs.index("metrics")]
         outputs.append(PruningOutput(metrics, job.parameters, job.pruning))
     run(simulation, controller, outputs, job.duration)
+    if job.gradient is not None and isinstance(simulation, KeptSimulation):
+        figures, columns = _metrics(folder), read_curves(folder) if job.watch else {}
+        named = {**figures, "parameters": dict(job.parameters)}
+        found = derived(simulation, job.gradient, job.watch or {}, columns, named, _observed_values)
+        with atomic_file(folder / METRICS, StudyError) as partial:
+            partial.write_text(json.dumps({**figures, **found}, indent=2) + "\n", encoding="utf-8")
 
 
 def _metrics(folder: Path) -> dict[str, Any]:

@@ -137,6 +137,7 @@ def optimise(
     from taichisoft.running import print_line
     from taichisoft_studies.optimiser import Optimisation, counted, open_study, with_function_paths
     from taichisoft_studies.results_table import write_table
+    from taichisoft_studies.shape_search import run_descent
     from taichisoft_studies.study_file import find_study, read_tables
     from taichisoft_studies.trials import (
         WINNERS,
@@ -175,7 +176,8 @@ def optimise(
                     write_table(trial_rows(search, made), output)
                     written = time.monotonic()
 
-            run_trials(search, output, made, workers, done)
+            make_trials = run_descent if search.sampler == "gradient" else run_trials
+            make_trials(search, output, made, workers, done)
         rows = trial_rows(search, made)
         table = write_table(rows, output)
         _draw_curve(made, [figure.label(name) for name, figure in search.objectives.items()], output)
@@ -232,6 +234,9 @@ def calibrate(
         list[Path] | None,
         typer.Option("--data", help="Measured data (CSV), one for each experiment that names none (repeatable)."),
     ] = None,
+    gradient: Annotated[
+        bool, typer.Option("--gradient", help="Go down by gradients of the runs first, as method = 'gradient'.")
+    ] = False,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
 ) -> None:
@@ -245,7 +250,8 @@ def calibrate(
     from taichisoft_studies.study_file import find_study, read_tables
 
     path = find_study(study)
-    calibration = make_study(Calibration, read_tables(path), str(path), jobs, scheduler)
+    tables = {**read_tables(path), **({"method": "gradient"} if gradient else {})}
+    calibration = make_study(Calibration, tables, str(path), jobs, scheduler)
     files = _files(calibration, path, data or [])
     measured = [
         read_measurement(experiment, file, f"{path}: experiments.{index}")

@@ -6,6 +6,7 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -39,8 +40,10 @@ class Expression:
 
     @property
     def names(self) -> set[str]:
-        """The names in it."""
-        return {part.id for part in ast.walk(self._tree) if isinstance(part, ast.Name)}
+        """The names in it, but for functions."""
+        parts = list(ast.walk(self._tree))
+        functions = {id(part.func) for part in parts if isinstance(part, ast.Call)}
+        return {part.id for part in parts if isinstance(part, ast.Name) and id(part) not in functions}
 
     def __call__(self, names: Mapping[str, Any]) -> float:
         """Its value, with these values of names."""
@@ -115,7 +118,7 @@ def _geometry_overrides(name: str, scene: Scene, values: Mapping[str, Any]) -> l
     from taichisoft_meshing.geometry_file import is_geometry
 
     meshes = {
-        body: table.mesh.model_dump(mode="json", exclude_none=True)
+        body: deepcopy({"file": table.mesh.file, **table.mesh.request})
         for body, table in scene.soft_bodies.items()
         if is_geometry(table.mesh.file)
     }

@@ -192,6 +192,7 @@ def run_trials(
     trials: Any,
     workers: Workers,
     done: Callable[[Any, Mapping[str, Any]], None],
+    make: Callable[[Mapping[str, Any]], TrialRuns] | None = None,
 ) -> None:
     """Make trials until there are `study.trials` of them.
 
@@ -203,6 +204,7 @@ def run_trials(
         trials: Optuna's study, see `optimiser.open_study`.
         workers: make the runs, `count` at a time.
         done: called with each trial and the record of its run.
+        make: gives the runs of a trial with values; those of the study's scenes without it.
     """
     objectives, limits = figures(study), violations(study)
     running: dict[str, tuple[Any, str, TrialRuns]] = {}
@@ -210,7 +212,8 @@ def run_trials(
         while len(running) < workers.count and len(counted(trials)) < study.trials:
             trial = trials.ask()
             claim_trial(trial)
-            runs = trial_runs(study, suggest(trial, study.variables), folder, pruning=_pruning(study, folder, trial))
+            values = suggest(trial, study.variables)
+            runs = make(values) if make else trial_runs(study, values, folder, pruning=_pruning(study, folder, trial))
             trial.set_user_attr(RUNS_OF_TRIAL, {scene: job.name for scene, job in runs.jobs.items()})
             for scene, job in runs.jobs.items():
                 key = f"trial-{trial.number} {scene}".rstrip()

@@ -1,3 +1,4 @@
+from .figure_slopes import FigureSlopes as FigureSlopes
 from .hooks import Imported as Imported
 from .hooks import notify as notify
 from .hooks import provided as provided

@@ -24,6 +24,7 @@ from taichisoft_studies.least_squares import (
     complaints,
     experiment_job,
     fit_parameters,
+    gradient_requests,
     misfits,
     read_measurement,
     scaled_differences,
@@ -317,3 +318,77 @@ def test_residual_far_above_the_noise_is_a_hint(tmp_path: Path) -> None:
         ends = [CalibrationFit({MODULUS: value}, {}, [[0.1]], [], 1, 0.0) for value in (low + 1e-5, near, 3.99999)]
         hints = [" ".join(misfits(bounded, [data], fit)) for fit in ends]
         assert f"its bound, low = {low:g}" in hints[0] and not hints[1] and "its bound, high = 4" in hints[2]
+
+
+FRICTION = "contact.friction"
+PUSHED = {MODULUS: 130.0, DAMPING: 0.05, FRICTION: 0.4}
+"""Of a pad that is inflated against a slanted wall and slides along it."""
+
+
+def pushed_pad(folder: Path) -> Calibration:
+    scene = PAD.replace("MESH", str(TINY_GRIPPER.parent / "pad.msh")).replace("pressure = 6.0", "pressure = 7.0")
+    scene = scene.replace("step = 0.05, duration = 0.2, theta = 0.5", "step = 0.01, duration = 0.2")
+    scene += """
+anchors = [{ group = "base" }]
+[contact]
+tolerance = 1e-10
+[obstacles.wall]
+plane = { point = [27.3, 0.0, 0.0], normal = [-0.8, 0.0, 0.6] }
+"""
+    (folder / "pad.toml").write_text(scene)
+    curves = [{"column": "x", "quantity": f"{TIP} ** 2 / 10"}, {"column": "z", "quantity": TIP[:-2] + "2]"}]
+    curves[1]["relative"] = True
+    parameters = {
+        MODULUS: {"start": 100.0, "low": 60.0, "high": 300.0, "log": True},
+        DAMPING: {"start": 0.03, "low": 0.01, "high": 0.2, "log": True},
+        FRICTION: {"start": 0.3, "low": 0.1, "high": 0.8},
+    }
+    tables = {"scene": str(folder / "pad.toml"), "method": "gradient", "parameters": parameters}
+    study = check_study(Calibration, {**tables, "experiments": [{"curves": curves}]}, "study")
+    watch = {"time": "time", **{curve.column: curve.quantity for curve in study.experiments[0].curves}}
+    job = job_for(study, PUSHED, folder / "truth", 1, watch=watch)
+    (record,) = make_missing([job], Here())
+    assert record["status"] == "completed", record
+    made = read_curves(job.place)
+    columns = np.array([made[name] for name in watch])
+    np.savetxt(
+        folder / "pad.csv",
+        0.5 * (columns[:, 1:] + columns[:, :-1]).T,
+        "%.17g",
+        ",",
+        header=",".join(watch),
+        comments="",
+    )
+    return study
+
+
+def test_gradient_of_squares_agrees_with_differences(tmp_path: Path, figures: Figures) -> None:
+    """Away from the truth, by all parameters at once; differences over 1e-5 of each are exact to some 1e-8."""
+    study = pushed_pad(tmp_path)
+    data = read_measurement(study.experiments[0], tmp_path / "pad.csv", "experiments.0")
+    requests = gradient_requests(study, [data])
+    values = {key: parameter.start for key, parameter in study.parameters.items()}
+
+    def half_squares(changed: dict[str, float]) -> float:
+        job = experiment_job(study, 0, {**values, **changed}, tmp_path)
+        (record,) = make_missing([job], Here())
+        misses = scaled_differences(job, record, data, study, 0)
+        return float(0.5 * misses @ misses)
+
+    (record,) = make_missing([experiment_job(study, 0, values, tmp_path, requests[0])], Here())
+    assert record["status"] == "completed", record
+    for key, value in values.items():
+        sides = [half_squares({key: (1.0 + sign * 1e-5) * value}) for sign in (1.0, -1.0)]
+        expected = (sides[0] - sides[1]) / (2e-5 * value)
+        figures.close(f"gradient by {key}", record["metrics"]["gradient"][key], expected, 1e-6 * abs(expected))
+
+
+def test_gradient_finds_what_made_the_data(tmp_path: Path, figures: Figures) -> None:
+    """Modulus, damping and friction of a pad against a wall at once, without noise."""
+    study = pushed_pad(tmp_path)
+    data = read_measurement(study.experiments[0], tmp_path / "pad.csv", "experiments.0")
+    workers = Here()
+    fit = fit_parameters(study, [data], tmp_path, workers, lambda values, cost: None)
+    for key, value in PUSHED.items():
+        figures.close(f"{key}, found and true", fit.values[key], value, 1e-6 * value)
+    assert len(workers.made) < 7 * fit.evaluations  # of which those of differences have six more runs
