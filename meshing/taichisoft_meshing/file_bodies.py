@@ -180,19 +180,22 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     meshes = successes(source, ways, make)
     yield (coarse := next(meshes))
     yield from meshes
-    least = FINEST * sizes.smallest
+    least, in_walls = FINEST * sizes.smallest, False
     for ratio in WALL_RATIOS:
         before = rows
         rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, least)
         # They would change nothing, or no more than the last ones, as in walls that get the least size with both.
         if rows[:, 9:].min() > 0.9 * sizes.largest or np.array_equal(rows, before):
             continue
+        in_walls = True
         warn_caller(
             f"{source}: elements are flat in thin walls; tried again with {ratio:g} times the walls' thickness, "
             f"but no less than {least:.3g} mm"
         )
         with suppress(MeshError):
             yield from successes(source, ways, make)
+    if in_walls:
+        return
     rows = np.empty((0, 12))
     sizes = replace(sizes, largest=SMALLER * sizes.largest, smallest=SMALLER * sizes.smallest)
     with suppress(MeshError):
