@@ -159,8 +159,12 @@ def _facing_one_side(vertices: np.ndarray, triangles: np.ndarray, source: str) -
     trimesh.repair.fix_winding(mesh)
     if not mesh.is_winding_consistent:
         raise MeshError(f"{source}: has one side only, like a Moebius strip or a Klein bottle; it encloses nothing")
+    faces = np.ascontiguousarray(mesh.faces, dtype=triangles.dtype)
+    areas = np.linalg.norm(area_vectors(vertices[triangles]), axis=1)
+    if 2 * areas[(faces != triangles).any(axis=1)].sum() > areas.sum():  # the larger part stays as it is
+        faces = np.ascontiguousarray(faces[:, ::-1])
     warn_caller(f"{source}: triangles that face the other way than their neighbours are turned round")
-    return np.ascontiguousarray(mesh.faces, dtype=triangles.dtype)
+    return faces
 
 
 def _refuse_flat_triangles(vertices: np.ndarray, triangles: np.ndarray, source: str) -> None:
@@ -373,6 +377,8 @@ def _refuse_crossings(shells: Sequence[Shell], outermost: Shell) -> None:
     alike = _file(shells[first]) == _file(shells[second]) and shells[first].was_inward == shells[second].was_inward
     parts = "; both face the same way: if they are parts of one body, unite = true joins them" if alike else ""
     crossed = "the outer surface" if shells[first] is outermost else "another cavity"
+    if _extent(shells[first]) == _extent(shells[second]):
+        parts = f"; both span {_extent(shells[first])}: if they are the same, leave one out"
     raise MeshError(
         f"{shells[second].source}: crosses or touches {crossed}, {shells[first].source}: {where}; "
         f"silicone must remain between them{parts}"

@@ -5,6 +5,7 @@ import re
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -56,7 +57,7 @@ from taichisoft_meshing.gmsh_session import (
     successes,
     with_curved_sides,
 )
-from taichisoft_meshing.inner_nodes import least_shape, with_elements_across, without_slivers
+from taichisoft_meshing.inner_nodes import least_shape, with_elements_across, without_flat_skin, without_slivers
 
 # The mesher of STEP files: gmsh fills the solids that OpenCASCADE has read, and the mesh gets the drawing's names.
 
@@ -148,6 +149,9 @@ def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMe
 WALL_RATIOS = (4.0, 2.0)
 """Longest edges in walls over their thickness, with which coarse meshes are tried again that have slivers there [-]."""
 
+SMALLER = 0.9
+"""Sizes with which meshes are tried in the end that have slivers elsewhere, over those that were asked for [-]."""
+
 
 def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str) -> Iterator[VolumeMesh]:
     """Mesh a body with surface triangles of new sizes, which lie on the given ones, in one way after the other.
@@ -176,19 +180,26 @@ def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, 
     meshes = successes(source, ways, make)
     yield (coarse := next(meshes))
     yield from meshes
-    least = FINEST * sizes.smallest
+    least, in_walls = FINEST * sizes.smallest, False
     for ratio in WALL_RATIOS:
         before = rows
         rows = wall_sizes(coarse.nodes, coarse.elements, sizes, ratio, source, least)
         # They would change nothing, or no more than the last ones, as in walls that get the least size with both.
         if rows[:, 9:].min() > 0.9 * sizes.largest or np.array_equal(rows, before):
             continue
+        in_walls = True
         warn_caller(
             f"{source}: elements are flat in thin walls; tried again with {ratio:g} times the walls' thickness, "
             f"but no less than {least:.3g} mm"
         )
         with suppress(MeshError):
             yield from successes(source, ways, make)
+    if in_walls:
+        return
+    rows = np.empty((0, 12))
+    sizes = replace(sizes, largest=SMALLER * sizes.largest, smallest=SMALLER * sizes.smallest)
+    with suppress(MeshError):
+        yield from successes(source, ways, make)
 
 
 def _remesh(
@@ -210,6 +221,7 @@ def _remesh(
         obey_wall_sizes(gmsh, sizes, rows)
     gmsh.model.mesh.generate(3)
     mesh = meshed_body(gmsh, surfaces, source)
+    mesh = without_flat_skin(mesh)
     compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], FLAT_TOLERANCE if flat else None)
     return mesh
 
@@ -358,7 +370,9 @@ class _BodyFromFiles(CheckedGeometry):
         except ValueError as error:
             raise MeshError(f"{self.file}: {error}") from error
         best: tuple[float, VolumeMesh, CurvedSides | None] | None = None
+        tries = 0
         for filling, its_sides in self._fillings(sizes):
+            tries += 1
             filled = without_slivers(with_elements_across(filling, sizes))
             shape = least_shape(filled.nodes, filled.elements)
             if best is None or shape > best[0]:
@@ -367,6 +381,8 @@ class _BodyFromFiles(CheckedGeometry):
                 break
         if best is None:
             raise MeshError(f"{self.file}: no mesh came out; try another size")
+        if tries > 1:
+            warn_caller(f"{self.file}: elements were nearly flat at first; the best of {tries} meshes is taken")
         _, mesh, sides = best
         return with_base(mesh if sides is None else with_curved_sides(mesh, sides), self.table.base)
 

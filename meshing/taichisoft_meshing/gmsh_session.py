@@ -28,6 +28,7 @@ from taichisoft.mesh import (
     tetrahedron_volumes,
     with_middle_nodes,
 )
+from taichisoft_meshing.closed_shells import find_crossings, undirected_sides
 
 Way = TypeVar("Way")
 Made = TypeVar("Made")
@@ -167,13 +168,22 @@ def _kept_log(gmsh: Any) -> str:
 
 
 def _place_of_surfaces(gmsh: Any, message: str) -> str:
-    """Where the boxes meet of the surfaces that a message of gmsh numbers, in words; empty where it numbers none."""
+    """Where the meshed surfaces cross, or the boxes meet of those that a message of gmsh numbers, in words, or ""."""
+    remedy = "; a smaller size, or defeature, may help"
+    corner_tags = gmsh.model.mesh.getElementsByType(TRIANGLE)[1]
+    if len(corner_tags):
+        nodes, corners, _ = numbered(gmsh.model.mesh, corner_tags)
+        triangles = corners.reshape(-1, 3)
+        if (np.unique(undirected_sides(triangles), axis=0, return_counts=True)[1] == 2).all():
+            places = find_crossings(nodes, triangles, np.zeros(len(triangles), dtype=int)).places
+            if len(places):
+                return f", where surfaces cross at {np.round(places[0], 2).tolist()} mm{remedy}"
     tags = [int(tag) for tag in re.findall(r"\bsurface (\d+)", message)]
     if not tags:
         return ""
     boxes = np.reshape([gmsh.model.getBoundingBox(2, tag) for tag in tags], (-1, 2, 3))
     middle = (boxes[:, 0].max(axis=0) + boxes[:, 1].min(axis=0)) / 2
-    return f", near {np.round(middle, 2).tolist()} mm; a smaller size, or defeature, may help"
+    return f", near {np.round(middle, 2).tolist()} mm{remedy}"
 
 
 def _one_line(error: Exception) -> str:

@@ -6,12 +6,12 @@ from itertools import combinations, product
 
 import numpy as np
 
-from taichisoft.mesh import VolumeMesh, boundary_triangles, element_volumes, tetrahedron_volumes
+from taichisoft.mesh import CAVITY, VolumeMesh, boundary_triangles, element_volumes, tetrahedron_volumes
 from taichisoft_meshing.body_tables import FittedSizes
 from taichisoft_meshing.closed_shells import undirected_sides
 from taichisoft_meshing.gmsh_session import TETRAHEDRON, TRIANGLE, gmsh_session
 from taichisoft_meshing.mesh_quality import QualityLimits
-from taichisoft_meshing.wall_quality import dihedral_angles, radius_ratios
+from taichisoft_meshing.wall_quality import FACES, dihedral_angles, radius_ratios
 
 # Two elements across every wall, by cuts inside a mesh that leave its surfaces unchanged.
 #
@@ -156,8 +156,11 @@ GAIN = 0.02
 DIRECTIONS = np.array([signs for signs in product((-1.0, 0.0, 1.0), repeat=3) if any(signs)])
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
-MOST_SLIVERS = 40
-"""With more of them a mesh is too coarse for its walls, and no other places of its nodes help."""
+MOST_SLIVERS, MOST_SHARE = 40, 0.005
+"""With more of them, and a larger share [-], a mesh is too coarse for its walls, and other places do not help."""
+
+FLAT = 30.0
+"""Largest angle between sides of a flat tetrahedron, or 180 degrees less it [degrees]."""
 
 
 def least_shape(nodes: np.ndarray, elements: np.ndarray) -> float:
@@ -177,7 +180,8 @@ def without_slivers(mesh: VolumeMesh) -> VolumeMesh:
     Each goes where the worst tetrahedron around it has the largest radius ratio (Freitag and Ollivier-Gooch 1997).
     """
     nodes, elements = mesh.nodes.copy(), mesh.elements
-    if least_shape(nodes, elements) >= 1 or (radius_ratios(nodes, elements) < SLIVER).sum() > MOST_SLIVERS:
+    most = max(MOST_SLIVERS, MOST_SHARE * len(elements))
+    if least_shape(nodes, elements) >= 1 or (radius_ratios(nodes, elements) < SLIVER).sum() > most:
         return mesh
     parts = {group.tobytes(): elements[group] for group in mesh.element_groups.values()}
     on_surfaces = np.unique(np.concatenate([boundary_triangles(its) for its in (elements, *parts.values())]))
@@ -192,6 +196,42 @@ def without_slivers(mesh: VolumeMesh) -> VolumeMesh:
         if (nodes == before).all():
             break
     return replace(mesh, nodes=nodes)
+
+
+def without_flat_skin(mesh: VolumeMesh) -> VolumeMesh:
+    """Leave out flat slivers with two or three sides on a surface, which then has their other sides.
+
+    No place of an inner node helps them, and they have next to no volume; those with three sides are folds. The mesh
+    is one part between closed surfaces that share no node; it is itself the result where it has no such sliver.
+    """
+    while True:
+        elements, skin = mesh.elements, boundary_triangles(mesh.elements)
+        on_skin, edges = set(map(frozenset, skin.tolist())), set(map(frozenset, undirected_sides(skin).tolist()))
+        kept, touched = np.ones(len(elements), dtype=bool), set[int]()
+        slivers = np.flatnonzero(radius_ratios(mesh.nodes, elements) < SLIVER)
+        angles = dihedral_angles(mesh.nodes, elements[slivers])
+        for sliver in slivers[(np.minimum(angles, 180.0 - angles) < FLAT).all(axis=1)].tolist():
+            sides = elements[sliver][FACES]
+            outside = np.array([frozenset(side) in on_skin for side in sides.tolist()])
+            if outside.sum() not in (2, 3) or touched.intersection(elements[sliver].tolist()):
+                continue
+            between = frozenset.intersection(*map(frozenset, sides[~outside].tolist()))
+            if between not in edges:  # else the skin would touch itself in this edge
+                kept[sliver] = False
+                touched.update(elements[sliver].tolist())
+        if kept.all():
+            return mesh
+        used, corners = np.unique(elements[kept], return_inverse=True)
+        skin = np.searchsorted(used, boundary_triangles(elements[kept])).astype(np.int32)
+        groups = {}
+        for name, triangles in mesh.surface_groups.items():
+            its = skin[np.isin(used[skin[:, 0]], triangles)]
+            groups[name] = np.ascontiguousarray(its[:, ::-1]) if name.startswith(CAVITY) else its
+        elements = corners.reshape(-1, 4).astype(np.int32)
+        parts = {name: np.arange(len(elements), dtype=np.int32) for name in mesh.element_groups}
+        mesh = replace(
+            mesh, nodes=mesh.nodes[used], elements=elements, surface_groups=groups, element_groups=parts
+        ).check()
 
 
 def _best_place(nodes: np.ndarray, around: np.ndarray, node: int) -> np.ndarray:

@@ -5,8 +5,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base.rotations import rotation_from_degrees
 from taichisoft.errors import MeshError
@@ -41,6 +39,7 @@ from taichisoft.mesh.surface import (
     curved_walls,
     enclosed_volume,
     enclosed_volume_of_walls,
+    joined_pieces,
 )
 from taichisoft.mesh.volume_mesh import (
     VolumeMesh,
@@ -301,9 +300,7 @@ def _surface_of_file(
 def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
     """The connected parts of a closed surface that enclose silicone: the walls of cavities have a negative volume."""
     triangles = closed_outward(vertices, triangles, source)
-    first, second = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2).T
-    edges = coo_matrix((np.ones(len(first)), (first, second)), (len(vertices), len(vertices)))
-    part = connected_components(edges, directed=False)[1][triangles[:, 0]]
+    part = joined_pieces(len(vertices), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))[triangles[:, 0]]
     encloses = {label: enclosed_volume(vertices, triangles[part == label]) > 0.0 for label in set(part)}
     return triangles[[encloses[label] for label in part]]
 

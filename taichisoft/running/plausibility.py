@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichisoft.base.plausible import (
     DENSITY,
@@ -27,7 +25,7 @@ from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.selection import select_elements
 from taichisoft.mesh.mesh_files import VOLUME_SUFFIXES
-from taichisoft.mesh.surface import enclosed_volume
+from taichisoft.mesh.surface import enclosed_volume, joined_pieces
 from taichisoft.mesh.volume_mesh import (
     ADVICE,
     TOO_STIFF,
@@ -228,6 +226,4 @@ def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> Non
 def _piece_count(cells: np.ndarray) -> int:
     """Number of connected parts of a mesh; `cells` are node indices, shape (count, nodes)."""
     pairs = cells[:, [[0, k] for k in range(1, cells.shape[1])]].reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(cells.max() + 1,) * 2)
-    labels = connected_components(graph, directed=False)[1]
-    return len(np.unique(labels[np.unique(cells)]))
+    return len(np.unique(joined_pieces(cells.max() + 1, pairs)[cells]))

@@ -77,6 +77,17 @@ def test_triangles_that_face_the_other_way_are_turned_round() -> None:
     assert not shell.was_inward
 
 
+@pytest.mark.parametrize("inward", [False, True])
+def test_most_of_a_surface_decides_where_it_faces(inward: bool) -> None:
+    """Also where the triangle from which its neighbours are turned is itself a wrong one: parts are told so."""
+    surface = ball(5.0, parts=1)
+    vertices, triangles = arrays(turned_round(surface) if inward else surface)
+    for seed in range(5):
+        wrong = np.random.default_rng(seed).random(len(triangles)) < 0.4
+        mixed = np.where(wrong[:, None], triangles[:, ::-1], triangles)
+        assert mended(surface_of(vertices, mixed), "are turned round$").was_inward == inward
+
+
 def with_a_flat_triangle() -> Surface:
     """A vertex on an edge of a cube, joined on one side only: on the other a flat triangle fills the gap."""
     vertices, triangles = arrays(box((10, 10, 10)))
@@ -256,6 +267,7 @@ def test_a_solid_in_a_solid_is_taken_for_a_cavity_and_said() -> None:
         ),
         (box((4, 4, 4)), [BODY], "^cavity0.stl: the cavity is not inside body.stl"),
         (BODY, [BODY], "^cavity0.stl: crosses or touches the outer surface, body.stl"),
+        (BODY, [box((4, 4, 4)), box((4, 4, 4), parts=1)], r"both span \[-2.0, .* to .* mm: if they are the same"),
         (BODY, [box((4, 4, 4)), ball(3, (3, 0, 0))], "^cavity1.stl: crosses or touches another cavity, cavity0.stl"),
         (BODY, [box((8, 8, 8)), box((2, 2, 2))], r"^cavity1.stl: lies inside a cavity \(it spans \[-1.0, -1.0, -1.0\]"),
         (

@@ -14,9 +14,12 @@ from test_step_solids import HEIGHT, LAYER, LENGTH, WIDTH, finger
 
 from taichisoft.command_line import main
 from taichisoft.running import plugins
+from taichisoft_studies.least_squares import Calibration, experiment_job, fit_parameters, read_measurement
 from taichisoft_studies.optimiser import Optimisation, best_trials, open_study
-from taichisoft_studies.run_job import RunJob, make_run
-from taichisoft_studies.study_file import check_study
+from taichisoft_studies.results_table import result_row, write_table
+from taichisoft_studies.run_job import RunJob, make_run, read_curves
+from taichisoft_studies.study_file import Sweep, check_study
+from taichisoft_studies.sweep_runs import RUNS, make_missing, sweep_jobs
 from taichisoft_studies.trials import run_trials
 
 FINGER = """
@@ -66,6 +69,24 @@ SEARCH = {
     "objectives": {"bend": {"maximise": "free['final_bending_angles_degrees']['finger']"}},
     "constraints": {"still": "soft['largest_stretch']['finger'] <= 1.02"},
     "trials": 3,
+}
+BEND = {
+    "scene": "finger.toml",
+    "parameters": {STIFFNESS: {"start": 200.0, "low": 50.0, "high": 500.0, "log": True}},
+    "experiments": [
+        {
+            "data": "bend.csv",
+            "over": "pressures['finger.cavity_0']",
+            "over_column": "Druck",
+            "curves": [{"column": "Winkel", "quantity": "degrees(bending_angles['finger'])"}],
+        }
+    ],
+}
+WIDTHS = {
+    "scene": "finger-inflated",
+    "set": ["soft_bodies.finger.mesh={file='tutorial.toml', size=14}"],
+    "duration": 0.04,
+    "vary": {"body.width": [18.0, 22.0]},
 }
 
 
@@ -131,3 +152,33 @@ def test_from_a_step_file_to_a_gripper_a_datasheet_and_a_mould(
 
     write_step(tmp_path / "upper.step", upper_part)
     assert "fill the block" in taichisoft("mould", "upper.step", "--parting", "z=10", "-o", "mould")
+
+
+def test_from_a_measured_bend_to_a_width_and_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_step(tmp_path / "finger.step", finger)
+    (tmp_path / "finger.toml").write_text(FINGER)
+    study, workers = check_study(Calibration, BEND, "study"), OneAfterTheOther()
+    truth = experiment_job(study, 0, {STIFFNESS: 130.0}, tmp_path / "truth")
+    make_missing([truth], workers)  # type: ignore[arg-type]
+    curves = read_curves(truth.place)
+    rows = zip(curves["over"].tolist(), curves["0"].tolist(), strict=True)
+    lines = [f"{pressure};{bend}".replace(".", ",") for pressure, bend in rows]
+    (tmp_path / "bend.csv").write_text("\n".join(["Druck (kPa);Winkel (deg)", *lines]) + "\n")
+    measured = read_measurement(study.experiments[0], tmp_path / "bend.csv", "study")
+    assert measured.curves[0, -1] > 1.0, "degrees: it bends"
+    fit = fit_parameters(study, [measured], tmp_path / "fit", workers, lambda values, cost: None)  # type: ignore[arg-type]
+    assert fit.values[STIFFNESS] == pytest.approx(130.0, rel=1e-3)
+
+    jobs = sweep_jobs(check_study(Sweep, WIDTHS, "study"), tmp_path / "sweep")
+    records = make_missing(jobs, workers)  # type: ignore[arg-type]
+    narrow, wide = (record["metrics"]["rest_volumes_mm3"]["finger"] for record in records)
+    assert wide > 1.05 * narrow
+    write_table([result_row(record, f"{RUNS}/{record['run']}") for record in records], tmp_path / "sweep")
+    monkeypatch.setattr(sys, "argv", ["taichisoft", "study", "report", "sweep"])
+    with plugins.separate_registry(), pytest.raises(SystemExit) as left:
+        main()
+    assert not left.value.code, capfd.readouterr()
+    assert "body.width" in (tmp_path / "sweep" / "report.html").read_text()

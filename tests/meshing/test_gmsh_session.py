@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fingers import read_finger
+from solid_shapes import box, together
 
 from taichisoft import VolumeMesh, read_volume_mesh
 from taichisoft.errors import MeshError
 from taichisoft.scene import data_folder
 from taichisoft_meshing import pneunet_finger as finger_solid
 from taichisoft_meshing.finger_dimensions import ElementSizes, FingerParameters
-from taichisoft_meshing.gmsh_session import GmshFailure, gmsh_session
+from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, gmsh_session
 from taichisoft_meshing.pneunet_finger import mesh_finger
 from taichisoft_meshing.wall_quality import radius_ratios
 
@@ -50,6 +51,20 @@ def test_gmshs_own_failure_names_the_file_with_its_log(logs: Path) -> None:
 def test_refusal_inside_a_session_names_the_log() -> None:
     with pytest.raises(MeshError, match=r"^gmsh cannot mesh this box: nothing came out; "), gmsh_session("this box"):
         raise GmshFailure("nothing\ncame out")
+
+
+def test_a_failure_names_the_place_where_surfaces_cross() -> None:
+    """Of two cubes of 2 mm, whose surfaces cross where the other cube's corner is."""
+    cubes = together(box((2, 2, 2)), box((2, 2, 2), (1.5, 1.4, 1.3)))
+    with pytest.raises(MeshError) as caught, gmsh_session("body.stl") as gmsh:
+        surface = gmsh.model.addDiscreteEntity(2)
+        gmsh.model.mesh.addNodes(2, surface, np.arange(16) + 1, cubes.vertices.ravel())
+        gmsh.model.mesh.addElementsByType(surface, TRIANGLE, [], cubes.faces.ravel() + 1)
+        raise GmshFailure("PLC Error: A segment and a facet intersect at point")
+    (place,) = re.findall(
+        r"intersect at point, where surfaces cross at \[(.*?)\] mm; a smaller size", str(caught.value)
+    )
+    assert (np.abs(np.array(place.split(","), dtype=float) - [0.75, 0.7, 0.65]) <= [0.25, 0.3, 0.35]).all()
 
 
 def test_other_errors_pass_and_leave_no_log(logs: Path) -> None:

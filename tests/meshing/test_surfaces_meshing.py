@@ -21,7 +21,13 @@ from taichisoft_meshing import file_bodies
 from taichisoft_meshing.file_bodies import SurfacesBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 from taichisoft_meshing.gmsh_session import GmshFailure, _surfaces, compare_volumes
-from taichisoft_meshing.inner_nodes import cut_edges, through_edges, without_inverted, without_slivers
+from taichisoft_meshing.inner_nodes import (
+    cut_edges,
+    through_edges,
+    without_flat_skin,
+    without_inverted,
+    without_slivers,
+)
 from taichisoft_meshing.mesh_quality import QualityLimits, measure, missed_limits
 
 # Flat faces: the volumes are those of the drawing, but for the single precision of STL.
@@ -319,6 +325,30 @@ def test_slivers_vanish_by_moves_of_inner_nodes(seed: int, part: float) -> None:
     stayed = np.isin(np.arange(len(nodes)), inside, invert=True)
     assert np.array_equal(mended.nodes[stayed], nodes[stayed])
     assert without_slivers(mended) is mended
+
+
+@pytest.mark.parametrize("sides", [2, 3])
+def test_flat_slivers_on_a_surface_are_left_out(sides: int) -> None:
+    """On a block lies a pyramid without height, or on its bent top a tetrahedron in the hollow of two triangles."""
+    block = make_block((3, 3, 1), (3.0, 3.0, 1.0))
+    nodes, elements, upper = block.nodes.copy(), block.elements, block.nodes[:, 2] == block.nodes[:, 2].max()
+    nodes[upper, 2] += 0.01 * nodes[upper, 0] ** 2
+    top = [its for its in boundary_triangles(elements).tolist() if upper[its].all()]
+    if sides == 3:
+        nodes = np.vstack([nodes, nodes[top[0]].mean(axis=0) + 0.01 * np.array([0.0, 0.0, 1.0])])
+        added = [*top[0], len(nodes) - 1]
+    else:
+        quads = [[*its, *set(other) - set(its)] for its in top for other in top if len(set(its) & set(other)) == 2]
+        added = next(quad for quad in quads if tetrahedron_volumes(nodes, np.array([quad]))[0] > 1e-4)
+    elements = np.vstack([elements, added]).astype(np.int32)
+    everything = np.arange(len(elements), dtype=np.int32)
+    flat = VolumeMesh("flat", nodes, elements, {"outer": boundary_triangles(elements)}, {"silicone": everything})
+    assert measure(flat.check()).radius_ratios.min() < 0.03
+    mended = without_flat_skin(flat)
+    assert np.array_equal(mended.elements, block.elements)
+    assert len(mended.nodes) == len(block.nodes)
+    assert_skins_are_the_boundary(mended)
+    assert without_flat_skin(mended) is mended
 
 
 def test_a_kept_surface_gets_walls_of_two_elements(tmp_path: Path) -> None:
