@@ -59,6 +59,7 @@ LEFT_OUT = {
     "taichisoft study calibrate beam.toml": "needs a measured beam; tests/studies/test_calibrate.py makes one up",
     "taichisoft study sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_workers.py starts one",
     "taichisoft run four.toml": "needs a real finger's mesh; tests/meshing/test_new_gripper.py runs such a scene",
+    "taichisoft recording plot out/gripper/recording.h5 --format xlsx": "needs an extra; tests/outputs/test_plots.py",
     "taichisoft doctor": "looks at the machine, which may lack something; tests/outputs/test_doctor.py",
 }
 """Beginnings of commands that are only checked for their options, and why."""
@@ -72,6 +73,7 @@ SHORTER = (
     (r"--duration [\d.]+", "--duration 0.03"),
     (r"--steps \d+", "--steps 3"),
     (r"(taichisoft reduce \S+)", r"\1 --processes 1"),  # a process takes longer to start than all runs of pads
+    (r"--line \S+", "--line -30,0,10:30,0,10"),
     (r"--(at|time) [\d.]+", r"--\1 0.02"),
     (r"runs/1aaaa8ec010c7dbe out/study/runs/3c6447d2fcc3c084", "runs/FIRST out/study/runs/SECOND"),
 )

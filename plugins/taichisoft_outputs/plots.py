@@ -1,20 +1,22 @@
 """The curves of a run: one small panel for each quantity, made from the recording's columns."""
 
 import io
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.base import require
+from taichisoft.base import extra, printable, require
 from taichisoft.control import AIR_NODES, AIR_PARTS, BASE, FIGURES, PAIRS, Figure, text_of
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
 from taichisoft_outputs.run_figures import last_at_rest
+from taichisoft_outputs.stress import COMPONENTS, StressLine
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +29,10 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 NEUTRAL = "#404040"
 LINE_STYLES = ("-", "--", ":", "-.")
 """Styles of the curves of one colour in a panel, in turn."""
+DASHES: Sequence[Any] = ("-", (0, (6, 6)), (0, (3, 9)))
+"""Styles of curves that lie on each other, in turn: each leaves parts of those before it to be seen."""
+NEAR = 0.015
+"""Largest distance of curves that lie on each other, over the height of all curves of a panel [-]."""
 
 COLUMNS = 2
 PANEL_SIZE = (5.6, 2.9)  # inches
@@ -127,11 +133,16 @@ def _style() -> Any:
 
 def _draw_panel(axes: "Axes", panel: Panel, colours: dict[str, str]) -> None:
     drawn = _without_doubles(panel.curves)
+    values = np.concatenate([curve.y[np.isfinite(curve.y)] for curve in panel.curves] or [np.zeros(1)])
+    near = NEAR * float(np.ptp(values)) if len(values) else 0.0
     seen: dict[str, int] = {}
     for index, (curve, labels) in enumerate(drawn):
         colour = colours.get(curve.body, NEUTRAL)
         style = LINE_STYLES[seen.get(colour, 0) % len(LINE_STYLES)]
         seen[colour] = seen.get(colour, 0) + 1
+        below = sum(_equal(curve.x, one.x) and _equal(curve.y, one.y, near) for one, _ in drawn[:index])
+        if below:
+            style = DASHES[below % len(DASHES)]
         # Curves that nearly coincide show as nested lines.
         width = 1.2 + 1.0 * (len(drawn) - 1 - index) / max(len(drawn) - 1, 1)
         _draw_curve(axes, curve, ", ".join(labels), panel.equal_scales, color=colour, linestyle=style, linewidth=width)
@@ -236,8 +247,8 @@ def _without_doubles(curves: Sequence[PlotCurve]) -> list[tuple[PlotCurve, list[
     return groups
 
 
-def _equal(one: np.ndarray, other: np.ndarray) -> bool:
-    return bool(one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=0.0, equal_nan=True))
+def _equal(one: np.ndarray, other: np.ndarray, least: float = 0.0) -> bool:
+    return bool(one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=least, equal_nan=True))
 
 
 TIME_AXIS = "time [s]"
@@ -486,7 +497,9 @@ def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis:
 
 # Plots of a run: all panels for which its recording has something to draw, in one picture.
 
-FORMATS = ("png", "svg")
+FORMATS = ("png", "svg", "xlsx")
+LONGEST_NAME = 28
+"""Characters of the name of a sheet, of 31 that a spreadsheet takes: three may number equal ones."""
 
 
 class PlotError(TaichisoftError):
@@ -498,13 +511,13 @@ class Plots:
     """The plots of a run.
 
     Attributes:
-        pictures: content of the file, in the format that was asked for; or of one for each column.
+        files: content of the file, in the format that was asked for; or of one for each column.
         shown: names of the panels in it.
         left_out: names of the panels without data in this run; panels of cables are listed only where the run has
             cables, or where they were chosen.
     """
 
-    pictures: tuple[bytes, ...]
+    files: tuple[bytes, ...]
     shown: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -542,12 +555,57 @@ def draw_plots(
     shown = {name: panel for name, panel in panels.items() if panel.curves}
     if not shown:
         raise PlotError(f"{recording.path}: nothing to plot: this run has nothing of {', '.join(left_out)}")
-    drawn, bodies = list(shown.values()), _bodies(recording)
-    if columns_apart:
-        figures = [draw_figure(drawn[one::COLUMNS], bodies, 1) for one in range(min(COLUMNS, len(drawn)))]
-    else:
-        figures = [draw_figure(drawn, bodies)]
-    return Plots(tuple(figure_bytes(figure, format) for figure in figures), tuple(shown), left_out)
+    return Plots(files_of(shown, _bodies(recording), format, columns_apart), tuple(shown), left_out)
+
+
+def files_of(
+    panels: Mapping[str, Panel], bodies: Sequence[str], format: str, columns_apart: bool = False
+) -> tuple[bytes, ...]:
+    """Content of the file with panels by name, or with `columns_apart` of a picture for each column."""
+    if format == "xlsx":
+        return (_workbook(panels),)
+    drawn = list(panels.values())
+    columns = [drawn[one::COLUMNS] for one in range(min(COLUMNS, len(drawn)))] if columns_apart else [drawn]
+    figures = [draw_figure(one, bodies, 1 if columns_apart else COLUMNS) for one in columns]
+    return tuple(figure_bytes(figure, format) for figure in figures)
+
+
+def _workbook(panels: Mapping[str, Panel]) -> bytes:
+    """A sheet for each panel: the curves in columns, each group of them behind what it is over."""
+    require("--format xlsx", "openpyxl", install=extra("xlsx"))
+    from openpyxl import Workbook
+
+    book, target = Workbook(write_only=True), io.BytesIO()
+    for name, panel in panels.items():
+        columns: list[tuple[str, np.ndarray]] = []
+        over = None
+        for curve in panel.curves:
+            if over is None or not np.array_equal(curve.x, over, equal_nan=True):
+                over = curve.x
+                columns.append((panel.x_axis, over))
+            columns.append((f"{panel.y_axis}, {curve.label}", curve.y))
+        sheet = book.create_sheet(re.sub(r"[\[\]:*?/\\]", "-", printable(name))[:LONGEST_NAME])
+        sheet.append([printable(title) for title, _ in columns])
+        for row in zip_longest(*(values.tolist() for _, values in columns)):
+            sheet.append([value if value is not None and np.isfinite(value) else None for value in row])
+    book.save(target)
+    return target.getvalue()
+
+
+def line_file(line: StressLine, format: str) -> bytes:
+    """Content of the file with stress along a line over the distance, in a colour for each instant."""
+    figures, groups = line.figures(), {"normal": list(COMPONENTS)[:3], "shear": list(COMPONENTS)[3:]}
+    groups = {"von Mises": ["von Mises"], "largest principal": ["largest principal"], **groups}
+    moments, always = [f"{time:g} s" for time in line.times], np.zeros(len(line.along))
+    panels = {}
+    for group, names in groups.items():
+        curves = [
+            PlotCurve(at if [group] == names else f"{name}, {at}", at, line.along, figures[name][instant], always)
+            for instant, at in enumerate(moments)
+            for name in names
+        ]
+        panels[group] = Panel("distance along the line at rest [mm]", f"{group} stress [kPa]", curves)
+    return files_of(panels, moments, format)[0]
 
 
 def _with_something_in_it(panel: Panel) -> Panel:
