@@ -26,6 +26,8 @@ TICKS_APART = 15
 
 AXES = "#888888"
 """Colour of axes, which is seen on a light and on a dark page."""
+DASHES = ((), (8.0, 8.0), (4.0, 12.0))
+"""Lengths of lines and gaps [pixels], in turn: of equal curves each leaves parts of those before it to be seen."""
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
 ON_PAGE = [figure for figure in FIGURES if In.PAGE in figure.recorded]
@@ -163,7 +165,13 @@ def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
     from viser import uplot
 
     lines = [
-        uplot.Series(label=name, stroke=LINES[index % len(LINES)], width=1.5, points={"show": False})
+        uplot.Series(
+            label=name,
+            stroke=LINES[index % len(LINES)],
+            width=1.5,
+            points={"show": False},
+            dash=DASHES[index % len(DASHES)],
+        )
         for index, name in enumerate(names)
     ]
     nothing = np.zeros(2)
