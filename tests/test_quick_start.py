@@ -100,5 +100,8 @@ def test_bar_tells_shares_and_open_counts(monkeypatch: pytest.MonkeyPatch, total
     console = Console(file=screen, force_terminal=True, width=100, color_system=None, get_time=lambda: clock[0])
     with progress_bar(console, "[red]gif", total, unit) as count:
         clock[0] = 3.0
-        count(advance=2.0, refresh=True)
+        count(state="beginning", refresh=True)
+        assert "beginning, after 0:00:03" in screen.getvalue()
+        assert "0 pictures" not in screen.getvalue()
+        count(advance=2.0, state="", refresh=True)
     assert "[red]gif" in screen.getvalue() and text in screen.getvalue()

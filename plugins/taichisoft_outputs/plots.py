@@ -1,8 +1,9 @@
 """The curves of a run: one small panel for each quantity, made from the recording's columns."""
 
+import csv
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise, zip_longest
@@ -497,7 +498,7 @@ def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis:
 
 # Plots of a run: all panels for which its recording has something to draw, in one picture.
 
-FORMATS = ("png", "svg", "xlsx")
+FORMATS = ("png", "svg", "csv", "xlsx")
 LONGEST_NAME = 28
 """Characters of the name of a sheet, of 31 that a spreadsheet takes: three may number equal ones."""
 
@@ -533,8 +534,6 @@ def draw_plots(
 
     With `columns_apart` each column is a picture of its own, so that a narrow page can put one below the other.
     """
-    if format not in FORMATS:
-        raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
     known = panels_of(recording)
     for option, name in [("--only" if over is None else "--y", name) for name in only or ()] + [("--x", over)] * (
         over is not None
@@ -550,20 +549,30 @@ def draw_plots(
             if panel.equal_scales:
                 raise PlotError(f"{name} is a path, not a figure over time; take tip-x, tip-y or tip-z")
         made = {name: against(across, panel) for name, panel in made.items()}
-    panels = {name: _with_something_in_it(panel) for name, panel in made.items()}
+    panels = {
+        name: replace(panel, curves=[curve for curve in panel.curves if np.isfinite(curve.y).any()])
+        for name, panel in made.items()
+    }
     left_out = tuple(name for name, panel in panels.items() if not panel.curves)
     shown = {name: panel for name, panel in panels.items() if panel.curves}
     if not shown:
         raise PlotError(f"{recording.path}: nothing to plot: this run has nothing of {', '.join(left_out)}")
-    return Plots(files_of(shown, _bodies(recording), format, columns_apart), tuple(shown), left_out)
+    bodies = [*recording.scene.soft_bodies, *recording.scene.rigid_bodies]
+    return Plots(files_of(shown, bodies, format, columns_apart), tuple(shown), left_out)
 
 
 def files_of(
     panels: Mapping[str, Panel], bodies: Sequence[str], format: str, columns_apart: bool = False
 ) -> tuple[bytes, ...]:
     """Content of the file with panels by name, or with `columns_apart` of a picture for each column."""
+    if format not in FORMATS:
+        raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
     if format == "xlsx":
         return (_workbook(panels),)
+    if format == "csv":
+        table = io.StringIO(newline="")
+        csv.writer(table).writerows(_rows(panels.values()))
+        return (table.getvalue().encode(),)
     drawn = list(panels.values())
     columns = [drawn[one::COLUMNS] for one in range(min(COLUMNS, len(drawn)))] if columns_apart else [drawn]
     figures = [draw_figure(one, bodies, 1 if columns_apart else COLUMNS) for one in columns]
@@ -571,47 +580,39 @@ def files_of(
 
 
 def _workbook(panels: Mapping[str, Panel]) -> bytes:
-    """A sheet for each panel: the curves in columns, each group of them behind what it is over."""
     require("--format xlsx", "openpyxl", install=extra("xlsx"))
     from openpyxl import Workbook
 
     book, target = Workbook(write_only=True), io.BytesIO()
     for name, panel in panels.items():
-        columns: list[tuple[str, np.ndarray]] = []
-        over = None
-        for curve in panel.curves:
-            if over is None or not np.array_equal(curve.x, over, equal_nan=True):
-                over = curve.x
-                columns.append((panel.x_axis, over))
-            columns.append((f"{panel.y_axis}, {curve.label}", curve.y))
         sheet = book.create_sheet(re.sub(r"[\[\]:*?/\\]", "-", printable(name))[:LONGEST_NAME])
-        sheet.append([printable(title) for title, _ in columns])
-        for row in zip_longest(*(values.tolist() for _, values in columns)):
-            sheet.append([value if value is not None and np.isfinite(value) else None for value in row])
+        for row in _rows([panel]):
+            sheet.append(row)
     book.save(target)
     return target.getvalue()
 
 
-def line_file(line: StressLine, format: str) -> bytes:
-    """Content of the file with stress along a line over the distance, in a colour for each instant."""
-    figures, groups = line.figures(), {"normal": list(COMPONENTS)[:3], "shear": list(COMPONENTS)[3:]}
-    groups = {"von Mises": ["von Mises"], "largest principal": ["largest principal"], **groups}
-    moments, always = [f"{time:g} s" for time in line.times], np.zeros(len(line.along))
-    panels = {}
-    for group, names in groups.items():
-        curves = [
-            PlotCurve(at if [group] == names else f"{name}, {at}", at, line.along, figures[name][instant], always)
-            for instant, at in enumerate(moments)
-            for name in names
-        ]
-        panels[group] = Panel("distance along the line at rest [mm]", f"{group} stress [kPa]", curves)
-    return files_of(panels, moments, format)[0]
+def _rows(panels: Iterable[Panel]) -> Iterator[list[Any]]:
+    """The curves in columns with titles, those over the same values behind these; None where there is no value."""
+    columns: list[list[Any]] = []
+    over = None
+    for panel in panels:
+        for curve in panel.curves:
+            if over is None or not np.array_equal(curve.x, over, equal_nan=True):
+                over = curve.x
+                columns.append([panel.x_axis, *over.tolist()])
+            columns.append([printable(f"{panel.y_axis}, {curve.label}"), *curve.y.tolist()])
+    for row in zip_longest(*columns):
+        yield [None if value is None or value != value else value for value in row]
 
 
-def _with_something_in_it(panel: Panel) -> Panel:
-    return replace(panel, curves=[curve for curve in panel.curves if np.isfinite(curve.y).any()])
-
-
-def _bodies(recording: Recording) -> list[str]:
-    """Names of the bodies with colours of their own."""
-    return [*recording.scene.soft_bodies, *recording.scene.rigid_bodies]
+def line_panels(line: StressLine) -> dict[str, Panel]:
+    """Stress along a line over the distance, in a colour for each instant."""
+    panels: dict[str, Panel] = {}
+    for name, values in line.figures().items():
+        group = name if name not in COMPONENTS else "normal" if name[0] == name[1] else "shear"
+        panel = panels.setdefault(group, Panel("distance along the line at rest [mm]", f"{group} stress [kPa]", []))
+        for time, stress in zip(line.times, values, strict=True):
+            at, always = f"{time:g} s", np.full(len(stress), time)
+            panel.curves.append(PlotCurve(at if group == name else f"{name}, {at}", at, line.along, stress, always))
+    return panels

@@ -37,7 +37,9 @@ def export(
     from taichisoft_outputs.recording.reader import read_recording
 
     if format not in EXPORTS:
-        raise ExportError(f"--format {format}: must be {' or '.join(EXPORTS)}; `recording plot` has xlsx, of curves")
+        raise ExportError(
+            f"--format {format}: must be {' or '.join(EXPORTS)}; `recording plot` has csv and xlsx, of curves"
+        )
     with read_recording(run) as recording:
         instants = chosen_instants(recording, every, time)
         if recording.last_start and not time:
@@ -77,7 +79,9 @@ def plot(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the picture  \\[default: RUN's]")
     ] = None,
-    format: Annotated[str, typer.Option(help="png, svg, or xlsx: the curves as sheets of numbers.")] = "png",
+    format: Annotated[
+        str, typer.Option(help="png, svg, or numbers: csv, or xlsx with a sheet for each panel.")
+    ] = "png",
     only: Annotated[
         str | None,
         typer.Option(metavar="NAMES", help="Panels, such as bending,slip; one that is unknown is answered with all."),
@@ -98,12 +102,10 @@ def plot(
 ) -> None:
     """Plot pressures, tensions, motion, forces and step times of a recording, or stress along a line."""
     from taichisoft.base import atomic_file  # --help need not wait for any of these
-    from taichisoft_outputs.plots import FORMATS, PANELS, PlotError, draw_plots, line_file
+    from taichisoft_outputs.plots import PANELS, PlotError, draw_plots, files_of, line_panels
     from taichisoft_outputs.recording.reader import read_recording
     from taichisoft_outputs.stress import parse_line, stress_along
 
-    if format not in FORMATS:
-        raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
     if (x is None) != (y is None):
         raise PlotError("--x and --y go together: --x pressure --y bending")
     if y is not None and only is not None:
@@ -116,24 +118,24 @@ def plot(
         raise PlotError("--line draws stress over distance; --only, --x and --y have no effect beside it")
     if line is None and time:
         raise PlotError("--time is a moment of --line; other plots show all moments")
-    stem, table = "plots" if x is None else f"{'-'.join(names or ())}-over-{x}".replace(" ", "-"), None
+    stem = "plots" if x is None else f"{'-'.join(names or ())}-over-{x}".replace(" ", "-")
     with read_recording(run) as recording:
         if line is None:
             plots = draw_plots(recording, format, names, None if x == "time" else x)
-            content = plots.files[0]
+            content = {format: plots.files[0]}
             for name in plots.left_out:
                 say(f"no plot of {name}: nothing of the kind in this run")
         else:
-            ends, moments = parse_line(line), time or [recording.times[-1]]
+            stem, ends, moments = "stress-along-line", parse_line(line), time or [recording.times[-1]]
             along = stress_along(recording, ends, sorted({recording.instant_at(moment) for moment in moments}))
-            stem, content, table = "stress-along-line", line_file(along, format), along.csv()
-    path = (output or run.parent) / f"{stem}.{format}"
-    for file, data in ((path, content), (path.with_suffix(".csv"), table)):
-        if data is not None:
-            with atomic_file(file, PlotError) as partial:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                partial.write_bytes(data)
-            say(file)
+            panels, bodies = line_panels(along), [f"{moment:g} s" for moment in along.times]
+            content = {kind: files_of(panels, bodies, kind)[0] for kind in dict.fromkeys((format, "csv"))}
+    for kind, data in content.items():
+        path = (output or run.parent) / f"{stem}.{kind}"
+        with atomic_file(path, PlotError) as partial:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial.write_bytes(data)
+        say(path)
 
 
 # The command `taichisoft render`.

@@ -10,8 +10,6 @@ Positions are in mm, of shape (node_count, 3), elements node indices (element_co
 gradients have the shape (count, 3, 3), and Young's moduli [kPa] and Poisson's ratios are those of each element.
 """
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -223,29 +221,23 @@ def recorded_stress(recording: "Recording") -> Callable[[int], list[np.ndarray]]
     return stresses
 
 
-def _body_stress(recording: "Recording", body: "RecordedSoftBody") -> StressLaw | DomainStress:
-    """The stress of a recorded body, each of whose materials has its own law."""
-    settings = recording.scene.soft_bodies[body.name]
-    if settings.element != "linear":
-        return _domain_stress(recording, body)
-    laws = _laws(recording, body)
-    return StressLaw(body.rest_position, body.elements, body.poisson_ratio, settings.corotation, laws)
+def _body_stress(
+    recording: "Recording", body: "RecordedSoftBody", in_domains: bool = False
+) -> StressLaw | DomainStress:
+    """The stress of a recorded body, each of whose materials has its own law.
 
-
-def _domain_stress(recording: "Recording", body: "RecordedSoftBody") -> DomainStress:
-    """The stress of a recorded body in domains: of linear elements in those of smoothed ones, which even it out."""
-    kind = recording.scene.soft_bodies[body.name].element.replace("linear", "smoothed")
-    laws = _laws(recording, body)
-    return DomainStress(kind, body.rest_position, body.elements, body.material, body.poisson_ratio, laws)
-
-
-def _laws(recording: "Recording", body: "RecordedSoftBody") -> list[DomainLaw]:
+    With `in_domains` linear elements have that of the domains of smoothed ones, which is more even.
+    """
     settings = recording.scene.soft_bodies[body.name]
     first = list(recording.scene.young_moduli).index(body.name)
-    return [
+    laws = [
         DomainLaw(np.flatnonzero(body.material == first + number), one.law or settings.law, one.coefficients)
         for number, one in enumerate(settings.materials)
     ]
+    kind = settings.element.replace("linear", "smoothed") if in_domains else settings.element
+    if kind != "linear":
+        return DomainStress(kind, body.rest_position, body.elements, body.material, body.poisson_ratio, laws)
+    return StressLaw(body.rest_position, body.elements, body.poisson_ratio, settings.corotation, laws)
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:
@@ -315,19 +307,6 @@ class StressLine:
         components = {name: self.stress[..., row, column] for name, (row, column) in COMPONENTS.items()}
         return {"von Mises": mises, "largest principal": principal, **components}
 
-    def csv(self) -> bytes:
-        """A table of what is inside bodies: a row for each instant and point."""
-        target, figures = io.StringIO(newline=""), self.figures()
-        places = ["along the line [mm]", *(f"{axis} at rest [mm]" for axis in "xyz")]
-        writer = csv.writer(target)
-        writer.writerow(["time [s]", "body", *places, *(f"{name} stress [kPa]" for name in figures)])
-        for instant, time in enumerate(self.times):
-            for number, body in enumerate(self.bodies):
-                if body:
-                    values = self.along[number], *self.points[number], *(of[instant, number] for of in figures.values())
-                    writer.writerow([f"{time:.6g}", body, *(f"{round(value, 6) + 0.0:.6g}" for value in values)])
-        return target.getvalue().encode()
-
 
 def parse_line(text: str) -> np.ndarray:
     """The ends of a line [mm], shape (2, 3), from "0,0,0:0,0,12.5".
@@ -353,8 +332,8 @@ def stress_along(recording: "Recording", ends: np.ndarray, instants: Sequence[in
     points = np.linspace(ends[0], ends[1], LINE_POINTS)
     bodies, stress = [""] * LINE_POINTS, np.full((len(instants), LINE_POINTS, 3, 3), np.nan)
     for body in recording.soft_bodies:
-        law = _domain_stress(recording, body)
-        parts = []
+        law, parts = _body_stress(recording, body, in_domains=True), []
+        assert isinstance(law, DomainStress)
         for instant in instants:
             position, young_modulus = recording.row("position", instant), recording.row("young_modulus", instant)
             parts.append(law.at_domains(position[body.nodes], young_modulus[body.material]))
@@ -362,11 +341,9 @@ def stress_along(recording: "Recording", ends: np.ndarray, instants: Sequence[in
         for number in np.flatnonzero(np.isfinite(at_points[0, :, 0, 0])).tolist():
             bodies[number], stress[:, number] = body.name, at_points[:, number]
     if not any(bodies):
-        boxes = ", ".join(
-            f"{body.name} from {_text(body.rest_position.min(axis=0))} to {_text(body.rest_position.max(axis=0))}"
-            for body in recording.soft_bodies
-        )
-        raise TaichisoftError(f"--line: meets no soft body where they are at rest [mm]: {boxes or 'there is none'}")
+        rest = np.vstack([np.zeros((1, 3)), *(body.rest_position for body in recording.soft_bodies)])[1:]
+        places = f"between {_text(rest.min(axis=0))} and {_text(rest.max(axis=0))}" if len(rest) else "none"
+        raise TaichisoftError(f"--line: meets no soft body at rest; there they are {places} [mm]")
     return StressLine(recording.times[list(instants)], np.linalg.norm(points - ends[0], axis=1), points, bodies, stress)
 
 

@@ -235,7 +235,7 @@ def write_datasheet(
     rows = [[_text(value) for value in row] for row in zip(*columns.values(), strict=True)]
     with atomic_file(folder / TABLE, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([list(columns), *rows])
-    panels = {panel.y_axis: panel for panel in _panels(first, second)}
+    panels = _panels(first, second)
     with atomic_file(folder / PICTURE, StudyError) as partial:
         partial.write_bytes(files_of(panels, ["", SECOND], "png")[0])
     last = first.pressures[-1]
@@ -296,41 +296,20 @@ def _text(value: float, digits: int = 5) -> str:
     return "" if np.isnan(value) else f"{round(float(value), 6) + 0.0:.{digits}g}"
 
 
-def _panels(first: Characteristics, second: Characteristics | None) -> list[Panel]:
-    meshes = [("", first), *([(SECOND, second)] if second is not None else [])]
+def _panels(first: Characteristics, second: Characteristics | None) -> dict[str, Panel]:
+    panels: dict[str, Panel] = {}
 
-    def panel(y_axis: str, curves: list[tuple[str, np.ndarray, np.ndarray]], x_axis: str = PRESSURE) -> Panel:
-        made = [
-            PlotCurve(label, SECOND if label.endswith(SECOND) else "", x, y, np.arange(len(x), dtype=float))
-            for label, x, y in curves
-        ]
-        return Panel(x_axis, y_axis, made)
+    def add(y_axis: str, label: str, x: np.ndarray, y: np.ndarray, x_axis: str = PRESSURE) -> None:
+        curve = PlotCurve(label, SECOND if label.endswith(SECOND) else "", x, y, np.arange(len(x), dtype=float))
+        panels.setdefault(y_axis, Panel(x_axis, y_axis, [])).curves.append(curve)
 
-    return [
-        panel("bending angle [degrees]", [(f"free{of}", mesh.pressures, mesh.bending) for of, mesh in meshes]),
-        panel(
-            "force on the block [mN]",
-            [
-                (
-                    f"held at {_text(mesh.bending[number], 3)} degrees, {mesh.pressures[number]:g} kPa{of}",
-                    mesh.pressures,
-                    forces,
-                )
-                for of, mesh in meshes
-                for number, forces in zip(mesh.blocked, mesh.forces, strict=True)
-            ],
-        ),
-        panel("stiffness of the tip [mN/mm]", [(f"secant{of}", mesh.pressures, mesh.stiffness) for of, mesh in meshes]),
-        panel(
-            f"force at {first.pressures[-1]:g} kPa [mN]",
-            [
-                (
-                    f"over its bend{of}",
-                    np.append(mesh.bending[mesh.blocked], mesh.bending[-1]),
-                    np.append(mesh.forces[:, -1], 0.0),
-                )
-                for of, mesh in meshes
-            ],
-            "bend at which the tip is held [degrees]",
-        ),
-    ]
+    for of, mesh in (("", first), *([(SECOND, second)] if second is not None else [])):
+        add("bending angle [degrees]", f"free{of}", mesh.pressures, mesh.bending)
+        for number, forces in zip(mesh.blocked, mesh.forces, strict=True):
+            held = f"held at {_text(mesh.bending[number], 3)} degrees, {mesh.pressures[number]:g} kPa{of}"
+            add("force on the block [mN]", held, mesh.pressures, forces)
+        add("stiffness of the tip [mN/mm]", f"secant{of}", mesh.pressures, mesh.stiffness)
+        bends, last = np.append(mesh.bending[mesh.blocked], mesh.bending[-1]), np.append(mesh.forces[:, -1], 0.0)
+        axis = "bend at which the tip is held [degrees]"
+        add(f"force at {first.pressures[-1]:g} kPa [mN]", f"over its bend{of}", bends, last, axis)
+    return panels

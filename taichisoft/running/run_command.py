@@ -204,7 +204,7 @@ def progress_bar(
     """Show how far something is, and the time that is left at its mean speed.
 
     Args:
-        total: how much there is to do; None as long as nobody knows.
+        total: how much there is to do; None if it is not known, or nothing is counted.
         unit: what is counted, such as "pictures"; "%" to show the share that is done.
         begun: how much of it was done earlier.
 
@@ -246,7 +246,11 @@ class _HowFar(ProgressColumn):
         seconds, made, unit = task.elapsed or 0.0, task.completed - task.fields["begun"], task.fields["unit"]
         of = "" if task.total is None else f"of {task.total:.0f} "
         count = f"{task.percentage:.0f} %" if unit == "%" else f"{task.completed:.0f} {of}{unit}".strip()
-        parts = [count, task.fields["state"], f"after {timedelta(seconds=round(seconds))}"]
+        parts = [
+            count if task.completed or task.total else "",
+            task.fields["state"],
+            f"after {timedelta(seconds=round(seconds))}",
+        ]
         if task.remaining and made > 0.0:
             parts.append(f"{timedelta(seconds=round(seconds / made * task.remaining))} left")
         return Text(", ".join(filter(None, parts)))

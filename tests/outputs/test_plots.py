@@ -280,7 +280,7 @@ def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> 
         PlotError, match="--only pressures: there are: pressure, volume, air_mass, air_flow, valve, tension"
     ):
         draw_plots(recording, "png", ["pressures"])
-    with pytest.raises(PlotError, match="--format pdf: there are: png, svg, xlsx"):
+    with pytest.raises(PlotError, match="--format pdf: there are: png, svg, csv, xlsx"):
         draw_plots(recording, "pdf")
 
 

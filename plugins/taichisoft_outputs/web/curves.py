@@ -1,6 +1,7 @@
 """The plots of a page: efforts of actuators, forces on the main object, and its height over time."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -165,14 +166,8 @@ def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
     from viser import uplot
 
     lines = [
-        uplot.Series(
-            label=name,
-            stroke=LINES[index % len(LINES)],
-            width=1.5,
-            points={"show": False},
-            dash=DASHES[index % len(DASHES)],
-        )
-        for index, name in enumerate(names)
+        uplot.Series(label=name, stroke=colour, dash=dash, width=1.5, points={"show": False})
+        for name, colour, dash in zip(names, cycle(LINES), cycle(DASHES), strict=False)
     ]
     nothing = np.zeros(2)
     grey: Any = {"stroke": AXES, "grid": {"stroke": f"{AXES}40", "width": 1}, "ticks": {"stroke": AXES, "width": 1}}
