@@ -571,7 +571,9 @@ def files_of(
         return (_workbook(panels),)
     if format == "csv":
         table = io.StringIO(newline="")
-        csv.writer(table).writerows(_rows(panels.values()))
+        for row in _rows(panels.values()):
+            shown = [f"{round(one, 9) + 0.0:.9g}" if isinstance(one, float) else one for one in row]
+            csv.writer(table).writerow(shown)
         return (table.getvalue().encode(),)
     drawn = list(panels.values())
     columns = [drawn[one::COLUMNS] for one in range(min(COLUMNS, len(drawn)))] if columns_apart else [drawn]

@@ -287,15 +287,11 @@ class StressLine:
     Attributes:
         times: [s], shape (instant_count,).
         along: distance from the first end at rest [mm], shape (point_count,).
-        points: at rest [mm], shape (point_count, 3).
-        bodies: name of the body around each point; "" outside.
         stress: in the axes of the world [kPa], positive in tension, NaN outside, (instant_count, point_count, 3, 3).
     """
 
     times: np.ndarray
     along: np.ndarray
-    points: np.ndarray
-    bodies: list[str]
     stress: np.ndarray
 
     def figures(self) -> dict[str, np.ndarray]:
@@ -330,7 +326,7 @@ def stress_along(recording: "Recording", ends: np.ndarray, instants: Sequence[in
         TaichisoftError: the line meets no soft body.
     """
     points = np.linspace(ends[0], ends[1], LINE_POINTS)
-    bodies, stress = [""] * LINE_POINTS, np.full((len(instants), LINE_POINTS, 3, 3), np.nan)
+    stress = np.full((len(instants), LINE_POINTS, 3, 3), np.nan)
     for body in recording.soft_bodies:
         law, parts = _body_stress(recording, body, in_domains=True), []
         assert isinstance(law, DomainStress)
@@ -338,13 +334,14 @@ def stress_along(recording: "Recording", ends: np.ndarray, instants: Sequence[in
             position, young_modulus = recording.row("position", instant), recording.row("young_modulus", instant)
             parts.append(law.at_domains(position[body.nodes], young_modulus[body.material]))
         at_points = _recovered(body, law, [np.array(part) for part in zip(*parts, strict=True)], points)
-        for number in np.flatnonzero(np.isfinite(at_points[0, :, 0, 0])).tolist():
-            bodies[number], stress[:, number] = body.name, at_points[:, number]
-    if not any(bodies):
+        stress = np.where(np.isnan(at_points), stress, at_points)
+    if np.isnan(stress).all():
         rest = np.vstack([np.zeros((1, 3)), *(body.rest_position for body in recording.soft_bodies)])[1:]
         places = f"between {_text(rest.min(axis=0))} and {_text(rest.max(axis=0))}" if len(rest) else "none"
-        raise TaichisoftError(f"--line: meets no soft body at rest; there they are {places} [mm]")
-    return StressLine(recording.times[list(instants)], np.linalg.norm(points - ends[0], axis=1), points, bodies, stress)
+        raise TaichisoftError(
+            f"--line: none of its {LINE_POINTS} points is in a soft body at rest; they are {places} [mm]"
+        )
+    return StressLine(recording.times[list(instants)], np.linalg.norm(points - ends[0], axis=1), stress)
 
 
 def _text(place: np.ndarray) -> str:
