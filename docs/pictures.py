@@ -73,19 +73,9 @@ def draw_run(name: str, scene_name: str, time: float | None) -> None:
         recording = Path(folder) / "recording.h5"
         render_pictures(recording, {name: scene.time.duration if time is None else time}, DOCS)
         if name == ANIMATED:
-            draw_animation(recording, DOCS / f"{name}.gif")
+            render_video(recording, DOCS / f"{name}.gif", fps=13.0, slow_motion=0.5, style=Style(size=SIZE))
         if name == FILMED:
             render_video(recording, DOCS / f"{name}.mp4", fps=15.0, style=Style(size=FILM_SIZE))
-
-
-def draw_animation(recording: Path, target: Path, frames: int = 40, seconds: float = 4.0) -> None:
-    """Write the first `seconds` of a grasp, its closing and lifting, as a GIF of three seconds."""
-    times = {f"{i:03d}": seconds * (i + 1) / frames for i in range(frames)}
-    with TemporaryDirectory() as folder:
-        drawn = [Image.open(path) for path in render_pictures(recording, times, Path(folder), Style(size=SIZE))]
-        palette = drawn[-1].convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE)
-        images = [image.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE) for image in drawn]
-        images[0].save(target, save_all=True, append_images=images[1:], duration=3000 // frames, loop=0, optimize=True)
 
 
 @application.command("runs")

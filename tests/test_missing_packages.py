@@ -47,7 +47,6 @@ COMMANDS = {
     "recording plot run/recording.h5 --format xlsx": "xlsx",
     "materials plot": "",
     "recording report run/recording.h5 -o page.html": None,
-    "doctor --time-limit 300": None,
     "materials": None,
     "plugins": None,
 }

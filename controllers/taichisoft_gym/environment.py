@@ -387,11 +387,12 @@ class SoftRobotEnvironment(gymnasium.Env[Any, np.ndarray]):
         """
         self._refuse_before_reset()
         request = action_values(action, len(self.action_channels))
-        control = self.actuation.control(request, self.simulation, self.control_period)
-        pushed, diverged = replace(control, forces=self.pushes()), {}
+        control, diverged = self.actuation.control(request, self.simulation, self.control_period), {}
+        if forces := self.pushes():
+            control = replace(control, forces=forces)
         try:
             for number in range(self._steps):
-                self.simulation.step(control if number else pushed)
+                self.simulation.step(None if number else control)  # what was asked for goes on
         except SimulationDiverged as error:
             diverged = {"diverged": str(error)}
         seen = self.simulation.observe()

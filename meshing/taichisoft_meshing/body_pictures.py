@@ -1,6 +1,7 @@
 """Pictures and tables of bodies: their numbered faces, and the parts of a mould."""
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from taichisoft.errors import MeshError
 from taichisoft_meshing.cad_body import CadBody
 from taichisoft_meshing.closed_shells import area_vectors
 from taichisoft_meshing.mesh_quality import aligned_table
-from taichisoft_meshing.mould_check import CheckedPart
+from taichisoft_meshing.mould_check import CheckedPart, ray_crossings
 
 # The tables that `taichisoft mesh info` prints of a body from CAD.
 
@@ -47,12 +48,14 @@ def body_tables(body: CadBody) -> Group:
     )
 
 
-# A picture of each part of a mould, from above and from below, with the places that the check found.
+# A picture of each part of a mould, from both sides of its parting direction, with the places that the check found.
 
 SIZE = (900, 640)
-"""Width and height of each of the two views [pixels]."""
+"""Width and height of each of the four views [pixels]."""
 PRINTED, SILICONE, HELD, THIN = (0.55, 0.66, 0.76), (0.86, 0.80, 0.68), (0.80, 0.10, 0.10), (0.95, 0.60, 0.05)
 """Colours of what is printed and of silicone, of what an undercut holds, and of walls too thin to print."""
+DEEP = 0.35
+"""Part of the light that the lowest place gets less than the highest: it tells levels apart that face one way."""
 INK, LETTERS = (0.1, 0.12, 0.14), 22.0
 """Colour [-] and height [pixels] of the letters."""
 TIME_LIMIT = 300.0
@@ -67,7 +70,7 @@ def draw_parts(parts: Sequence[CheckedPart]) -> list[Path]:
     try:
         images = call_apart(
             "taichisoft_meshing.body_pictures:draw_views",
-            [(part.corners, _colours(part)) for part in parts],
+            [(part.corners, _colours(part), _parting(part, parts)) for part in parts],
             time_limit=TIME_LIMIT,
         )
     except (WorkerLost, OSError, RuntimeError) as error:
@@ -76,19 +79,22 @@ def draw_parts(parts: Sequence[CheckedPart]) -> list[Path]:
 
     files = [part.file.with_suffix(".png") for part in parts]
     for image, file, part in zip(images, files, parts, strict=True):
-        picture = Image.fromarray(image)
+        picture = Image.fromarray(np.pad(image, ((round(2 * LETTERS), 0), (0, 0), (0, 0)), constant_values=255))
         size = " x ".join(f"{length:.1f}" for length in np.ptp(part.corners, axis=(0, 1)))
-        paint_caption(picture, [file.stem, f"{size} mm", "from above and from below"], INK, LETTERS)
+        paint_caption(
+            picture, [file.stem, f"{size} mm", "from both sides, on the right along the parting"], INK, LETTERS
+        )
         with atomic_file(file, MeshError) as partial:
             picture.save(partial, format="png")
     return files
 
 
-def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
-    """What the drawing process does: two views of each part, beside each other, dtype uint8.
+def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """What the drawing process does: four views of each part, aslant and along the parting, dtype uint8.
 
     Args:
-        parts: corners [mm], shape (count, 3, 3), and colours of the triangles [-], (count, 3), of each part.
+        parts: corners [mm], shape (count, 3, 3), colours of the triangles [-], (count, 3), and the parting direction
+            of each part, (3,).
     """
     from taichisoft_outputs.drawing.camera import fit_camera, scene_axes, seen_from_front
     from taichisoft_outputs.drawing.drawer import antialias
@@ -97,24 +103,33 @@ def draw_views(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarra
 
     stage = Stage(SIZE)  # a process can have only one
     images = []
-    for corners, colours in parts:
+    for corners, colours, parting in parts:
         normals = area_vectors(corners)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         views = []
-        for up in (np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])):
+        for side, view in product((1.0, -1.0), ("iso", "top")):
+            up = side * parting
             key = np.array(KEY_LIGHT) @ scene_axes(up)
-            camera = fit_camera(corners.reshape(-1, 3), up, "iso", SIZE[0] / SIZE[1])
+            camera = fit_camera(corners.reshape(-1, 3), up, view, SIZE[0] / SIZE[1])
             front = seen_from_front(camera, corners)
             points, triangles = corners[front].reshape(-1, 3), np.arange(3 * front.sum()).reshape(-1, 3)
             shown = shade(colours[front], normals[front], key / np.linalg.norm(key), up)
-            for name, of_triangle in (("part", shown), ("normals", 0.5 + 0.5 * normals[front])):
-                stage.put(name, points, triangles, np.repeat(of_triangle, 3, axis=0))
+            height = points @ up
+            brightness = 1.0 - DEEP * (height.max() - height) / max(np.ptp(height), 1e-9)
+            stage.put("part", points, triangles, np.repeat(shown, 3, axis=0) * brightness[:, None])
+            stage.put("normals", points, triangles, np.repeat(0.5 + 0.5 * normals[front], 3, axis=0))
             image = stage.image(camera, ["part"])
             draw_lines(image, stage.image(camera, ["normals"]))
             image[(image == EMPTY).all(axis=2)] = 255
             views.append(antialias(image))
-        images.append(np.concatenate(views, axis=1))
+        images.append(np.concatenate([np.concatenate(views[row : row + 2], axis=1) for row in (0, 2)]))
     return images
+
+
+def _parting(part: CheckedPart, parts: Sequence[CheckedPart]) -> np.ndarray:
+    """The direction along which a part comes off, or others come off it."""
+    ways = [one.comes_off for one in (part, *parts) if one.comes_off is not None]
+    return np.array(ways[0]) if ways else np.array([0.0, 1.0, 0.0])
 
 
 def _colours(part: CheckedPart) -> np.ndarray:
@@ -129,6 +144,10 @@ def _colours(part: CheckedPart) -> np.ndarray:
 
 EYES = ((1.0, -1.4, 0.9), (-1.0, 1.4, -0.9))
 """Directions from the body to the two eyes: every face of a block is seen by one of them."""
+VIEW = np.array([10.0, 4.8])
+"""Width and height that a view takes at least [inches]."""
+LABEL = np.array([24.0, 14.0])
+"""Width and height of a number [points]."""
 TRIED = 6  # triangles of a face, those near its middle and those near the eye, that are tried as its number's place
 
 
@@ -173,10 +192,13 @@ def _draw(axes: Any, body: CadBody, eye: np.ndarray) -> None:
     axes.autoscale_view()
     axes.set(aspect="equal", xticks=[], yticks=[], frame_on=False)
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-    for face in np.unique(body.face_of[seen]).tolist():
-        place = _visible_place(corners, seen, np.flatnonzero(body.face_of[seen] == face))
-        if place is not None:
-            axes.text(*place, str(face), ha="center", va="center", fontsize=9, bbox=box)
+    places = _visible_places(corners[seen], body.face_of[seen])
+    extent = np.ptp(corners[seen, :, :2].reshape(-1, 2), axis=0)
+    labels = labels_apart(list(places.values()), LABEL * (extent / (VIEW * 72.0)).max())
+    for (face, place), label in zip(places.items(), labels, strict=True):
+        if (label != place).any():
+            axes.plot(*np.array([place, label]).T, "o-", color="#202020", linewidth=0.7, markersize=2.5, markevery=[0])
+        axes.text(*label, str(face), ha="center", va="center", fontsize=9, bbox=box)
     span = np.ptp(corners[seen, :, :2].reshape(-1, 2), axis=0).max()
     origin = corners[seen, :, :2].reshape(-1, 2).min(axis=0) - 0.08 * span
     for name, axis in zip("xyz", view[:, :2], strict=True):
@@ -185,33 +207,36 @@ def _draw(axes: Any, body: CadBody, eye: np.ndarray) -> None:
         axes.text(*(origin + 0.1 * span * axis), name, color="#404040", ha="center", va="center")
 
 
-def _visible_place(corners: np.ndarray, seen: np.ndarray, its: np.ndarray) -> np.ndarray | None:
-    """The centre of a triangle that nothing covers, best near the middle of its face; None where there is none.
+def labels_apart(places: Sequence[np.ndarray], size: np.ndarray) -> list[np.ndarray]:
+    """Where labels of one size stand so that none covers another: each at its place, or as near as there is space."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    around = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    rings = np.concatenate([np.zeros((1, 2)), *(ring * around for ring in range(1, 3 + 2 * len(places)))]) * size
+    labels: list[np.ndarray] = []
+    for place in places:
+        tried = place + rings
+        taken = np.reshape(labels, (-1, 2))
+        free = (np.abs(tried[:, None] - taken) >= size).any(axis=2).all(axis=1)
+        labels.append(tried[free.argmax()])
+    return labels
+
+
+def _visible_places(corners: np.ndarray, faces: np.ndarray) -> dict[int, np.ndarray]:
+    """For each face that is seen the middle of a triangle that nothing covers, best near the middle of the face.
 
     Args:
-        corners: of all triangles: to the right, up, and towards the eye [mm], shape (triangle_count, 3, 3).
-        seen: triangles that face the eye.
-        its: which of these are of the face.
+        corners: of the triangles that face the eye: to the right, up, and towards it [mm], shape (count, 3, 3).
+        faces: face of each, shape (count,).
     """
-    centres = corners[seen[its]].mean(axis=1)
-    middle = centres[:, :2].mean(axis=0)
-    nearest = np.argsort(np.linalg.norm(centres[:, :2] - middle, axis=1), kind="stable")
-    a, b, c = np.moveaxis(corners[seen], 1, 0)
-    highest = np.argsort(-centres[:, 2], kind="stable")
-    for number in (*nearest[:TRIED], *highest[:TRIED]):
-        p = centres[number]
-        shares = np.column_stack([_doubled(p, b, c), _doubled(a, p, c), _doubled(a, b, p)])
-        shares = shares / _doubled(a, b, c)[:, None]
-        depth = (shares * corners[seen][:, :, 2]).sum(axis=1)
-        covered = (shares > -1e-9).all(axis=1) & (depth > p[2] + 1e-6 * np.abs(corners).max())
-        if not covered.any():
-            place: np.ndarray = p[:2]
-            return place
-    return None
-
-
-def _doubled(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Twice the signed areas of triangles in the plane of the picture [mm^2]."""
-    u, v = b - a, c - a
-    area: np.ndarray = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    return area
+    centres, tried = corners.mean(axis=1), list[int]()
+    for face in np.unique(faces):
+        its = np.flatnonzero(faces == face)
+        away = np.linalg.norm(centres[its, :2] - centres[its, :2].mean(axis=0), axis=1)
+        for order in (away, -centres[its, 2]):
+            tried += its[np.argsort(order, kind="stable")[:TRIED]].tolist()
+    crossings = ray_crossings(centres[tried], np.array([0.0, 0.0, 1.0]), corners)
+    covered = crossings.ray[crossings.distance > 1e-6 * np.abs(corners).max()]
+    places: dict[int, np.ndarray] = {}
+    for number in np.setdiff1d(np.arange(len(tried)), covered):
+        places.setdefault(int(faces[tried[number]]), centres[tried[number], :2])
+    return places

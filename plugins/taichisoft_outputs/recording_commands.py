@@ -10,7 +10,16 @@ import typer
 from taichisoft.base import extra, require, say
 from taichisoft.errors import TaichisoftError
 from taichisoft.running import GoalOption, OutputsOption, SpeedOption, requested, takes_run_options
-from taichisoft_outputs.drawing.style import COLOURINGS, FPS, VIEWS, Style, parse_point, parse_range, parse_size
+from taichisoft_outputs.drawing.style import (
+    COLOURINGS,
+    FPS,
+    VIEWS,
+    Style,
+    parse_point,
+    parse_range,
+    parse_size,
+    read_key_frames,
+)
 
 if TYPE_CHECKING:
     from taichisoft_outputs.recording.reader import Recording
@@ -144,6 +153,7 @@ STYLE = Style()
 
 
 def render(
+    context: typer.Context,
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN.h5", help="Recording of a run; several with --side-by-side.")
     ],
@@ -174,6 +184,13 @@ def render(
     target: Annotated[
         str | None,
         typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
+    ] = None,
+    key_frames: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="CSV file through which the camera moves: time \\[s], eye x, y, z, target x, y, z \\[mm].",
+        ),
     ] = None,
     follow: Annotated[
         str | None,
@@ -209,6 +226,11 @@ def render(
     cavity_pressure: Annotated[bool, typer.Option(help="Colour cavities by their pressure.")] = STYLE.cavity_pressure,
     cable_tension: Annotated[bool, typer.Option(help="Colour cables by their tension.")] = STYLE.cable_tension,
     arrows: Annotated[bool, typer.Option(help="Draw contact forces as arrows.")] = STYLE.arrows,
+    displacement_arrows: Annotated[
+        float | None,
+        typer.Option(metavar="TIMES", help="Arrows of the displacement, so many times as long; 1 is as long as it is."),
+    ] = None,
+    scale_bar: Annotated[bool, typer.Option("--scale-bar", help="Draw a bar that shows how long mm are.")] = False,
     axes: Annotated[
         bool | None,
         typer.Option("--axes/--no-axes", help="Show the scene's axes in a corner  \\[default: the scene's]"),
@@ -247,30 +269,15 @@ def render(
     if eye is not None and view:
         raise TaichisoftError("--eye takes the place of a view; give either --eye, or --view and --follow")
     views: list[str | None] = list(dict.fromkeys(view)) if view else [None]
-    styles = {
-        one: Style(
-            size=parse_size(size),
-            view=one,
-            eye=parse_point("eye", eye),
-            target=parse_point("target", target),
-            opacity=opacity,
-            background=background,
-            transparent=transparent,
-            colour_by=colour_by,
-            colour_range=parse_range(colour_range),
-            colour_map=colour_map,
-            cavity_pressure=cavity_pressure,
-            cable_tension=cable_tension,
-            arrows=arrows,
-            axes=axes,
-            body_axes=body_axes,
-            caption=caption,
-            surface=surface,
-            section=section,
-            font_size=font_size,
-        )
-        for one in views
+    chosen = {name: value for name, value in context.params.items() if name in STYLE.__dataclass_fields__}
+    chosen |= {
+        "size": parse_size(size),
+        "eye": parse_point("eye", eye),
+        "target": parse_point("target", target),
+        "key_frames": [] if key_frames is None else read_key_frames(key_frames),
+        "colour_range": parse_range(colour_range),
     }
+    styles = {one: Style(**{**chosen, "view": one}) for one in views}
     check_slow_motion(slow_motion)
     if video is not None:
         check_video(video, fps)

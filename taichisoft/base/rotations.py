@@ -6,6 +6,8 @@ import numpy as np
 
 # Rotation matrices by angles and by vectors; SciPy's Rotation, for the rest, takes a tenth of a start to import.
 
+IDENTITY = np.eye(3)
+
 
 def rotation_from_degrees(angles: tuple[float, float, float]) -> np.ndarray:
     """Rotation matrix (3, 3) for turns [degrees] about the fixed x, y and z axes, in this order."""
@@ -28,12 +30,12 @@ def degrees_from_rotation(matrix: np.ndarray) -> list[float]:
 
 def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     """Rotation matrix (3, 3) by the angle |vector| [rad] about it, by Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
+    angle = math.sqrt(vector @ vector)
     if angle == 0.0:
-        return np.eye(3)
+        return IDENTITY.copy()
     x, y, z = vector / angle
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) * cross + 2.0 * math.sin(angle / 2.0) ** 2 * cross @ cross
+    return IDENTITY + math.sin(angle) * cross + 2.0 * math.sin(angle / 2.0) ** 2 * cross @ cross
 
 
 def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from taichisoft.contact.kernels.constraint_problem import (
     UPPER_END,
     Problem,
 )
-from taichisoft.contact.kernels.row_velocities import CONTACTS, MOMENTS, Rows
+from taichisoft.contact.kernels.row_velocities import Rows
 from taichisoft.contact.model import Model
 from taichisoft.mechanics.actuator_kind import UNLIMITED, CoordinateLaw
 from taichisoft.mechanics.body_geometry import PosesAhead
@@ -341,6 +341,9 @@ class ConstraintRows:
 
     Attributes:
         contact_capacity: largest number of contacts.
+        contact_count, moment_count: numbers of contacts with rows, and of those with rows of moments.
+        row_count: number of rows.
+        actuators: the rows of the actuators.
         rows: bodies and nodes on which the rows act.
         compliance: W by rows [mm/s per mN s, likewise for volumes], shape (row_capacity^2,).
         columns: work space of the compliance.
@@ -387,32 +390,18 @@ class ConstraintRows:
                 self.rows.moment_length,
             )
         )
+        self.count_rows()
         self._acts_on_soft = model.elasticity is not None
         if model.elasticity is not None:
             symbolic, groups = model.elasticity.symbolic, -(-row_capacity // GROUP)
             self.columns = SparseColumns.with_room(groups, len(symbolic.tree.parent), 3 * len(symbolic.order))
 
-    @property
-    def contact_count(self) -> int:
-        """Number of contacts with rows."""
-        return int(self.rows.size[CONTACTS])
-
-    @property
-    def moment_count(self) -> int:
-        """Number of contacts with rows of moments."""
-        return int(self.rows.size[MOMENTS])
-
-    @property
-    def row_count(self) -> int:
-        """Number of rows."""
+    def count_rows(self) -> None:
+        """Find how many rows there are of each kind, by `rows.size`."""
         contacts, actuators, moments = self.rows.size.tolist()
-        return 3 * (contacts + moments) + actuators
-
-    @property
-    def actuators(self) -> slice:
-        """The rows of the actuators."""
-        contacts, actuators, _ = self.rows.size.tolist()
-        return slice(3 * contacts, 3 * contacts + actuators)
+        self.contact_count, self.moment_count = contacts, moments
+        self.row_count = 3 * (contacts + moments) + actuators
+        self.actuators = slice(3 * contacts, 3 * contacts + actuators)
 
     def make_room_for_columns(self, entry_count: int) -> None:
         """Enlarge `columns.y` to at least `entry_count` entries; the old entries are lost."""

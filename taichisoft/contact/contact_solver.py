@@ -65,11 +65,13 @@ class ProximalNewton:
         self.point, self.swept = (Iterate(np.empty(rows), np.empty(rows)) for _ in range(2))
         self.proximal = ProximalTerm(np.empty(rows), np.empty(rows), np.empty(1))
         self.system = make_linear_system(rows)
-        self._outcome = np.zeros(3)
+        self._outcome, self._rows = np.zeros(3), 0
 
     def begin(self, answer: Iterate, share: float) -> None:
         """Start at `answer`, with a pull towards it by `share` of each row's own compliance."""
-        rows, weight = self._row_count(), self.proximal.weight
+        size = self._problem.size
+        self._rows = rows = int(3 * size[CONTACTS] + size[ACTUATORS] + 3 * size[MOMENTS])
+        weight = self.proximal.weight
         copy(answer, self.point, rows)
         self.proximal.center[:rows] = answer.impulse[:rows]
         weight[:rows] = self._problem.compliance[: rows * rows : rows + 1]
@@ -84,12 +86,12 @@ class ProximalNewton:
 
     def move_center(self) -> None:
         """Move the center of the pull to the end of the last step."""
-        rows = self._row_count()
+        rows = self._rows
         self.proximal.center[:rows] = self.point.impulse[:rows]
 
     def set_solution(self, answer: Iterate) -> None:
         """Copy the result of the last sweep to `answer`."""
-        copy(self.swept, answer, self._row_count())
+        copy(self.swept, answer, self._rows)
 
     def improve(
         self, answer: Iterate, residual: float, tolerance: float, first_share: float, most_steps: int
@@ -107,7 +109,7 @@ class ProximalNewton:
             The residual of the new `answer`, and the number of steps.
         """
         self.begin(answer, first_share)
-        rows, proximal = self._row_count(), self.proximal
+        rows, proximal = self._rows, self.proximal
         best, at_center, steps = residual, residual, 0
         while steps < most_steps and best >= tolerance:
             stop_if_asked()
@@ -165,16 +167,12 @@ class ProximalNewton:
         size, proximal = self._problem.size, self.proximal
         contact_rows = 3 * int(size[CONTACTS])
         largest = proximal.weight[:contact_rows].max()
-        proximal.center[: self._row_count()] = 0.0
+        proximal.center[: self._rows] = 0.0
         proximal.weight[contact_rows : contact_rows + int(size[ACTUATORS])] = 0.0
         proximal.weight[:contact_rows] = largest
         velocity = self.point.velocity[:contact_rows]
         left = np.abs(velocity) < tolerance
         proximal.center[:contact_rows][left] = velocity[left] / (proximal.share[0] * largest)
-
-    def _row_count(self) -> int:
-        size = self._problem.size
-        return int(3 * size[CONTACTS] + size[ACTUATORS] + 3 * size[MOMENTS])
 
 
 def copy(source: Iterate, target: Iterate, rows: int) -> None:

@@ -1,3 +1,4 @@
+from .contact_patches import ContactPatches as ContactPatches
 from .control import Control as Control
 from .control import Controller as Controller
 from .control import Force as Force

@@ -66,6 +66,7 @@ class ContactPatch:
         triangles: numbers of the triangles that touch, in the body's surface, shape (count,).
         middle: barycentric coordinates of the middle of the touching part of each, shape (count, 3).
         forces: normal force on each [mN], shape (count,).
+        pressures: at the corners of each [kPa], shape (count, 3).
         area: of all of them, projected along the normal of the contact, half of it in self-contact [mm^2].
         area_error: 1.25 times the area of the cells through which the rim of the contact goes [mm^2].
         peak: highest pressure [kPa]; the mesh limits how narrow a peak it can show.
@@ -78,6 +79,7 @@ class ContactPatch:
     triangles: np.ndarray
     middle: np.ndarray
     forces: np.ndarray
+    pressures: np.ndarray
     area: float
     area_error: float
     peak: float
@@ -242,6 +244,7 @@ class ContactPatches:
             triangles=seen - self._first[body],
             middle=cells / areas[:, None],
             forces=forces,
+            pressures=pressure[corners],
             area=float(areas.sum()),
             area_error=error,
             peak=peak,

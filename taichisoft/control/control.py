@@ -167,6 +167,10 @@ class Control(_Request):
     signals: Mapping[str, float] = field(default_factory=dict)
 
 
+NOTHING = Control()
+"""What asks for nothing new."""
+
+
 # What drives a run: the base class of every controller.
 
 

@@ -1,7 +1,7 @@
 """Validate a Control and apply it to the state within the scene's limits."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from operator import attrgetter
 from types import MappingProxyType
@@ -13,8 +13,8 @@ from taichisoft.base.rotations import compose_rotation_vectors, turn_towards
 from taichisoft.contact.model import Model
 from taichisoft.control.control import Control, Force
 from taichisoft.errors import ControlError, nearest
-from taichisoft.mechanics.actuator_kind import ActuatorKind, ActuatorSet, Drive
-from taichisoft.mechanics.cavities import CAVITIES, VALVE, network_drives
+from taichisoft.mechanics.actuator_kind import ActuatorKind, Drive
+from taichisoft.mechanics.cavities import CAVITIES, VALVE
 from taichisoft.mechanics.external_forces import UNTIL_ANOTHER, ExternalForces
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
 from taichisoft.mechanics.state import State
@@ -86,9 +86,10 @@ FRAME_MAPPINGS = (*(f"frame_{kind}" for part in PARTS for kind in part), "frame_
 """Keys of a control that ask for the motion of the base, and of other frames by name."""
 
 
-def frame_requests(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
-    """What the frames are asked for, and how far they get in this step."""
-    tables, time_step = model.scene.all_frames, model.scene.time.step
+def frame_requests(
+    model: Model, tables: Mapping[str, FrameSettings], state: State, control: Control
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses and velocities that the frames of these tables are asked for, with what they were asked for last."""
     request, velocity = state.frame_request.copy(), state.frame_velocity.copy()
     for row, (pose, rate) in enumerate(PARTS):
         poses, rates = (_requests(model, tables, control, kind) for kind in (pose, rate))
@@ -109,7 +110,14 @@ def frame_requests(model: Model, state: State, control: Control) -> dict[str, np
         if hinge is None:
             raise ControlError(f"{key}: this frame has no hinge; give it one in the scene, or ask for frame_rotation")
         request[number, 1] = hinge.unit_axis * finite(angle, key, ())
-    reached = state.frame_pose.copy()
+    return request, velocity
+
+
+def frames_moved(
+    tables: Mapping[str, FrameSettings], time_step: float, state: State, request: np.ndarray, velocity: np.ndarray
+) -> dict[str, np.ndarray]:
+    """How far the frames get in a step [s] by the poses and velocities that they are asked for."""
+    request, reached = request.copy(), state.frame_pose.copy()
     for number, table in enumerate(tables.values()):
         if table.path is not None:
             request[number] = reached[number] = _on_path(table.path, (state.step + 1) * time_step)
@@ -157,7 +165,7 @@ def _limited(table: FrameSettings, time_step: float, pose: np.ndarray, request: 
     translation, rotation = request
     if table.speed is not None:
         displacement = translation - pose[0]
-        length, furthest = float(np.linalg.norm(displacement)), table.speed * time_step
+        length, furthest = math.sqrt(displacement @ displacement), table.speed * time_step
         if length > furthest:
             translation = pose[0] + furthest / length * displacement
     furthest = math.inf if table.turning_speed is None else math.radians(table.turning_speed) * time_step
@@ -207,8 +215,12 @@ def observed_frames(model: Model, state: State) -> dict[str, Any]:
 # A controller's wishes, checked and taken over into the state as far as the scene's limits allow.
 
 DRIVES = tuple(drive for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
+WAYS = (*((kind, drive) for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate)), (CAVITIES, VALVE))
+"""All that actuators are driven by, of each kind."""
+ASKED = ("actuator_imposed", "actuator_request", "valve_request", "network_request")
+"""Fields of a state with what is asked for of actuators, valves of their lines, and the scene's table `air`."""
 MAPPINGS = (
-    *(drive.request for drive in (*DRIVES, VALVE)),
+    *(drive.request for _, drive in WAYS),
     *FRAME_MAPPINGS,
     "pull_points",
     "anchor_positions",
@@ -217,16 +229,21 @@ MAPPINGS = (
     "signals",
 )
 """Keys of a control that ask for actuators, and all that have dictionaries by name."""
-OF_FRAMES = slice(len(DRIVES) + 1, len(DRIVES) + 1 + len(FRAME_MAPPINGS))
-_mappings_of = attrgetter(*MAPPINGS)
+OF_FRAMES = slice(len(WAYS), len(WAYS) + len(FRAME_MAPPINGS))
+_mappings_of, _base_motion_of = attrgetter(*MAPPINGS), attrgetter(*BASE_KEYS)
 
 
 class Requests:
-    """Takes what controllers ask for over into the states of a model, as far as the scene's limits allow."""
+    """Takes what controllers ask for over into the states of a model, as far as the scene's limits allow.
+
+    Attributes:
+        model: the model.
+        places: by key of a control, and name of what can be driven so: which of `ASKED` has its request, and where.
+    """
 
     def __init__(self, model: Model):
         """Read the limits of a model's scene."""
-        self._model, actuators = model, model.actuators
+        self.model, actuators = model, model.actuators
         own = actuators.effort_range, actuators.coordinate_range
         # Lowest and highest target, and its largest change in a step, of efforts and of coordinates.
         self._limits = np.empty((2, 3, len(actuators.names)))
@@ -242,29 +259,41 @@ class Requests:
         of_regulators = self._network_limits[:, len(network.valves) :]
         of_regulators[:2] = np.clip(of_regulators[:2], *reach[:2])
         of_regulators[2] = reach[2]
-        self._follows_path = any(frame.path is not None for frame in model.scene.frames.values())
+        self.places = {drive.request: self._places(kind, drive) for kind, drive in WAYS}
+        self._frames = model.scene.all_frames
+        self._follows_path = any(frame.path is not None for frame in self._frames.values())
+
+    def _places(self, kind: ActuatorKind, drive: Drive) -> dict[str, tuple[str, int]]:
+        actuators, first = self.model.actuators.sets[kind.name], self.model.actuators.place(kind).start
+        field, first = ("valve_request", 0) if drive is VALVE else ("actuator_request", first)
+        own = enumerate(actuators.names)
+        known = {name: (field, first + number) for number, name in own if not actuators.why_not(drive, number)}
+        drives = self.model.cavities.network.drives
+        return known | {name: ("network_request", drives.index(name)) for name in actuators.elsewhere(drive)}
 
     def apply(self, state: State, control: Control) -> State:
         """The state with what `control` asks for; what it does not mention stays as it was asked for last."""
         if not isinstance(control, Control):
             raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
-        model, given = self._model, _mappings_of(control)
+        model, given = self.model, _mappings_of(control)
         _refuse_other_types(model, given, control)
-        imposed, request = self._driven(state, given[: len(DRIVES)])
-        target = self._targets(state, imposed, request)
-        changes: dict[str, Any] = {
-            "actuator_imposed": imposed,
-            "actuator_request": request,
-            "actuator_target": target,
-        }
-        if control.valve or model.cavities.air_lines:
-            changes |= _valves(model, state, control, target)
+        asked = self._asked(state, given[: len(WAYS)]) if any(given[: len(WAYS)]) else state
+        target = self._targets(state, asked.actuator_imposed, asked.actuator_request)
+        changes: dict[str, Any] = {"actuator_target": target}
+        if model.cavities.air_lines:
+            pressure = model.actuators.of(CAVITIES, target)
+            changes |= model.cavities.valves_moved(state, pressure, asked.valve_request)
         if model.cavities.network.drives:
-            changes |= self._network(state, control)
+            reached = _within(asked.network_request, state.network_target, *self._network_limits)
+            changes |= model.cavities.network.moved(state, asked.network_request, reached)
         if control.pull_points:
             changes["pull_point"] = _pull_point(model, state, control)
-        if self._frames_move(state, control, given[OF_FRAMES]):
-            changes |= frame_requests(model, state, control)
+        request, velocity = state.frame_request, state.frame_velocity
+        if any(given[OF_FRAMES]) or any(motion is not None for motion in _base_motion_of(control)):
+            request, velocity = frame_requests(model, self._frames, state, control)
+        moves = np.count_nonzero(velocity) or np.count_nonzero(request != state.frame_pose)
+        if moves or velocity is not state.frame_velocity or self._follows_path:
+            changes |= frames_moved(self._frames, model.scene.time.step, state, request, velocity)
         if control.anchor_positions:
             changes["anchor_position"] = _anchor_position(model, state, control)
         if control.forces or np.count_nonzero(state.external_force_steps):
@@ -273,23 +302,34 @@ class Requests:
             changes["gravity"] = finite(control.gravity, "control.gravity", (3,))
         if control.young_modulus:
             changes["young_modulus"] = _young_modulus(model, state, control)
-        return state.changed(**changes)
+        return asked.changed(**changes)
 
-    def _driven(self, state: State, given: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-        """Whether each actuator is driven by its coordinate, else by its effort, and the value, (actuator_count,).
+    def _asked(self, state: State, given: Sequence[Mapping[str, Any]]) -> State:
+        """The state with what is asked for in the order of `WAYS`."""
+        asked: dict[str, np.ndarray] = {name: getattr(state, name).copy() for name in ASKED}
+        for kind, efforts, coordinates in zip(ACTUATOR_KINDS, given[::2], given[1::2], strict=False):
+            if efforts and coordinates and (both := sorted(efforts.keys() & coordinates.keys())):
+                words = f"{kind.effort.words} and a {kind.coordinate.words}"
+                raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
+        for (kind, drive), known, requests in zip(WAYS, self.places.values(), given, strict=True):
+            for name, value in requests.items():
+                if name not in known:
+                    raise self._refusal(kind, drive, name)
+                (field, number), key = known[name], f"control.{drive.request}['{name}']"
+                asked[field][number] = finite(value, key, ())
+                if field == "actuator_request":
+                    asked["actuator_imposed"][number] = drive is kind.coordinate
+                if drive is VALVE and not -1.0 <= asked[field][number] <= 1.0:
+                    range_ = "must be from -1 (open to the exhaust) to 1 (open to the source)"
+                    raise ControlError(f"{key} = {float(value)!r}: {range_}")
+        return state.changed(**asked)
 
-        `given` is what is asked for of the drives in their order.
-        """
-        imposed, request = state.actuator_imposed, state.actuator_request
-        if not any(given):
-            return imposed, request
-        imposed, request, actuators = imposed.copy(), request.copy(), self._model.actuators
-        for number, kind in enumerate(ACTUATOR_KINDS):
-            efforts, coordinates = given[2 * number : 2 * number + 2]
-            if efforts or coordinates:
-                place = actuators.place(kind)
-                _drive(kind, actuators.sets[kind.name], efforts, coordinates, imposed[place], request[place])
-        return imposed, request
+    def _refusal(self, kind: ActuatorKind, drive: Drive, name: str) -> ControlError:
+        actuators = self.model.actuators.sets[kind.name]
+        elsewhere = actuators.elsewhere(drive)
+        word = f"{kind.name}{' or part of [air]' * bool(elsewhere)}"
+        why_not = actuators.why_not(drive, index_of(name, (*actuators.names, *elsewhere), word, drive.request))
+        return ControlError(f"control.{drive.request}['{name}']: cannot be asked for, {why_not}")
 
     def _targets(self, state: State, imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
         """Targets of all actuators within their own ranges and the scene's, and not too far from the last ones.
@@ -302,40 +342,19 @@ class Requests:
         low, high, furthest = np.where(imposed, self._limits[1], self._limits[0])
         last, is_other = state.actuator_target, imposed != state.actuator_imposed
         if np.count_nonzero(is_other):  # continue from where the other drive has led
-            actuators = self._model.actuators
+            actuators = self.model.actuators
             led = np.where(imposed, actuators.own_coordinates(state), state.actuator_effort)
             last = np.where(is_other, led, last)
-        allowed = np.minimum(np.maximum(request, low), high)
-        targets: np.ndarray = np.minimum(np.maximum(allowed, last - furthest), last + furthest)
-        return targets
+        return _within(request, last, low, high, furthest)
 
-    def _network(self, state: State, control: Control) -> dict[str, np.ndarray]:
-        """How valves and regulators of the scene's air network are in the step, by what is asked for of them."""
-        network, request = self._model.cavities.network, state.network_request.copy()
-        for number, (name, drive) in enumerate(network_drives(self._model.scene.air).items()):
-            requests: Mapping[str, Any] = getattr(control, drive.request)
-            if name in requests:
-                key = f"control.{drive.request}['{name}']"
-                request[number] = finite(requests[name], key, ())
-                if drive is VALVE:
-                    _check_opening(key, request[number])
-        low, high, furthest = self._network_limits
-        last = state.network_target
-        target = np.clip(np.clip(request, low, high), last - furthest, last + furthest)
-        return network.moved(state, request, target)
 
-    def _frames_move(self, state: State, control: Control, by_name: Sequence[Mapping[str, Any]]) -> bool:
-        """Whether a frame is asked to move, follows a path, or has not arrived yet."""
-        return (
-            self._follows_path
-            or control.base_translation is not None
-            or control.base_rotation is not None
-            or control.base_velocity is not None
-            or control.base_angular_velocity is not None
-            or any(by_name)
-            or bool(np.count_nonzero(state.frame_velocity))
-            or bool(np.count_nonzero(state.frame_request != state.frame_pose))
-        )
+def _within(
+    request: np.ndarray, last: np.ndarray, low: np.ndarray, high: np.ndarray, furthest: np.ndarray
+) -> np.ndarray:
+    """Requests within a range, and not too far from the last targets, shape (count,) each."""
+    allowed = np.minimum(np.maximum(request, low), high)
+    targets: np.ndarray = np.minimum(np.maximum(allowed, last - furthest), last + furthest)
+    return targets
 
 
 def _reach(model: Model, drive: Drive) -> tuple[float, float, float]:
@@ -369,57 +388,6 @@ def _example(model: Model, key: str, value: object) -> str:
     names["forces"] = model.external_forces.names
     written = repr(value) if isinstance(value, Real) else "..."
     return f", such as {{'{names[key][0]}': {written}}}" if names.get(key) else ""
-
-
-def _drive(
-    kind: ActuatorKind,
-    actuators: ActuatorSet,
-    efforts: Mapping[str, Any],
-    coordinates: Mapping[str, Any],
-    imposed: np.ndarray,
-    request: np.ndarray,
-) -> None:
-    """Fill in whether each actuator of a kind is driven by its coordinate, else by its effort, and the value."""
-    both = sorted(efforts.keys() & coordinates.keys())
-    if both:
-        words = f"{kind.effort.words} and a {kind.coordinate.words}"
-        raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
-    for drive, requests in ((kind.effort, efforts), (kind.coordinate, coordinates)):
-        for index, _, value in _driven(drive, requests, kind, actuators):
-            imposed[index], request[index] = drive is kind.coordinate, value
-
-
-def _driven(
-    drive: Drive, requests: Mapping[str, Any], kind: ActuatorKind, actuators: ActuatorSet
-) -> Iterator[tuple[int, str, Any]]:
-    """Number, key for messages and request of each actuator that is driven so."""
-    elsewhere = actuators.elsewhere(drive)
-    for name, value in requests.items():
-        if name in elsewhere:
-            continue
-        known = (*actuators.names, *elsewhere)
-        word, key = f"{kind.name}{' or part of [air]' * bool(elsewhere)}", f"control.{drive.request}['{name}']"
-        index = index_of(name, known, word, drive.request)
-        why_not = actuators.why_not(drive, index)
-        if why_not:
-            raise ControlError(f"{key}: cannot be asked for, {why_not}")
-        yield index, key, finite(value, key, ())
-
-
-def _valves(model: Model, state: State, control: Control, target: np.ndarray) -> dict[str, np.ndarray]:
-    """How valves and regulators of air lines are in the step, by what they and (actuator_count,) are asked for."""
-    request, cavities = state.valve_request.copy(), model.cavities
-    for index, key, opening in _driven(VALVE, control.valve, CAVITIES, cavities):
-        _check_opening(key, opening)
-        request[index] = opening
-    return cavities.valves_moved(state, model.actuators.of(CAVITIES, target), request)
-
-
-def _check_opening(key: str, opening: float) -> None:
-    if not -1.0 <= opening <= 1.0:
-        raise ControlError(
-            f"{key} = {float(opening)!r}: must be from -1 (open to the exhaust) to 1 (open to the source)"
-        )
 
 
 def _pull_point(model: Model, state: State, control: Control) -> np.ndarray:

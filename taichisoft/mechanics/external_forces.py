@@ -158,7 +158,7 @@ class ExternalForces:
         return np.array(points).reshape(-1, 3), seen[pushed]
 
     def _acting(self, state: State) -> list[int]:
-        numbers: list[int] = np.flatnonzero(state.external_force_steps).tolist()
+        numbers: list[int] = state.external_force_steps.nonzero()[0].tolist()
         return numbers
 
     def _when_acting(self, state: State) -> State:

@@ -307,19 +307,17 @@ class ReducedSystem:
         self._multiply_slopes()
         self._set_constant()
 
-    def begin(
-        self, turn: np.ndarray, shift: np.ndarray, gravity: np.ndarray, time_step: float, has_inertia: bool
-    ) -> None:
+    def begin(self, turn: np.ndarray, shift: np.ndarray, gravity: np.ndarray, time_step: float, inertia: float) -> None:
         """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
 
         The frames that they follow are where they will be at the end of the step, so that velocities have their
-        motion; in overdamped dynamics they have nothing else.
+        motion; in overdamped dynamics, with the `inertia` 0 instead of 1, they have nothing else.
         """
         self._follow(turn, shift)
         self._amplitudes.gravity[0] = gravity
         movement = self._movement
         moving = (self._amplitudes, movement.position, movement.velocity)
-        mode_motion.find_reference(time_step, float(has_inertia), self.modes, self._blocks, *moving, 1)
+        mode_motion.find_reference(time_step, inertia, self.modes, self._blocks, *moving, 1)
 
     def _follow(self, turn: np.ndarray, shift: np.ndarray) -> None:
         pose = turn.tobytes(), shift.tobytes()

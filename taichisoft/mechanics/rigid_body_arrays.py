@@ -17,6 +17,7 @@ from taichisoft.scene.rigid_body import Shaped
 
 SPHERE_SUBDIVISIONS = 4  # of an icosahedron: 5120 triangles
 SECTIONS = 96  # triangles around a cylinder or capsule
+KEPT_PLACES = 4  # of frames, by their last poses
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,8 @@ class MovingFrames:
     def places(self, pose: np.ndarray) -> FramePlaces:
         """Where the frames are, by their translations [mm] and rotation vectors [rad], shape (frame_count, 2, 3).
 
-        Of poses that cannot change, such as those of a `State`, the last one is remembered: a step asks several times.
+        Of poses that cannot change, such as those of a `State`, the last ones are remembered: a step asks several
+        times, and threads share a model.
         """
         for known, places in self._last:
             if known is pose:
@@ -139,7 +141,7 @@ class MovingFrames:
         if not pose.flags.writeable:
             places.turn.setflags(write=False)
             places.shift.setflags(write=False)
-            self._last[:] = [(pose, places)]
+            self._last[:] = [(pose, places), *self._last[: KEPT_PLACES - 1]]
         return places
 
     def _find(self, pose: np.ndarray) -> FramePlaces:

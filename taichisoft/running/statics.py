@@ -130,6 +130,7 @@ class Statics:
     Attributes:
         source: the model of which it is a variant.
         model: the variant.
+        requests: what takes over requests into its states.
     """
 
     def __init__(self, model: Model):
@@ -140,7 +141,7 @@ class Statics:
         """Become a variant of another model."""
         self.source = model
         self._stepper = TimeStepper(model.static())
-        self.model = self._stepper.model
+        self.model, self.requests = self._stepper.model, self._stepper.requests
 
     def close(self) -> None:
         """Nothing is left open."""
@@ -332,7 +333,7 @@ class _Search:
         """Where to begin: at the present requests, or where every target depends on something."""
         low, high = self.bounds.T
         margin = INSIDE * (high - low)
-        now = np.array([asked_for(self._statics.model, self._state, name) for name in self.names])
+        now = np.array([asked_for(self._statics.requests, self._state, name) for name in self.names])
         inside = np.clip(now, low + margin, high - margin)
         places: list[np.ndarray] = [inside, np.clip(now, low, high), *(low + share * (high - low) for share in STARTS)]
         first: np.ndarray | None = None

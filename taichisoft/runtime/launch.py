@@ -1,8 +1,8 @@
 """A short way from Python into a kernel, whose arrays come in bundles.
 
 `kernel` checks arrays against the annotations, hands over pointers, and keeps what it has set up: a launch with the
-very bundles of an earlier one costs a microsecond. It runs machine code that was kept (machine_code.py); what is not
-there is compiled first. With TAICHISOFT_KERNELS=taichi, or where no machine code is kept, Taichi runs the kernels.
+very arguments of the last one costs half a microsecond. It runs machine code that was kept (machine_code.py); what is
+not there is compiled first. With TAICHISOFT_KERNELS=taichi, or where no machine code is kept, Taichi runs the kernels.
 
 A bundle is a NamedTuple of arrays, such as the elements of a body; its fields are annotated with the array types of
 language.py. Taichi sees its arrays one by one, `elements.lame` as `elements_lame`; inside the kernel they are put
@@ -16,7 +16,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from operator import itemgetter
+from functools import partial
 from threading import RLock, get_ident
 from typing import Any
 
@@ -28,6 +28,7 @@ from taichisoft.runtime.language import KERNELS, VARIABLE, Arrays, is_bundle, ti
 # keeps its arrays alive; code that replaces arrays by larger ones calls `forget`.
 REMEMBERED = 16
 SHOWING: list[Callable[[str], None]] = []
+TIMING: list[Callable[[float], None]] = []
 _preparing = RLock()
 
 SETTING = os.environ.get(VARIABLE) or "machine-code"
@@ -53,7 +54,7 @@ def forget_launches_of_thread() -> None:
     with _preparing:
         for each in KERNELS:
             for identity in [known for known in each._remembered if known[0] == get_ident()]:
-                del each._remembered[identity]
+                each._drop(identity)
 
 
 @contextmanager
@@ -69,18 +70,26 @@ def compilations_shown(show: Callable[[str], None]) -> Iterator[None]:
 @contextmanager
 def timed_launches(add: Callable[[float], None]) -> Iterator[None]:
     """Within it, `add` gets the seconds of every launch, without the Python around it; outside nothing costs."""
-    start = Kernel._start
-
-    def timed(launch: "_Launch") -> None:
-        started = time.perf_counter()
-        start(launch)
-        add(time.perf_counter() - started)
-
-    Kernel._start = staticmethod(timed)  # type: ignore[method-assign]
+    TIMING.append(add)
+    _renew_starts()
     try:
         yield
     finally:
-        Kernel._start = staticmethod(start)  # type: ignore[method-assign]
+        TIMING.remove(add)
+        _renew_starts()
+
+
+def _renew_starts() -> None:
+    for each in KERNELS:
+        each._starts.clear()
+
+
+def _timed(start: Callable[[], None]) -> None:
+    started = time.perf_counter()
+    start()
+    seconds = time.perf_counter() - started
+    for add in TIMING:
+        add(seconds)
 
 
 class Kernel:
@@ -102,7 +111,6 @@ class Kernel:
         self._serial = serial
         parameters = inspect.signature(function).parameters.values()
         self._names = [parameter.name for parameter in parameters]
-        self._count = len(self._names)
         self.bundles = {p.name: p.annotation for p in parameters if is_bundle(p.annotation)}
         self.flat = [pair for p in parameters for pair in _flattened(p.name, p.annotation)]
         # Where the numbers stand among the flat arguments, and how each is handed over.
@@ -112,9 +120,11 @@ class Kernel:
             if not isinstance(annotation, Arrays)
         ]
         numbers = {self.flat[place][0] for place, _ in self._number_places}
-        self._pick_numbers = _picker([k for k, name in enumerate(self._names) if name in numbers])
-        self._pick_held = _picker([k for k, name in enumerate(self._names) if name not in numbers])
+        self._numbers = [place for place, name in enumerate(self._names) if name in numbers]
+        self._held = [place for place, name in enumerate(self._names) if name not in numbers]
+        # Launches by thread and arrays, and what starts one with the very arguments of the last time.
         self._remembered: dict[tuple[int, ...], _Launch] = {}
+        self._starts: dict[tuple[int, ...], Callable[[], None]] = {}
         self._compiled: Any = None
         KERNELS.append(self)
 
@@ -125,25 +135,10 @@ class Kernel:
             TypeError: an array is not contiguous, or not of the annotated type and number of dimensions; or there are
                 too many arguments or too few.
         """
-        if len(arguments) != self._count:
-            raise TypeError(f"kernel {self.__name__} takes {self._count} arguments, not {len(arguments)}")
-        if not self._number_places:
-            identity = (get_ident(), *map(id, arguments))
-            self._start(self._remembered.get(identity) or self._prepare(identity, arguments))
-            return
-        identity = (get_ident(), *map(id, self._pick_held(arguments)))
-        launch = self._remembered.get(identity) or self._prepare(identity, arguments)
-        numbers = self._pick_numbers(arguments)
-        if numbers != launch.numbers:
-            for (place, kind), number, before in zip(self._number_places, numbers, launch.numbers, strict=True):
-                if number != before:
-                    launch.compiled.set_number(launch.context, place, kind(number))
-            launch.numbers = numbers
-        self._start(launch)
-
-    @staticmethod
-    def _start(launch: "_Launch") -> None:
-        launch.run(launch.address)
+        start = self._starts.get((get_ident(), *map(id, arguments)))
+        if start is None:
+            start = self._prepare(arguments)
+        start()
 
     def serial(self) -> "Kernel":
         """The same kernel run by one thread, which wakes no other."""
@@ -152,9 +147,28 @@ class Kernel:
     def forget(self, unwanted: set[int]) -> None:
         """Forget the launches with any argument whose `id` is in `unwanted`."""
         for identity in [known for known in self._remembered if not unwanted.isdisjoint(known[1:])]:
-            del self._remembered[identity]
+            self._drop(identity)
 
-    def _prepare(self, identity: tuple[int, ...], arguments: tuple[Any, ...]) -> "_Launch":
+    def _drop(self, identity: tuple[int, ...]) -> None:
+        self._starts.pop(self._remembered.pop(identity).identity, None)
+
+    def _prepare(self, arguments: tuple[Any, ...]) -> Callable[[], None]:
+        """What starts a launch with these arguments, which is kept: that with the same arrays gets other numbers."""
+        if len(arguments) != len(self._names):
+            raise TypeError(f"kernel {self.__name__} takes {len(self._names)} arguments, not {len(arguments)}")
+        thread = get_ident()
+        of_arrays = (thread, *map(id, map(arguments.__getitem__, self._held)))
+        launch = self._remembered.get(of_arrays) or self._make_launch(of_arrays, arguments)
+        numbers = tuple(map(arguments.__getitem__, self._numbers))
+        for (place, kind), number, before in zip(self._number_places, numbers, launch.numbers, strict=True):
+            if number != before:
+                launch.compiled.set_number(launch.context, place, kind(number))
+        self._starts.pop(launch.identity, None)
+        launch.numbers, launch.arguments, launch.identity = numbers, arguments, (thread, *map(id, arguments))
+        start = self._starts[launch.identity] = partial(_timed, launch.start) if TIMING else launch.start
+        return start
+
+    def _make_launch(self, identity: tuple[int, ...], arguments: tuple[Any, ...]) -> "_Launch":
         """A launch with the pointers of the arrays in `arguments`."""
         flat: list[Any] = []
         for name, argument in zip(self._names, arguments, strict=True):
@@ -167,10 +181,10 @@ class Kernel:
         with _preparing:
             if self._compiled is None:
                 self._compiled = self._compile()
-            launch = _Launch(self._compiled, flat, arguments, len(self._number_places), self._serial)
+            launch = _Launch(self._compiled, flat, len(self._numbers), self._serial)
             of_thread = [known for known in self._remembered if known[0] == identity[0]]
             if len(of_thread) >= REMEMBERED:
-                del self._remembered[of_thread[0]]
+                self._drop(of_thread[0])
             self._remembered[identity] = launch
         return launch
 
@@ -205,25 +219,17 @@ class Kernel:
 
 
 class _Launch:
-    """A prepared launch; holding the arrays keeps their `id` from being used again."""
+    """A prepared launch; holding the arguments of its last start keeps their `id` from being used again."""
 
-    __slots__ = ("_arguments", "address", "compiled", "context", "numbers", "run")
+    __slots__ = ("arguments", "compiled", "context", "identity", "numbers", "start")
 
-    def __init__(self, compiled: Any, flat: list[Any], arguments: tuple[Any, ...], numbers: int, serial: bool):
-        self.compiled, self.run = compiled, compiled.run
-        self.context, self.address = compiled.make_context(flat, serial)
+    def __init__(self, compiled: Any, flat: list[Any], numbers: int, serial: bool):
+        self.compiled = compiled
+        self.context, address = compiled.make_context(flat, serial)
+        self.start = partial(compiled.run, address)
         self.numbers: tuple[Any, ...] = (None,) * numbers
-        self._arguments = arguments
-
-
-def _picker(indices: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
-    """A function that picks the entries at `indices` of a tuple, as a tuple."""
-    if not indices:
-        return lambda arguments: ()
-    if len(indices) == 1:  # itemgetter of one index gives no tuple
-        index = indices[0]
-        return lambda arguments: (arguments[index],)
-    return itemgetter(*indices)
+        self.arguments: tuple[Any, ...] = ()
+        self.identity: tuple[int, ...] = ()
 
 
 def _flattened(name: str, annotation: Any) -> list[tuple[str, Any]]:

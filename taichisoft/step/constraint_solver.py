@@ -43,8 +43,8 @@ def assemble_compliance(
 ) -> None:
     """Fill in the rows' velocities without impulses, and W of soft bodies, rigid bodies and actuators."""
     rows, w = problem.rows, problem.compliance
-    contact_count, actuator_count, moment_count = rows.size.tolist()
-    row_count = problem.row_count
+    contact_count, row_count, moment_count = problem.contact_count, problem.row_count, problem.moment_count
+    actuator_count = row_count - 3 * (contact_count + moment_count)
     known_velocity = soft.known_velocity if soft is not None else NO_VELOCITY
     if contact_count:
         row_velocities.free_contact_velocity(rows, known_velocity, rigid)
@@ -281,6 +281,7 @@ class ConstraintSolver:
         """
         if not problem.contacts.contact_count and not len(problem.requests.coordinates):
             self._rows.rows.size[:] = 0
+            self._rows.count_rows()
             return self._solution(problem, self._velocities_after(problem), 0)
         if start is None:
             self._active_set.begin(problem.contacts, problem.start)
@@ -371,6 +372,7 @@ class ConstraintSolver:
                 rows,
                 self._rows.solver.impulse,
             )
+        self._rows.count_rows()
 
     def _assemble_compliance(self, problem: StepProblem) -> None:
         coordinates, gradient = self._model.actuators.coordinates, problem.geometry.gradient

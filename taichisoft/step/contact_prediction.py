@@ -76,6 +76,7 @@ class ContactPrediction:
             count=np.zeros(2, dtype=np.int32),
         )
         self._table = NO_CONTACTS
+        self._gravity: np.ndarray | None = None  # of `_falls`
         self._buffers, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
         self._at_the_end = np.ones(FIRST_CAPACITY)
         self._depth = settings.alarm_distance
@@ -214,7 +215,9 @@ class ContactPrediction:
         self._state, pairs = state, self._pairs
         self._points.begin(state)
         self._rigid.linear[:], self._rigid.angular[:] = self._rigid_now.linear, self._rigid_now.angular
-        self._falls = self._time_step**2 * math.sqrt(state.gravity @ state.gravity)
+        if state.gravity is not self._gravity:
+            self._gravity = state.gravity
+            self._falls = self._time_step**2 * math.sqrt(state.gravity @ state.gravity)
         kernels.look_ahead(self._time_step, self._distance, self._falls, self._soft, self._rigid, pairs)
         self._approach, self._sought, self._passed = pairs.approach.copy(), pairs.reach.copy(), self._whole.copy()
         self._is_at_the_end = not pairs.count[FAST]
@@ -323,7 +326,8 @@ class ContactPrediction:
 
     def _search(self, reach: np.ndarray, time: float) -> Contacts:
         """Contacts within reach at a time (0: start, 1: end of the step); also measures the distances of bodies."""
-        self._moving.move(time * self._time_step, self._soft, self._rigid)
+        passed = self._time_step if time == 1.0 else time * self._time_step
+        self._moving.move(passed, self._soft, self._rigid)
         self._moving.follow_load(self._state)
         contacts = self._detection.find(reach, self._depth)
         kernels.measure_nearest(contacts, self._distance, self._tolerance, self._pairs)

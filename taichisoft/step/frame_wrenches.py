@@ -96,6 +96,7 @@ class FrameWrenches:
         self._shared = np.concatenate([*shared, np.zeros(0)]).astype(np.int32)
         self._anchors = AnchorForces(model, soft, equations, self._shared) if shared and soft is not None else None
         self._held = self._lay_out() if self._bodies else None
+        self._inertia = float(model.scene.time.dynamics == "inertial")
         coordinates = actuators.first_coordinate[[actuators.place(CAVITIES).stop, -1]]
         self._entries = slice(*actuators.coordinates.entry_start[coordinates].tolist())
         counts = np.diff(actuators.coordinates.entry_start)
@@ -209,7 +210,7 @@ class FrameWrenches:
         held.gravity[0], held.impulse[:], held.after[:] = start.gravity, solution.contact_node_impulse, node_velocity
         for one in self._model.external_forces.on_nodes(start):
             held.impulse[one.node] += time.step * one.at(position if time.most_linearisations > 1 else start.position)
-        kernels.sum_wrenches(time.step, float(time.dynamics == "inertial"), held)
+        kernels.sum_wrenches(time.step, self._inertia, held)
         return held.wrench.reshape(-1, 2, 3)
 
     def _pull(self, line: Line, start: State, tension: float) -> np.ndarray:

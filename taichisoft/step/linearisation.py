@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 
 from taichisoft.contact.model import Model
-from taichisoft.control.control import Control, Force
+from taichisoft.control.control import NOTHING, Control, Force
 from taichisoft.control.observation import Observation, find_figure
 from taichisoft.control.observer import Fingertips
-from taichisoft.control.requests import DRIVES
+from taichisoft.control.requests import DRIVES, Requests
 from taichisoft.errors import ControlError, nearest
 from taichisoft.mechanics.cavities import CAVITIES, VALVE, network_drives
 from taichisoft.mechanics.model_actuators import ACTUATOR_KINDS
@@ -20,7 +20,6 @@ from taichisoft.step.solution import StepSolution
 from taichisoft.step.step_derivative import Edge, StepDerivative
 from taichisoft.step.time_stepper import TimeStepper
 
-NOTHING = Control()
 AXES = ("x", "y", "z")
 BASE = {"base_translation": ("mm", "base_velocity"), "base_rotation": ("rad", "base_angular_velocity")}
 """Unit of a pose, and the key of `Control` that may ask for it in its place."""
@@ -258,27 +257,22 @@ def asking(state: State, values: Mapping[str, float], control: Control = NOTHING
     return control
 
 
-def asked_for(model: Model, state: State, name: str) -> float:
+def asked_for(requests: Requests, state: State, name: str) -> float:
     """The present request of an input, 0 of an actuator that is driven otherwise."""
     key, _, of = name.partition(".")
     if key in BASE:
         return float(state.frame_request[0, list(BASE).index(key), _axis(name, of)])
-    drives = network_drives(model.scene.air)
-    if of in drives and drives[of].request == key:
-        return float(state.network_request[list(drives).index(of)])
-    if key == VALVE.request and of in model.cavities.names:
-        return float(state.valve_request[model.cavities.names.index(of)])
+    if place := requests.places.get(key, {}).get(of):
+        field, number = place
+        is_imposed = key in [kind.coordinate.request for kind in ACTUATOR_KINDS]
+        if field == "actuator_request" and state.actuator_imposed[number] != is_imposed:
+            return 0.0
+        return float(getattr(state, field)[number])
     if key == "forces" and of.count(".") > 1:
         who, part, letter = of.rsplit(".", 2)
-        names = model.external_forces.names
+        names = requests.model.external_forces.names
         if who in names and part in FORCE and state.external_force_steps[names.index(who)]:
             return float(state.external_force[names.index(who), list(FORCE).index(part), _axis(name, letter)])
-    for kind in ACTUATOR_KINDS:
-        for drive in (kind.effort, kind.coordinate):
-            if drive.request == key and of in model.actuators.names_of(kind):
-                place = model.actuators.names.index(of)
-                same = bool(state.actuator_imposed[place]) == (drive is kind.coordinate)
-                return float(state.actuator_request[place]) if same else 0.0
     return 0.0
 
 

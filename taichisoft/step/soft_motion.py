@@ -27,6 +27,7 @@ class SoftMotion:
 
     def __init__(self, model: Model, elasticity: Elasticity, geometry: ActuatorGeometry):
         self._model, self._time_step = model, model.scene.time.step
+        self._inertia = float(model.scene.time.dynamics == "inertial")
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
         is_full = self.system.modes.start < 0
@@ -75,11 +76,10 @@ class SoftMotion:
         + p dq/dx - a M v - (s + b) K v), without inertia A^-1 h (f + M g + p dq/dx).
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
-        has_inertia = self._model.scene.time.dynamics == "inertial"
         self.follow(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
-            self.system.reduced.begin(*self._frames_of_modes, state.gravity, self._model.scene.time.step, has_inertia)
+            self.system.reduced.begin(*self._frames_of_modes, state.gravity, self._time_step, self._inertia)
         if state.young_modulus is not self._young_modulus:
             self._young_modulus = state.young_modulus
             stiffening = state.young_modulus / self._model.young_modulus
@@ -87,7 +87,7 @@ class SoftMotion:
         self.system.assemble()
         self._sum_impulses(state, load, self.anchors)
         known_velocity = self.system.velocity
-        if not has_inertia:
+        if not self._inertia:
             known_velocity = np.where(self.system.modes.start[:, None] >= 0, known_velocity, 0.0)
         impulse, reduced = self.nodes.impulse, self.system.reduced
         if reduced is not None:

@@ -12,7 +12,7 @@ from taichisoft.contact.constraint_rows import ActuatorRequests, request
 from taichisoft.contact.detection import ContactTable
 from taichisoft.contact.kernels.constraint_problem import ReportedContacts
 from taichisoft.contact.model import Model
-from taichisoft.control.control import Control
+from taichisoft.control.control import NOTHING, Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
 from taichisoft.control.requests import Requests
@@ -108,7 +108,7 @@ class TimeStepper:
                 EquilibriumNotFound where nothing holds a body.
         """
         started = time.perf_counter()
-        control = Control() if control is None else control
+        control = NOTHING if control is None else control
         start = self.requests.apply(self.state, control)
         if self._is_static:
             found = self.find_equilibrium(self.state, start)
@@ -139,10 +139,10 @@ class TimeStepper:
 
         def move(state: State, tolerance: float, unmixed: int) -> tuple[State, StepReport]:
             if not isinstance(self._solver, NonlinearStep):
-                return self._move(state, Control(), 0.0)
+                return self._move(state, NOTHING, 0.0)
             self._solver.tolerance, self._solver.unmixed = tolerance, unmixed
             try:
-                return self._move(state, Control(), 0.0)
+                return self._move(state, NOTHING, 0.0)
             finally:
                 self._solver.tolerance, self._solver.unmixed = self.model.scene.time.newton_tolerance, 0
 

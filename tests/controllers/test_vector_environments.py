@@ -1,9 +1,12 @@
 """Environments on threads of one process: gymnasium's own results, also after episodes that end and errors."""
 
+import gc
+
 import gymnasium
 import pytest
 from gymnasium.vector import SyncVectorEnv
 
+from taichisoft.mechanics import State
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_gym import SoftRobotVectorEnv
 
@@ -47,6 +50,18 @@ def test_a_step_that_fails_leaves_environments_that_reset() -> None:
     threads.envs[1].env.fails = False
     assert threads.reset(seed=1)[0].tobytes() == first.tobytes()
     threads.close()
+
+
+def test_resets_keep_no_states() -> None:
+    randomisation = {"friction": (0.4, 0.9), "mass": (0.5, 2.0), "modulus": (0.8, 1.2), "place": 1.0}
+    environment, alive = gymnasium.make(GRASP, randomisation=randomisation, **SMALL), []
+    for count in (5, 20):
+        for _ in range(count):
+            environment.reset()
+            environment.step(environment.action_space.sample())
+        gc.collect()
+        alive.append(sum(isinstance(one, State) for one in gc.get_objects()))
+    assert alive[0] == alive[1]
 
 
 def test_make_vec_makes_threads() -> None:

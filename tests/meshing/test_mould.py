@@ -12,6 +12,7 @@ import solid_shapes
 import trimesh
 from conftest import Figures
 
+from taichisoft.base import call_apart
 from taichisoft.errors import GoalMissed, MeshError
 from taichisoft_meshing.cad_body import read_step
 from taichisoft_meshing.finger_dimensions import FingerParameters
@@ -217,3 +218,20 @@ def test_what_cannot_be_cast_is_refused(tmp_path: Path, tables: Any, form: Any, 
         write(tmp_path, tables, **form)
     with pytest.raises(MeshError, match=r"mould.json: not readable: .*`taichisoft mould` writes it"):
         check_mould(tmp_path)
+
+
+@pytest.mark.parametrize(("parting", "aspect"), [((0.0, 0.0, 1.0), 3.0), ((1.0, 0.0, 0.0), 2.0)])
+def test_pictures_of_parts_look_along_the_parting(parting: tuple[float, ...], aspect: float) -> None:
+    """On the right a block is a rectangle of its two other sides; in a corner there is nothing."""
+    corners = trimesh.creation.box((60.0, 20.0, 10.0)).triangles
+    colours = np.tile([0.5, 0.6, 0.7], (len(corners), 1))
+    (picture,) = call_apart(
+        "taichisoft_meshing.body_pictures:draw_views", [(corners, colours, np.array(parting))], time_limit=300.0
+    )
+    height, width = picture.shape[0] // 2, picture.shape[1] // 2
+    for along in (picture[:height, width:], picture[height:, width:]):
+        rows, columns = np.nonzero((along < 250).any(axis=2))
+        sides = np.ptp(rows) + 1, np.ptp(columns) + 1
+        assert max(sides) / min(sides) == pytest.approx(aspect, rel=0.02)
+        assert len(rows) == pytest.approx(sides[0] * sides[1], rel=0.01)
+        assert (along[0] == 255).all()

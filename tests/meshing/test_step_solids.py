@@ -24,7 +24,7 @@ from taichisoft.mesh import (
     tetrahedron_volumes,
 )
 from taichisoft.scene import scene_from_dict
-from taichisoft_meshing.body_pictures import draw_faces
+from taichisoft_meshing.body_pictures import draw_faces, labels_apart
 from taichisoft_meshing.cad_body import cap_triangles, read_step, rims
 from taichisoft_meshing.file_bodies import StepBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
@@ -575,6 +575,19 @@ def test_from_step_to_a_gripper(drawn: Path) -> None:
     assert report.observation.volumes["finger0.cavity_1"] > OPEN + INLET
     tip = start[:, 0] > LENGTH - 1e-6
     assert (simulation.state.position - start)[tip, 2].max() < -0.1
+
+
+@given(count=st.integers(1, 60), seed=st.integers(0, 99), spread=st.floats(0.0, 80.0))
+@examples(25)
+def test_numbers_of_faces_do_not_cover_each_other(count: int, seed: int, spread: float) -> None:
+    """Those with space stay at their places; nobody goes further than all of them together are large."""
+    places = spread * np.random.default_rng(seed).random((count, 2))
+    size = np.array([5.0, 3.0])
+    labels = np.array(labels_apart(list(places), size))
+    off = np.abs(labels[:, None] - labels)
+    assert ((off >= size - 1e-9).any(axis=2) | np.eye(count, dtype=bool)).all()
+    assert (labels[0] == places[0]).all()
+    assert (np.abs(labels - places) <= 5.0 * np.sqrt(count) * size).all()
 
 
 def test_the_picture_has_the_number_of_each_face_that_is_seen(

@@ -3,6 +3,7 @@
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -33,6 +34,7 @@ from taichisoft_outputs.drawing.colouring import (
     at_corners,
     body_colours,
     displacement,
+    displacements,
     round_up,
     strain,
     stress,
@@ -41,10 +43,11 @@ from taichisoft_outputs.drawing.colouring import (
 from taichisoft_outputs.drawing.overlay import (
     FORCE_COLOURS,
     ON_DARK,
-    ForceArrows,
     arrow_colour,
     as_bytes,
     caption_parts,
+    displacement_arrows,
+    force_arrows,
     paint_caption,
 )
 from taichisoft_outputs.drawing.stage import Floor
@@ -180,7 +183,7 @@ def test_there_is_no_bar_for_what_cannot_be_seen(gripper, tmp_path):
     with read_recording(tmp_path / "recording.h5") as start:  # without any pressure or contact
         assert Colouring(start, Style(), [0], start.surfaces).scales == ()
         assert caption_parts(start, 0) == ["0.00 s", "pressure 0.0 kPa", "cube raised 0.0 mm"]
-        ForceArrows(start, [0], 10.0).paint(None, None, 0, None)  # would fail if it tried to paint
+        force_arrows(start, [0], 10.0).paint(None, None, 0, None)  # would fail if it tried to paint
 
 
 def test_a_colour_scale_is_linear_and_holds_its_ends():
@@ -234,7 +237,7 @@ def test_twice_the_force_is_twice_the_arrow(gripper):
     lengths = []
     for radius in (50.0, 100.0):
         picture = Image.new("RGB", (640, 360))
-        ForceArrows(gripper, FRAMES, radius).paint_scale(picture, camera, (0.0, 0.0, 0.0), 9.0)
+        force_arrows(gripper, FRAMES, radius).paint_scale(picture, camera, (0.0, 0.0, 0.0), 9.0)
         lengths.append(np.ptp(np.nonzero(np.asarray(picture).any(axis=2))[1]))
     assert lengths[1] == pytest.approx(2 * lengths[0], abs=2)
 
@@ -250,7 +253,7 @@ def test_a_force_on_what_is_cut_off_has_no_arrow(gripper):
     painted = []
     for section in (None, "x<1000", "x<-1000"):
         picture, plane = Image.new("RGB", (64, 36)), SectionPlane.parse(section) if section else None
-        ForceArrows(gripper, FRAMES, 500.0).paint(picture, camera, 2, plane)
+        force_arrows(gripper, FRAMES, 500.0).paint(picture, camera, 2, plane)
         painted.append(int(np.asarray(picture).any(axis=2).sum()))
     assert painted[0] == painted[1] > 0 == painted[2]
 
@@ -465,6 +468,94 @@ def test_transparent_picture_over_a_colour_is_that_with_the_colour(gripper, tmp_
         sheet.alpha_composite(clear)
         off = np.abs(np.asarray(sheet.convert("RGB"), int) - np.asarray(expected.convert("RGB"), int)).max(axis=2)
     assert np.mean(off > 4) < 0.02, "edges are smoothed where they are seen"
+
+
+@pytest.mark.parametrize("section", [None, "z=0"])
+def test_pressures_are_those_of_the_bar_in_bodies_of_any_colour(gripper, tmp_path, section) -> None:
+    """Red silicone with light on it moves none of them off the bar; a cut cavity shows its far walls, with lines."""
+    import h5py
+
+    scene = gripper.scene.model_dump(exclude_none=True)
+    for body in scene["soft_bodies"].values():
+        body["colour"] = "#c8321e"
+    with h5py.File(shutil.copy(gripper.path, tmp_path / "red.h5"), "r+") as file:
+        del file["scene"]
+        write_texts(file, "scene", [scene_to_toml(Scene.model_validate(scene))])
+    style = Style(size=(320, 180), bars=False, caption=False, section=section, view="front", axes=False)
+    (path,) = render_pictures(tmp_path / "red.h5", {"red": 0.02}, tmp_path, style)
+    picture = np.asarray(Image.open(path).convert("RGB"), int).reshape(-1, 3)
+    green = picture[(picture[:, 1] > picture[:, 0] + 20) & (picture[:, 1] >= picture[:, 2])]
+    share = green @ as_bytes(AIR[-1]) / np.dot(as_bytes(AIR[-1]), as_bytes(AIR[-1]))
+    assert (green == as_bytes(AIR[-1])).all(axis=1).sum() > 400
+    assert ((share < 0.95) & (green[:, 0] == 0)).sum() > 50, "lines"
+
+
+def test_chosen_background_is_exact_and_transparency_whole(gripper, tmp_path) -> None:
+    plain = {"size": (320, 180), "caption": False, "axes": False, "bars": False, "arrows": False}
+    (path,) = render_pictures(gripper.path, {"white": 0.02}, tmp_path, Style(background="#ffffff", **plain))
+    white = np.asarray(Image.open(path).convert("RGB"))
+    assert (white[:12] == 255).all() and (white[:, :20] == 255).all() and (white[-1, -20:] == 255).all()
+    (path,) = render_pictures(gripper.path, {"clear": 0.02}, tmp_path, Style(transparent=True, **plain))
+    assert (np.asarray(Image.open(path))[:12, :, 3] == 0).all()
+
+
+def test_a_section_has_no_shadow_of_what_is_cut_off(gripper, tmp_path) -> None:
+    """What is grey on white lies beside the bodies, and none of it on the side that is cut off."""
+    plain = {"size": (320, 180), "caption": False, "axes": False, "bars": False, "arrows": False, "view": "top"}
+    dark = []
+    for name, section in (("whole", None), ("left", "y<60")):
+        style = Style(background="#ffffff", section=section, **plain)
+        (path,) = render_pictures(gripper.path, {name: 0.02}, tmp_path, style)
+        right = np.asarray(Image.open(path).convert("RGB"), int)[:, 160:]
+        dark.append(int(((right.max(axis=2) < 245) & (np.ptp(right, axis=2) < 2)).sum()))
+    assert dark[0] > 1000 > 20 > dark[1]
+
+
+def test_bodies_and_materials_have_colours_and_names(gripper) -> None:
+    by_body = Colouring(gripper, Style(colour_by="body"), FRAMES, gripper.surfaces)
+    (scale,) = by_body.scales
+    assert scale.names == ("finger1", "finger2", "finger3", "cube")
+    assert len(set(scale.steps)) == 4
+    for number, name in enumerate(scale.names):
+        surface = next(surface for surface in gripper.surfaces if surface.name == name)
+        shown = (
+            scale.colours(by_body.at_corners(surface, by_body.values(1)))
+            if surface.kind == "soft"
+            else by_body.colours(1)[name][None]
+        )
+        np.testing.assert_allclose(shown, np.tile(scale.steps[number], (len(shown), 1)))
+        assert by_body.unlit[name], "its colour is that of the legend"
+    (scale,) = Colouring(gripper, Style(colour_by="material", colour_map="tab10"), FRAMES, gripper.surfaces).scales
+    assert scale.names == ("hooke, E 500 kPa, nu 0.3", "hooke, E 1500 kPa, nu 0.3"), "three fingers alike"
+    assert scale.colours(np.array([0.0])).tolist() == [list(scale.steps[0])]
+
+
+def test_triangles_show_the_material_behind_them(gripper) -> None:
+    """The materials of one finger alternate, so that all nodes have parts in both and say nothing."""
+    body, surface = gripper.soft_bodies[0], gripper.surfaces[0]
+    odd = np.arange(len(body.elements)) % 2
+    recording = SimpleNamespace(scene=gripper.scene, soft_bodies=(replace(body, material=odd),))
+    colouring = object.__new__(Colouring)
+    colouring._recording, colouring._materials = recording, {}
+    values = np.tile([3.0, 7.0], (len(gripper.row("position", 0)), 1))
+    shown = colouring.at_corners(surface, values).reshape(-1, 3)
+    nodes = np.sort(surface.mapping.nodes[:, 0][surface.triangles], axis=1)
+    for triangle, found in zip(nodes[::37], shown[::37], strict=True):
+        (behind,) = np.flatnonzero(np.isin(body.tetrahedra, triangle - body.nodes.start).sum(axis=1) == 3)
+        assert found.tolist() == [[3.0, 7.0][behind % 2]] * 3
+
+
+def test_arrows_of_displacements_lead_from_the_kept_shape(gripper) -> None:
+    """Twice as long from the same ends: the tails are where points would be, and further away by the displacement."""
+    ways = displacements(gripper)(2)
+    assert np.linalg.norm(ways, axis=1) == pytest.approx(displacement(gripper)(2)[:, 0])
+    once, twice = (displacement_arrows(gripper, [2], 80.0, (0, 0, 0), times).tails for times in (1.0, 2.0))
+    kept = gripper.row("position", 2) - ways
+    off = np.linalg.norm(once[:, None] - kept, axis=2).min(axis=1)
+    assert 60 < len(once) < 1500 and off.max() < 1e-6
+    moved = gripper.row("position", 2)
+    nearest = np.linalg.norm((2 * once - twice)[:, None] - moved, axis=2).min(axis=1)
+    assert nearest.max() < 1e-6
 
 
 def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recording) -> None:

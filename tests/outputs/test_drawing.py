@@ -11,22 +11,26 @@ from PIL import Image
 
 from taichisoft.base import run_python
 from taichisoft.mechanics import Plane
+from taichisoft.mesh import SectionPlane
 from taichisoft_outputs import Style
 from taichisoft_outputs.drawing.camera import (
     MARGIN,
     VERTICAL_ANGLE,
     VIEW_DIRECTIONS,
+    PictureCamera,
     camera_path,
+    depth_of_scale,
     fit_camera,
     followed_part,
     outermost_points,
     project,
     scene_axes,
     seen_from_front,
+    seen_radius,
 )
 from taichisoft_outputs.drawing.colouring import sample_instants
 from taichisoft_outputs.drawing.drawer import antialias
-from taichisoft_outputs.drawing.overlay import arrow_outline, paint_polygon, text_colour
+from taichisoft_outputs.drawing.overlay import arrow_outline, paint_polygon, paint_scale_bar, text_colour
 from taichisoft_outputs.drawing.stage import EMPTY, PIXELS, SUN_RADIUS, Floor, reaches_under, shadow, square_of_plane
 from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.drawing.surface_painter import KEY_LIGHT, SmoothNormals, depth_layers, lay_over, shade
@@ -56,6 +60,13 @@ from taichisoft_outputs.recording.reader import RecordedSurface
         ({"target": (0.0, 0.0, 0.0)}, "target needs an eye"),
         ({"eye": (1, 2, 3), "target": (1, 2, 3)}, "eye and target are one point"),
         ({"eye": (1, 2, float("inf"))}, "must be 3 numbers"),
+        ({"key_frames": [(0, 1, 2, 3)]}, r"key frame \(0, 1, 2, 3\) must be 7 numbers"),
+        ({"key_frames": [(0, 1, 2, 3, 0, 0, 0)]}, "key frames at 0 s: there must be two or more"),
+        ({"key_frames": [(1, 1, 2, 3, 0, 0, 0), (1, 2, 2, 3, 0, 0, 0)]}, "each later than the one before"),
+        ({"key_frames": [(0, 1, 2, 3, 0, 0, 0), (1, 2, 2, 3, 2, 2, 3)]}, "at 1 s: eye and target are one point"),
+        ({"key_frames": [(0, 1, 2, 3, 0, 0, 0), (1, 2, 2, 3, 0, 0, 0)], "view": "top"}, "neither a view nor an eye"),
+        ({"displacement_arrows": float("nan")}, "displacement arrows nan times as long must be above 0"),
+        ({"colour_by": "body", "colour_range": (0.0, 1.0)}, "colours by body have names, and no colour range"),
     ],
 )
 def test_an_impossible_choice_is_named(choice, complaint):
@@ -166,6 +177,52 @@ def test_an_orbit_goes_once_around_the_vertical():
     turns = np.unwrap(np.arctan2(offsets[:, 2], offsets[:, 1]))
     assert np.allclose(np.diff(turns), turns[1] - turns[0])
     assert abs(turns[1] - turns[0]) == pytest.approx(2 * np.pi / len(FRAMES))
+
+
+def test_a_camera_moves_through_its_key_frames():
+    """It is there at each of their times, overshoots nowhere, and stands before the first and after the last."""
+    keys = [(3.0, 300, 0, 40, 0, 0, 0), (7.0, 100, 80, 40, 10, 0, 0), (9.0, 100, 80, 40, 10, 0, 20)]
+    path = camera_path(
+        Style(key_frames=keys), FRAMES, CUBE, ABOVE, 1.5, times=np.arange(len(FRAMES)) * 0.5
+    )  # of an instant 0.5 s
+    for time, *points in [(0.0, *keys[0][1:]), *keys, (11.5, *keys[-1][1:])]:
+        camera = path(round(2 * time))
+        np.testing.assert_allclose([*camera.eye, *camera.target], points, atol=1e-9)
+    between = np.array([path(instant).eye for instant in range(6, 15)])
+    assert (np.diff(between[:, 0]) < 0.0).all() and (np.diff(between[:, 1]) > 0.0).all()
+    assert np.ptp(between[:, 2]) < 1e-9
+
+
+def test_close_ups_see_less_than_the_scene():
+    """Half the height of the picture at what is looked at, or the radius around a body; never more than the scene."""
+    points = 1000.0 * np.vstack([np.eye(3), -np.eye(3)])
+    half = np.tan(np.radians(VERTICAL_ANGLE / 2))
+    assert seen_radius(Style(), points, None) == pytest.approx(1000.0)
+    assert seen_radius(Style(eye=(200, 0, 0), target=(0, 0, 0)), points, None) == pytest.approx(200.0 * half)
+    assert seen_radius(Style(eye=(9e4, 0, 0), target=(0, 0, 0)), points, None) == pytest.approx(1000.0)
+    assert seen_radius(Style(view="follow:cube"), points, (lambda instant: points[0], 12.0)) == 12.0
+    keys = [(0, 300, 0, 0, 0, 0, 0), (1, 100, 0, 0, 0, 0, 0)]
+    assert seen_radius(Style(key_frames=keys), points, None) == pytest.approx(100.0 * half)
+
+
+@pytest.mark.parametrize("size", [(640, 480), (3840, 2160)])
+@pytest.mark.parametrize("section", [None, "x=50"])
+def test_a_scale_bar_is_as_long_as_its_length(size, section):
+    """The pixels between two points so far apart, at the target or on the section; its line is as thick as letters."""
+    camera = PictureCamera(np.array([400.0, 30.0, 20.0]), np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    plane = None if section is None else SectionPlane.parse(section)
+    depth = depth_of_scale(camera, plane)
+    middle = camera.eye - depth * camera.axes[2]
+    assert middle[0] == pytest.approx(0.0 if section is None else 50.0)
+    picture = Image.new("RGB", size, "white")
+    paint_scale_bar(picture, depth, (0.0, 0.0, 0.0), size[1] / 36)
+    dark = np.asarray(picture)[..., 0] < 128
+    bar = dark[dark.sum(axis=1).argmax()].sum()
+    ends, _ = project(camera, np.array([middle, middle + 20.0 * camera.axes[0], middle + 50.0 * camera.axes[0]]), size)
+    lengths = np.linalg.norm(ends[1:] - ends[0], axis=1)
+    assert min(abs(bar - lengths)) <= 1.5
+    assert 0.08 * size[0] < bar <= 0.2 * size[0] + 1
+    assert (dark.sum(axis=1) >= bar).sum() == pytest.approx(0.3 * size[1] / 36, abs=1.5), "thick"
 
 
 def test_a_followed_body_stays_at_its_place():

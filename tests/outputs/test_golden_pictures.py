@@ -59,8 +59,8 @@ def test_a_picture_looks_as_it_did(drawn, name):
 def test_values_have_the_colours_of_the_bar(drawn):
     """Warm pixels are the finger's: all but lines, smoothed edges and arrows lie within 3 of 255 of the bar's colours.
 
-    Light would move most of them away. The section shows the air at the highest pressure of the run in the bar's last
-    colour.
+    Light would move most of them away. The section shows walls of air at the highest pressure of the run in the last
+    colour of the bar.
     """
     dense = np.stack(
         [np.interp(np.linspace(0, 4, 2000), np.arange(5), part) for part in 255 * np.array(SOFT).T], axis=1
@@ -72,7 +72,7 @@ def test_values_have_the_colours_of_the_bar(drawn):
         assert len(warm) > 1000
         assert (distance <= 3.0).mean() > 0.75, name
     air = np.linalg.norm(picture - 255 * np.array(AIR[-1]), axis=1) <= 3.0
-    assert air.sum() > 300
+    assert air.sum() > 200, "but lines along its walls"
 
 
 @pytest.mark.parametrize("name", BROKEN)

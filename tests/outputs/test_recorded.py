@@ -8,14 +8,14 @@ import fake_run
 import numpy as np
 import pytest
 import pyvista
-from tiny_run import make_run
+from tiny_run import make_run, tiny_run
 
 from taichisoft import Control, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.scene import scene_from_dict
 from taichisoft_outputs import Recording, read_recording
 from taichisoft_outputs.csv_output import CsvOutput
-from taichisoft_outputs.drawing.colouring import stress
+from taichisoft_outputs.drawing.colouring import contact_pressure, stress
 from taichisoft_outputs.paraview import export_vtu
 from taichisoft_outputs.plots import PANELS, PlotError, RunCurves, draw_plots, expected
 from taichisoft_outputs.recording.layout import SIGNAL_COUNT
@@ -224,6 +224,18 @@ MODULI = (
     {"left": 50.0, "left.regions.0": 900.0, "right": 40.0},
 )
 """What is asked for in each step, and the moduli [kPa] of each frame: that before the first step, then the others."""
+
+
+def test_map_of_contact_pressure_has_the_recorded_peak(tmp_path: Path) -> None:
+    """The highest value of each instant is the highest of all pairs, and values are zero but where fingers touch."""
+    observed = tiny_run(tmp_path)
+    with recording_of(tmp_path) as recording:
+        values, peaks = contact_pressure(recording), recording.column("peak_pressure")
+        assert peaks[-1].max() > 0.5
+        for instant in (0, 20, recording.instant_count - 1):
+            pressure = values(instant)[:, 0]
+            assert pressure.max() == pytest.approx(peaks[instant].max(), rel=2e-3)
+            assert set(observed[instant].peak_pressures) == set() or 0.5 < (pressure == 0.0).mean() < 1.0
 
 
 @pytest.fixture(scope="module")

@@ -391,13 +391,17 @@ def test_each_of_several_views_has_its_own_files(short_run: Path, tmp_path: Path
     assert names == set(stems)
 
 
-def test_every_choice_of_a_style_has_an_option(short_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_choice_of_a_style_has_an_option(
+    short_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     drawn = []
     monkeypatch.setattr(rendering, "render_pictures", lambda *arguments: drawn.append(arguments[3]) or [])
     options = {
         "size": ("--size", "64x32"),
         "eye": ("--eye", "300,-200,150.5"),
         "target": ("--target", "0,1,2"),
+        "displacement_arrows": ("--displacement-arrows", "2"),
+        "scale_bar": ("--scale-bar",),
         "opacity": ("--opacity", "0.5"),
         "background": ("--background", "#000000"),
         "transparent": ("--transparent",),
@@ -418,12 +422,16 @@ def test_every_choice_of_a_style_has_an_option(short_run: Path, monkeypatch: pyt
     assert answer.exit_code == 0, answer.output
     assert render(short_run, "--view", "top").exit_code == 0
     assert render(short_run).exit_code == 0
-    chosen, from_above, default = drawn
+    keys = tmp_path / "camera.csv"
+    keys.write_text("# time, eye, target\n0, 300,-200,150, 0,0,0\n\n1, 200,-200,150, 0,0,10\n")
+    assert render(short_run, "--key-frames", keys).exit_code == 0
+    chosen, from_above, default, moving = drawn
     changed = {name for name in vars(default) if getattr(chosen, name) != getattr(default, name)}
     of_several = {"name", "ranges", "bars", "force_length"}  # what recordings side by side have
-    assert changed | {"view"} | of_several == set(vars(default))
+    assert changed | {"view", "key_frames"} | of_several == set(vars(default))
     assert chosen.eye == (300.0, -200.0, 150.5) and chosen.background == (0.0, 0.0, 0.0)
     assert from_above.view == "top"
+    assert moving.key_frames == ((0, 300, -200, 150, 0, 0, 0), (1, 200, -200, 150, 0, 0, 10))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.base import right_of
+from taichisoft.mesh import SectionPlane
 from taichisoft_outputs.drawing.style import TIP, Style, StyleError
 from taichisoft_outputs.recording.reader import RecordedSurface, Recording, recorded_fingertips
 
@@ -187,13 +188,17 @@ def camera_path(
     up: np.ndarray,
     aspect: float,
     followed: FollowedPart | None = None,
+    times: Sequence[float] | np.ndarray = (),
 ) -> CameraPath:
     """The path that a style asks for.
 
     Args:
         points: `outermost_points` of these [mm], shape (point_count, 3).
         followed: what the camera moves with; None where it does not.
+        times: time of each instant of the recording [s], for key frames.
     """
+    if style.key_frames:
+        return _through(np.array(style.key_frames), times, up)
     if followed is not None:
         return _following(followed, up, aspect)
     if style.eye is None and style.view == "orbit":
@@ -237,8 +242,25 @@ def _outermost(points: np.ndarray) -> np.ndarray:
 
 def _explicit(style: Style, points: np.ndarray, up: np.ndarray) -> PictureCamera:
     eye = np.array(style.eye)
-    target = points.mean(axis=0) if style.target is None else np.array(style.target)
+    return _looking(eye, points.mean(axis=0) if style.target is None else np.array(style.target), up)
+
+
+def _looking(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> PictureCamera:
     return PictureCamera(eye, target, picture_up((eye - target) / np.linalg.norm(eye - target), up))
+
+
+def _through(key_frames: np.ndarray, times: Sequence[float] | np.ndarray, up: np.ndarray) -> CameraPath:
+    """Through key frames on smooth curves without overshoot; before the first and after the last it stands."""
+    from scipy.interpolate import PchipInterpolator
+
+    first, last = key_frames[[0, -1], 0]
+    curve = PchipInterpolator(key_frames[:, 0], key_frames[:, 1:])
+
+    def camera(instant: int) -> PictureCamera:
+        eye, target = curve(min(max(times[instant], first), last)).reshape(2, 3)
+        return _looking(eye, target, up)
+
+    return camera
 
 
 def _orbiting(points: np.ndarray, instants: Sequence[int], up: np.ndarray, aspect: float) -> CameraPath:
@@ -252,6 +274,24 @@ def _orbiting(points: np.ndarray, instants: Sequence[int], up: np.ndarray, aspec
     distance = max(distance_to_see(points, looking(turned, 1.0), aspect) for turned in turns)
     place = {instant: index for index, instant in enumerate(instants)}
     return lambda instant: looking(2 * np.pi * place[instant] / len(instants), distance)
+
+
+def depth_of_scale(camera: PictureCamera, section: SectionPlane | None) -> float:
+    """Distance along the view at which lengths are compared [mm]: of what is looked at, or of the section before it."""
+    distance = float(np.linalg.norm(camera.eye - camera.target))
+    ahead = -float(np.array(section.normal) @ camera.axes[2]) if section is not None else 0.0
+    to_section = -float(section.height(camera.eye)) / ahead if section is not None and ahead else 0.0
+    return to_section if to_section > 0.0 else distance
+
+
+def seen_radius(style: Style, points: np.ndarray, followed: FollowedPart | None) -> float:
+    """Radius of what a style's camera sees of points [mm], which the lengths of arrows suit [mm]."""
+    ends = [np.reshape(row[1:], (2, 3)) for row in style.key_frames]
+    if style.eye is not None:
+        ends.append(np.array([style.eye, points.mean(axis=0) if style.target is None else style.target]))
+    slope = np.tan(np.radians(VERTICAL_ANGLE / 2))
+    radii = [slope * np.linalg.norm(eye - target) for eye, target in ends]
+    return float(min([radius_around_mean(points), *radii, *(followed[1:] if followed is not None else ())]))
 
 
 def followed_part(recording: Recording, surfaces: Sequence[RecordedSurface], name: str) -> FollowedPart:

@@ -69,9 +69,6 @@ BEAD = 2.0
 SIDES = 10
 """Faces around a tube: few enough to draw fast, and enough that they meet at angles that are shaded smoothly."""
 
-_TURN = 2.0 * np.pi * np.arange(SIDES) / SIDES
-_RING = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
-
 
 @dataclass(frozen=True)
 class LineTube(RecordedSurface):
@@ -120,24 +117,23 @@ def line_tubes(recording: Recording, first_frame: int) -> list[LineTube]:
 
 def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
     """Vertices of a tube with beads around a polyline [mm], shape (vertex_count, 3)."""
-    along = np.diff(points, axis=0)
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-30)
+    ways = np.diff(points, axis=0)
+    along = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-30)
     # Any direction across: faces are too many and too small for anybody to see where the first of them is.
     aside = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
     aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-30)
-    across = np.stack([aside, np.cross(along, aside)], axis=1)
-    rings = radius * np.einsum("sk,pkd->psd", _RING, across)
-    ends = np.stack([points[:-1], points[1:]], axis=1)
-    tubes = ends[:, :, None] + rings[:, None]
+    axes = np.stack([radius * aside, radius * np.cross(along, aside), ways], axis=1)
+    tubes = 0.5 * (points[1:] + points[:-1])[:, None] + _tube().vertices @ axes
     beads = points[:, None] + BEAD * radius * _ball().vertices
     return np.concatenate([tubes.reshape(-1, 3), beads.reshape(-1, 3)])
 
 
 def tube_triangles(point_count: int) -> np.ndarray:
     """Vertex indices of the outward triangles of `tube_vertices`, shape (triangle_count, 3)."""
-    segments = 2 * SIDES * np.arange(point_count - 1)
-    beads = 2 * SIDES * (point_count - 1) + len(_ball().vertices) * np.arange(point_count)
-    return np.concatenate([_repeated(_band(0, SIDES), segments), _repeated(_ball().faces, beads)])
+    size = len(_tube().vertices)
+    segments = size * np.arange(point_count - 1)
+    beads = size * (point_count - 1) + len(_ball().vertices) * np.arange(point_count)
+    return np.concatenate([_repeated(_tube().faces, segments), _repeated(_ball().faces, beads)])
 
 
 def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int], np.ndarray]:
@@ -146,7 +142,7 @@ def _around(points: Callable[[int], np.ndarray], radius: float) -> Callable[[int
 
 def _segments(point_count: int) -> np.ndarray:
     """The segment of each vertex of `tube_vertices`; that of a bead is the one that ends there."""
-    of_tubes = np.repeat(np.arange(point_count - 1), 2 * SIDES)
+    of_tubes = np.repeat(np.arange(point_count - 1), len(_tube().vertices))
     of_beads = np.repeat(np.maximum(np.arange(point_count) - 1, 0), len(_ball().vertices))
     return np.concatenate([of_tubes, of_beads])
 
@@ -155,13 +151,11 @@ def _repeated(triangles: np.ndarray, starts: Iterable[int]) -> np.ndarray:
     return np.concatenate([triangles + start for start in starts])
 
 
-def _band(first: int, second: int) -> np.ndarray:
-    """Triangles between two rings of SIDES vertices that begin at these indices, outward from the axis."""
-    here = np.arange(SIDES)
-    after = (here + 1) % SIDES
-    lower = np.stack([first + here, first + after, second + after], axis=1)
-    upper = np.stack([first + here, second + after, second + here], axis=1)
-    return np.concatenate([lower, upper])
+@cache
+def _tube() -> Any:
+    from trimesh.creation import cylinder
+
+    return cylinder(radius=1.0, height=1.0, sections=SIDES)
 
 
 @cache
@@ -195,6 +189,7 @@ class ColourScale:
         low, high: values of the first and the last colour; `low` < `high`.
         steps: red, green and blue [-] of evenly spaced values.
         highest: the highest value that is shown; above `high` it has the colour of that, and the bar says so.
+        names: what the values 0, 1, ... stand for, which a legend lists in the place of a bar; () for quantities.
     """
 
     title: str
@@ -202,6 +197,7 @@ class ColourScale:
     high: float
     steps: Sequence[tuple[float, float, float]]
     highest: float = -np.inf
+    names: tuple[str, ...] = ()
 
     @property
     def stops(self) -> np.ndarray:
@@ -265,14 +261,14 @@ PLAIN = {
 
 WALLS = frozenset(kind.name for kind in ACTUATOR_KINDS if kind.drawn == "walls")
 """Kinds of actuators whose effort the walls of cavities show."""
+NAMES_MAP = "Set2"
+"""Map of Matplotlib with the colours of bodies and materials."""
 MAP_STEPS = 17
 """Colours that stand for a map of Matplotlib, with straight lines between them."""
 SAMPLES = 40
 """Number of instants, at most, in which the range of a quantity is looked for."""
 COVERED_SHARE = 0.995
 """Part of the values that the range covers: single elements at an edge would make all others look alike."""
-SEEN_THROUGH = 0.8
-"""Mean brightness of silicone in the light [-], through which the pressure of a cavity is seen."""
 
 NodeValues = Callable[[int], np.ndarray]
 """Gives the values at the nodes of all soft bodies in an instant, shape (node_count, material_count).
@@ -304,7 +300,17 @@ class Colouring:
         own = body_colours(recording.scene)
         self._plain = {surface.name: own.get(surface.name, np.array(PLAIN[surface.kind])) for surface in surfaces}
         self.values_scale: ColourScale | None = None
-        if style.colour_by != "none":
+        self._materials: dict[str, np.ndarray] = {}
+        self._named: frozenset[str] = frozenset()
+        if style.colour_by in NAMED:
+            names, self._values = NAMED[style.colour_by](recording)
+            steps = _steps(style.colour_map or NAMES_MAP, len(names))
+            self.values_scale = ColourScale(style.colour_by, 0.0, len(names) - 1.0, steps, names=tuple(names))
+            self._plain |= {
+                name: np.array(step) for name, step in zip(names, steps, strict=True) if name in self._plain
+            }
+            self._named = frozenset(names)
+        elif style.colour_by != "none":
             quantity, title = QUANTITIES[style.colour_by]
             self._values = quantity(recording)
             self.values_scale = self._range_of_values(title, instants, style)
@@ -314,13 +320,10 @@ class Colouring:
             scale = _effort_scale(recording, kind, np.unique(instants)) if wanted else None
             if scale is not None:
                 self._effort_scales[kind.name] = with_ranges(scale, style.ranges)
-        # Of what opaque bodies hide there is no bar; where silicone is before it, the bar is seen through that, too.
-        shown = {
-            name: _seen_through(scale, style.soft_opacity) if name in WALLS and style.section is None else scale
-            for name, scale in self._effort_scales.items()
-            if name not in WALLS or style.section is not None or style.soft_opacity < 1.0
-        }
-        self.scales = (*((self.values_scale,) if self.values_scale is not None else ()), *shown.values())
+        # Of what opaque bodies hide there is no bar.
+        are_walls_seen = style.section is not None or style.soft_opacity < 1.0
+        shown = (scale for name, scale in self._effort_scales.items() if name not in WALLS or are_walls_seen)
+        self.scales = (*((self.values_scale,) if self.values_scale is not None else ()), *shown)
 
     @property
     def ranges(self) -> dict[str, tuple[float, float, float]]:
@@ -337,6 +340,7 @@ class Colouring:
             one.name for one in self._surfaces if isinstance(one, LineTube) and one.actuator in self._effort_scales
         }
         names |= {one.name for one in self._surfaces if one.kind == "soft" and self.values_scale is not None}
+        names |= {one.name for one in self._surfaces if one.name in self._named}
         return dict.fromkeys(names, True) | dict.fromkeys(tubes, False)
 
     def colours(self, instant: int) -> dict[str, np.ndarray]:
@@ -358,42 +362,69 @@ class Colouring:
         """What `values_scale` shows at the nodes of all soft bodies, see `NodeValues`; None for plain colours."""
         return None if self.values_scale is None else self._values(instant)
 
+    def at_corners(self, surface: RecordedSurface, values: np.ndarray) -> np.ndarray:
+        """`values` at the corners of a soft body's triangles, see `at_corners`."""
+        return at_corners(surface, values, self._materials_of(surface))
+
+    def _materials_of(self, surface: RecordedSurface) -> np.ndarray | None:
+        """The material behind each triangle of a body's own surface; None for a finer one."""
+        body = next(body for body in self._recording.soft_bodies if body.name == surface.name)
+        mapping = surface.mapping
+        if mapping is None or mapping.nodes.shape[1] > 1 or len(np.unique(body.material)) == 1:
+            return None
+        if surface.name not in self._materials:
+            triangles = mapping.nodes[:, 0][mapping.triangles] - body.nodes.start
+            tetrahedra = body.tetrahedra
+            faces = np.concatenate([triangles, *(np.delete(tetrahedra, corner, axis=1) for corner in range(4))])
+            _, face = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
+            of_face = np.zeros(face.max() + 1, dtype=int)
+            of_face[face[len(triangles) :]] = np.tile(np.repeat(body.material, body.parts), 4)
+            self._materials[surface.name] = of_face[face[: len(triangles)]]
+        return self._materials[surface.name]
+
     def _range_of_values(self, title: str, instants: Sequence[int], style: Style) -> ColourScale:
         """A scale up to what 99.5 % of the values that are shown reach: at surfaces, or in all of the cut bodies."""
         soft = [surface for surface in self._surfaces if surface.kind == "soft"]
         samples = [self._values(instant) for instant in sample_instants(instants, SAMPLES)]
         if style.section is None:
-            shown = [at_corners(surface, sample) for sample in samples for surface in soft]
+            shown = [self.at_corners(surface, sample) for sample in samples for surface in soft]
         else:
             shown = [sample[np.isfinite(sample)] for sample in samples]
+        shown = [some[some != 0.0] for some in shown]  # pressures of contacts are zero nearly everywhere
         highest = max((float(np.quantile(some, COVERED_SHARE)) for some in shown if len(some)), default=0.0)
         scale = ColourScale(title, 0.0, round_up(highest) if highest > 0 else 1.0, _steps(style.colour_map))
         scale = with_ranges(
-            replace(scale, highest=max(float(np.max(some, initial=0.0)) for some in shown)), style.ranges
+            replace(scale, highest=max((float(np.max(some, initial=0.0)) for some in shown), default=0.0)), style.ranges
         )
         low, high = style.colour_range or (scale.low, scale.high)
         return replace(scale, low=low, high=high)
 
 
-def _steps(colour_map: str) -> Sequence[tuple[float, float, float]]:
-    """Colours of evenly spaced values: those of a map of Matplotlib, or our own."""
+def _steps(colour_map: str, count: int = 0) -> Sequence[tuple[float, float, float]]:
+    """Colours of evenly spaced values, or of a `count` of names: those of a map of Matplotlib, or our own."""
     if not colour_map:
         return SOFT
     from matplotlib import colormaps
 
-    return [(red, green, blue) for red, green, blue, _ in colormaps[colour_map](np.linspace(0.0, 1.0, MAP_STEPS))]
+    chosen = colormaps[colour_map]
+    is_list = count and chosen.N < 256  # of colours that were made for names
+    places = np.arange(count) % chosen.N if is_list else np.linspace(0.0, 1.0, count or MAP_STEPS)
+    return [(red, green, blue) for red, green, blue, _ in chosen(places)]
 
 
-def at_corners(surface: RecordedSurface, values: np.ndarray) -> np.ndarray:
+def at_corners(surface: RecordedSurface, values: np.ndarray, behind: np.ndarray | None = None) -> np.ndarray:
     """Values at the corners of a soft body's triangles, shape (3 * triangle_count,), of `NodeValues`.
 
     A triangle has the values of one material, since stress jumps where materials meet, and no mean of both is anywhere.
+
+    Args:
+        behind: number of the material behind each triangle, shape (triangle_count,); None where it is not known.
     """
     assert surface.mapping is not None
     weights, nodes = surface.mapping.weights[..., None], surface.mapping.nodes
     parts = np.where(weights > 0.0, weights * values[nodes], 0.0)  # without what is NaN in other materials
     corners = parts.sum(axis=1)[surface.triangles]
-    material = np.isfinite(corners).all(axis=1).argmax(axis=1)
+    material = np.isfinite(corners).all(axis=1).argmax(axis=1) if behind is None or values.shape[1] == 1 else behind
     of_one = np.take_along_axis(corners, material[:, None, None], axis=2)[..., 0]
     # A triangle of a finer surface may lie in several.
     return np.where(np.isfinite(of_one), of_one, np.nanmax(corners, axis=2)).ravel()
@@ -412,18 +443,24 @@ def with_ranges(scale: ColourScale, ranges: Mapping[str, tuple[float, ...]]) -> 
     return replace(scale, low=low, high=high, highest=highest)
 
 
-def displacement(recording: Recording) -> NodeValues:
-    """Distance of each node from its place if the bodies had moved with their frames and kept their shape [mm]."""
+def displacements(recording: Recording) -> Callable[[int], np.ndarray]:
+    """Gives the way of each node [mm], shape (node_count, 3), from its place if the bodies had kept their shape."""
     bodies = recording.soft_bodies
     carriers = recording.frames.numbers(recording.scene.soft_bodies[body.name].follows for body in bodies)
 
     def values(instant: int) -> np.ndarray:
         places = recording.frames.places(recording.row("frame_pose", instant))
         carried = [places.moved(body.rest_position, one) for body, one in zip(bodies, carriers, strict=True)]
-        moved = recording.row("position", instant) - np.vstack([np.zeros((0, 3)), *carried])
-        return np.linalg.norm(moved, axis=1, keepdims=True)
+        moved: np.ndarray = recording.row("position", instant) - np.vstack([np.zeros((0, 3)), *carried])
+        return moved
 
     return values
+
+
+def displacement(recording: Recording) -> NodeValues:
+    """Distance of each node from its place if the bodies had moved with their frames and kept their shape [mm]."""
+    ways = displacements(recording)
+    return lambda instant: np.linalg.norm(ways(instant), axis=1, keepdims=True)
 
 
 def stress(recording: Recording) -> NodeValues:
@@ -444,6 +481,27 @@ def strain(recording: Recording) -> NodeValues:
     return values
 
 
+def contact_pressure(recording: Recording) -> NodeValues:
+    """Pressure of contacts at each node [kPa], as the highest in `metrics.json`; 0 where nothing touches."""
+    from taichisoft.control import ContactPatches
+    from taichisoft_outputs.recording.resume import recorded_model
+
+    model = recorded_model(recording, recording.scene)
+    patches, bodies = ContactPatches(model), {body.name: body for body in model.soft_bodies}
+
+    def values(instant: int) -> np.ndarray:
+        pressure = np.zeros((model.node_count, 1))
+        for patch in patches.patches(recording.contact_state(instant)).values():
+            body = bodies[patch.body]
+            vertices = body.surface.triangles[patch.triangles]
+            nodes, weights = body.surface.nodes[vertices] + body.nodes.start, body.surface.weights[vertices]
+            at_nodes = np.where(weights > 0.0, patch.pressures[..., None], 0.0)
+            np.maximum.at(pressure[:, 0], nodes.ravel(), at_nodes.ravel())
+        return pressure
+
+    return values
+
+
 def _at_nodes(recording: Recording, of_bodies: Iterable[np.ndarray]) -> np.ndarray:
     """`NodeValues` of those of the tetrahedra of each body."""
     bodies = recording.soft_bodies
@@ -456,10 +514,33 @@ def _at_nodes(recording: Recording, of_bodies: Iterable[np.ndarray]) -> np.ndarr
     return values
 
 
+def bodies(recording: Recording) -> tuple[list[str], NodeValues]:
+    """Names of the bodies and obstacles, and the number of that of each node."""
+    values = np.repeat(np.arange(len(recording.soft_bodies)), [len(one.mesh_nodes) for one in recording.soft_bodies])
+    solid = (surface.name for surface in recording.surfaces if surface.kind in ("rigid", "obstacle"))
+    return [*recording.scene.soft_bodies, *solid], lambda instant: values[:, None]
+
+
+def materials(recording: Recording) -> tuple[list[str], NodeValues]:
+    """Names of the materials, by their numbers where they have none, and the number of that of each node."""
+    labels = [
+        one.material.name if one.material else f"{one.law or body.law}, E {young:g} kPa, nu {ratio:g}"
+        for body in recording.scene.soft_bodies.values()
+        for one, young, ratio in zip(body.materials, body.young_moduli, body.poisson_ratios, strict=True)
+    ]
+    names = list(dict.fromkeys(labels))
+    number = np.array([float(names.index(label)) for label in labels])
+    values = _at_nodes(recording, (number[np.repeat(body.material, body.parts)] for body in recording.soft_bodies))
+    return names, lambda instant: values
+
+
+NAMED = {"body": bodies, "material": materials}
+
 QUANTITIES = {
     "displacement": (displacement, "displacement [mm]"),
     "stress": (stress, "von Mises stress [kPa]"),
     "strain": (strain, "largest strain [-]"),
+    "contact": (contact_pressure, "contact pressure [kPa]"),
 }
 
 
@@ -470,9 +551,3 @@ def _effort_scale(recording: Recording, kind: ActuatorKind, instants: np.ndarray
     if kind.drawn == "walls":
         return effort_scale(kind, recording.column(kind.effort.name)[instants])
     return effort_scale(kind, np.concatenate(recording.segment_efforts(kind, instants), axis=1))
-
-
-def _seen_through(scale: ColourScale, opacity: float) -> ColourScale:
-    before = SEEN_THROUGH * np.array(PLAIN["soft"])
-    steps = [tuple(opacity * before + (1.0 - opacity) * np.array(step)) for step in scale.steps]
-    return replace(scale, steps=steps)

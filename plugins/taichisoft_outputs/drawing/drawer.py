@@ -12,12 +12,11 @@ from taichisoft_outputs.drawing.camera import (
     focal_length,
     followed_part,
     outermost_points,
-    radius_around_mean,
+    seen_radius,
 )
 from taichisoft_outputs.drawing.colouring import (
     PLAIN,
     Colouring,
-    at_corners,
     body_colours,
     line_tubes,
     with_visual_surfaces,
@@ -154,12 +153,13 @@ class Drawer:
             obstacles = [surface.vertices(instants[0]) for surface in self._surfaces if surface.kind == "obstacle"]
             refuse_what_cuts_nothing(style.section, np.concatenate([points, *obstacles]))
         self._colouring = Colouring(recording, style, instants, self._surfaces)
-        self._overlay = Overlay(recording, style, instants, self._colouring.scales, radius_around_mean(points))
+        followed = followed_part(recording, self._surfaces, style.followed) if style.followed is not None else None
+        radius = seen_radius(style, points, followed)
+        self._overlay = Overlay(recording, style, instants, self._colouring.scales, radius)
         side = colour_bars_width(self._colouring.scales, letters_of(style)) if style.bars else 0.0
         aspect = max(width - 2 * side, width / 2) / height
         spread = np.concatenate([points + room * (points - points.mean(axis=0)), self._overlay.arrow_tails])
-        followed = followed_part(recording, self._surfaces, style.followed) if style.followed is not None else None
-        self._camera = camera_path(style, instants, spread, up, aspect, followed)
+        self._camera = camera_path(style, instants, spread, up, aspect, followed, recording.times)
         # Of several floors only the highest can be seen: they are infinite.
         floors = sorted(
             (plane for plane in recording.planes if is_floor(plane, up)), key=lambda plane: plane.point @ up
@@ -183,10 +183,15 @@ class Drawer:
         self._wall_colours = {name: own.get(name, np.array(PLAIN["obstacle"])) for name, _, _ in self._walls}
         triangles = {surface.name: surface.triangles for surface in self._surfaces}
         triangles |= {name: of_wall for name, _, of_wall in self._walls}
-        soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
+        soft, within = (
+            [surface.name for surface in self._surfaces if surface.kind in kinds]
+            for kinds in (("soft",), ("cavity", "line"))
+        )
         light_from = key_light(recording.scene)
         unlit, scale = self._colouring.unlit, self._colouring.values_scale
-        self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, scale)
+        self._painter = SurfacePainter(
+            style.size, triangles, soft, style.soft_opacity, light_from, up, unlit, within, scale
+        )
         self._recording = recording
         if floors:
             self._hide_what_is_under(floors[-1], points)
@@ -227,22 +232,25 @@ class Drawer:
         self, picture: np.ndarray, floor: Floor | None, instant: int, marks: np.ndarray, camera: PictureCamera
     ) -> np.ndarray:
         vertices = {surface.name: surface.vertices(instant) for surface in self._surfaces}
+        plane = self._section.facing(camera.eye) if self._section is not None else None
         if floor is not None:
-            casters = [
-                (vertices[surface.name], surface.triangles, SHADOW_OPACITY[surface.kind])
-                for surface in self._surfaces
-                if self._shadows and surface.kind in SHADOW_OPACITY
-            ]
+            casters = []
+            for surface in self._surfaces:
+                if self._shadows and surface.kind in SHADOW_OPACITY:
+                    at, triangles = vertices[surface.name], surface.triangles
+                    if plane is not None:
+                        triangles = triangles[plane.height(at[triangles].mean(axis=1)) <= 0.0]
+                    casters.append((at, triangles, SHADOW_OPACITY[surface.kind]))
             picture = floor.paint(picture, camera, casters)
         colours, values = self._colouring.colours(instant), self._colouring.values(instant)
         for surface in self._surfaces:
             if values is not None and surface.kind == "soft":
-                colours[surface.name] = at_corners(surface, values)[:, None]
+                colours[surface.name] = self._colouring.at_corners(surface, values)[:, None]
         for name, corners, _ in self._walls:
             vertices[name], colours[name] = corners, self._wall_colours[name]
         section = None
-        if self._section is not None:
-            section = cut_open(self._recording, self._surfaces, instant, self._section.facing(camera.eye), values)
+        if plane is not None:
+            section = cut_open(self._recording, self._surfaces, instant, plane, values)
         picture = self._painter.paint(picture, camera, vertices, colours, section)
         return self._overlay.paint(antialias(picture), camera, instant, marks)
 

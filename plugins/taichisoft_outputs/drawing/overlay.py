@@ -1,6 +1,6 @@
 """What is painted over a finished picture: contact forces, axes, colour bars, and a caption."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -8,8 +8,19 @@ import numpy as np
 
 from taichisoft.mechanics import ACTUATOR_KINDS
 from taichisoft.mesh import SectionPlane
-from taichisoft_outputs.drawing.camera import PictureCamera, project
-from taichisoft_outputs.drawing.colouring import ColourScale, body_colours, round_down, sample_instants
+from taichisoft_outputs.drawing.camera import (
+    PictureCamera,
+    depth_of_scale,
+    focal_length,
+    project,
+)
+from taichisoft_outputs.drawing.colouring import (
+    ColourScale,
+    body_colours,
+    displacements,
+    round_down,
+    sample_instants,
+)
 from taichisoft_outputs.drawing.style import SMALLEST_LETTERS, Style
 from taichisoft_outputs.recording.reader import Recording
 
@@ -99,8 +110,10 @@ SEEN = 0.45
 """Least distance of the colour of arrows from the colours behind them [-]."""
 LONGEST = 0.5
 """Length of the arrow of the strongest force, in radii of the scene [-]."""
+ARROWS_ALONG = 8
+"""Arrows of displacements along the radius of the scene."""
 SAMPLES = 200
-"""Number of instants, at most, in which the strongest force is looked for."""
+"""Number of instants, at most, in which the longest vector is looked for."""
 FORCE_WIDTH, AXIS_WIDTH = 1 / 220, 1 / 180
 """Width of an arrow's shaft, in heights of the picture [-]."""
 
@@ -112,54 +125,87 @@ BODY_AXIS = 0.25
 """Length of the arrows at bodies, in radii of the scene [-]."""
 
 
-class ForceArrows:
-    """Arrows of contact forces, of one scale over all instants: twice the force is twice the length.
+class Arrows:
+    """Arrows of one scale over all instants: twice the vector is twice the length.
 
     Args:
-        behind: red, green and blue [-] of what may be behind the arrows.
-        length: length of the arrows [mm/mN]; that which suits the strongest force when it is not given.
+        at: gives the points where arrows end [mm], and the vectors [unit], each of shape (count, 3), in an instant.
+        words: what a vector is, and its unit, around the number at the arrow that shows the scale.
+        instants: instants in which the longest vector is looked for.
+        colour: red, green and blue [-].
+        length: length of the arrows [mm/unit]; `longest` is that of the longest vector [mm] when it is not given.
 
     Attributes:
-        length: length of the arrows [mm/mN]; 0 where no force is shown.
+        length: length of the arrows [mm/unit]; 0 where there is none.
         tails: where arrows begin [mm], shape (count, 3), for a camera that is to see them whole.
     """
 
     def __init__(
         self,
-        recording: Recording,
+        at: Callable[[int], tuple[np.ndarray, np.ndarray]],
+        words: tuple[str, str],
         instants: Sequence[int],
-        radius: float,
-        behind: Sequence[np.ndarray] = (),
-        length: float | None = None,
+        colour: Colour,
+        length: float | None,
+        longest: float = 0.0,
     ):
-        self._recording = recording
-        self._colour = arrow_colour(behind)
-        contacts = [recording.contacts(instant) for instant in sample_instants(instants, SAMPLES)]
-        self._strongest = max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for _, f in contacts), default=0.0)
-        own = LONGEST * radius / self._strongest if self._strongest else 0.0
+        self._at, self._words, self._colour = at, words, colour
+        sample = [at(instant) for instant in sample_instants(instants, SAMPLES)]
+        self._strongest = max((float(np.linalg.norm(v, axis=1).max(initial=0.0)) for _, v in sample), default=0.0)
+        own = longest / self._strongest if self._strongest else 0.0
         self.length = own if length is None else length
-        self.tails = np.concatenate([np.zeros((0, 3)), *(point - self.length * force for point, force in contacts)])
+        self.tails = np.concatenate([np.zeros((0, 3)), *(point - self.length * vector for point, vector in sample)])
 
     def paint(self, picture: Any, camera: PictureCamera, instant: int, section: SectionPlane | None) -> None:
-        """Paint an instant's arrows, which end where the forces act, into a Pillow image; none that is cut off."""
+        """Paint an instant's arrows into a Pillow image; none that ends on what is cut off."""
         if self._strongest:
-            points, forces = self._recording.contacts(instant)
+            points, vectors = self._at(instant)
             if section is not None:
                 kept = section.facing(camera.eye).height(points) <= 0.0
-                points, forces = points[kept], forces[kept]
-            _paint_arrows(picture, camera, points - self.length * forces, points, FORCE_WIDTH, [self._colour])
+                points, vectors = points[kept], vectors[kept]
+            _paint_arrows(picture, camera, points - self.length * vectors, points, FORCE_WIDTH, [self._colour])
 
-    def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour, letters: float) -> None:
-        """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene."""
+    def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour, letters: float, row: int = 0) -> None:
+        """Paint an arrow of a round length in the lower right corner, as long as in the middle of the scene.
+
+        Args:
+            row: number of such arrows below it.
+        """
         if not self._strongest:
             return
-        force = round_down(self._strongest)
-        apart = camera.target + self.length * force * camera.axes[0]
-        pixels, _ = project(camera, np.array([camera.target, apart]), picture.size)
-        height = picture.height
-        tip = np.array([picture.width - 0.03 * height, height - 0.04 * height])
-        paint_arrow(picture, tip - [pixels[1, 0] - pixels[0, 0], 0], tip, FORCE_WIDTH * height, self._colour)
-        paint_text(picture, (tip[0], tip[1] - 0.02 * height), f"force {force:g} mN", letters, ink, "rs")
+        vector, height = round_down(self._strongest), picture.height
+        length = self.length * vector * focal_length(height) / depth_of_scale(camera, None)
+        tip = np.array([picture.width - 0.03 * height, (0.96 - 0.03 * row) * height - 1.5 * row * letters])
+        paint_arrow(picture, tip - [length, 0], tip, FORCE_WIDTH * height, self._colour)
+        text = f"{self._words[0]} {vector:g} {self._words[1]}"
+        paint_text(picture, (tip[0], tip[1] - 0.02 * height), text, letters, ink, "rs")
+
+
+def force_arrows(
+    recording: Recording,
+    instants: Sequence[int],
+    radius: float,
+    behind: Sequence[np.ndarray] = (),
+    length: float | None = None,
+) -> Arrows:
+    """Arrows of contact forces, of a colour that is seen before those `behind`, red, green and blue [-]."""
+    return Arrows(recording.contacts, ("force", "mN"), instants, arrow_colour(behind), length, LONGEST * radius)
+
+
+def displacement_arrows(
+    recording: Recording, instants: Sequence[int], radius: float, colour: Colour, length: float
+) -> Arrows:
+    """Arrows from where points of soft bodies would be if these had kept their shape, `length` times as long [-]."""
+    ways = displacements(recording)
+    soft = [one.mapping.nodes for one in recording.surfaces if one.kind == "soft" and one.mapping is not None]
+    outside = np.unique(np.concatenate([np.zeros(0, dtype=int), *map(np.ravel, soft)]))
+    cells = np.rint(recording.row("position", instants[0])[outside] / (radius / ARROWS_ALONG))
+    chosen = outside[np.unique(cells, axis=0, return_index=True)[1]]
+
+    def at(instant: int) -> tuple[np.ndarray, np.ndarray]:
+        return recording.row("position", instant)[chosen], ways(instant)[chosen]
+
+    return Arrows(at, ("displacement", "mm"), instants, colour, length)
 
 
 def arrow_colour(behind: Sequence[np.ndarray]) -> Colour:
@@ -220,6 +266,8 @@ def _paint_arrows(
 MARK_COLOUR: Colour = (0.84, 0.16, 0.36)
 LETTERS = 1 / 36
 """Height of letters, in heights of the picture [-]."""
+SCALE_BAR = 0.2
+"""Greatest length of the bar that shows mm, in widths of the picture [-]."""
 BAR_LENGTH, BAR_WIDTH = 0.25, 1.0
 """Length of a colour bar, in heights of the picture, and its width, in heights of its letters [-]."""
 SINGLE_FIGURES = 4
@@ -239,28 +287,33 @@ class Overlay:
         self._recording, self._style, self._scales = recording, style, scales
         behind = [np.array(style.background_colour), *body_colours(recording.scene).values()]
         length = style.force_length
-        self._arrows = ForceArrows(recording, instants, radius, behind, length) if style.arrows else None
         self._section = SectionPlane.parse(style.section) if style.section else None
         self._ink = text_colour(style.background_colour)
+        self._arrows: list[Arrows] = []
+        if style.arrows:
+            self._arrows.append(force_arrows(recording, instants, radius, behind, length))
+        if style.displacement_arrows is not None:
+            times = style.displacement_arrows
+            self._arrows.append(displacement_arrows(recording, instants, radius, self._ink, times))
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
 
     @property
     def arrow_tails(self) -> np.ndarray:
-        """Where arrows of forces begin [mm], shape (count, 3)."""
-        return np.zeros((0, 3)) if self._arrows is None else self._arrows.tails
+        """Where arrows begin [mm], shape (count, 3)."""
+        return np.concatenate([np.zeros((0, 3)), *(arrows.tails for arrows in self._arrows)])
 
     def paint(self, picture: np.ndarray, camera: PictureCamera, instant: int, marks: np.ndarray) -> np.ndarray:
         """The picture of an instant with everything painted over it, marks too."""
         from PIL import Image
 
         image, letters = Image.fromarray(picture), letters_of(self._style)
-        if self._arrows is not None:
-            self._arrows.paint(image, camera, instant, self._section)
+        for arrows in self._arrows:
+            arrows.paint(image, camera, instant, self._section)
         if self._style.body_axes:
             paint_body_axes(image, camera, self._recording.body_axes(instant), self._radius, self._axis_colours)
         paint_marks(image, camera, marks)
-        if self._style.eye is not None or self._style.followed is not None:  # anything may be behind the text
+        if self._style.is_close_up:  # anything may be behind the text
             written = image.copy()
             self._write(written, camera, instant, letters)
             self._paint_glow(image, written, GLOW * letters)
@@ -268,8 +321,10 @@ class Overlay:
         return np.asarray(image)
 
     def _write(self, image: Any, camera: PictureCamera, instant: int, letters: float) -> None:
-        if self._arrows is not None:
-            self._arrows.paint_scale(image, camera, self._ink, letters)
+        for row, arrows in enumerate(arrows for arrows in self._arrows if arrows.length):
+            arrows.paint_scale(image, camera, self._ink, letters, row)
+        if self._style.scale_bar:
+            paint_scale_bar(image, depth_of_scale(camera, self._section), self._ink, letters)
         if self._style.axes:
             paint_axes(image, camera, self._axis_colours, letters)
         if self._style.bars:
@@ -286,6 +341,16 @@ class Overlay:
         where = ImageChops.difference(image, written).convert("L").point(lambda value: 255 * (value > 0))
         soft = where.filter(ImageFilter.GaussianBlur(reach)).point(lambda value: min(3 * value, 255))
         image.paste(Image.new("RGB", image.size, as_bytes(self._style.background_colour)), mask=soft)
+
+
+def paint_scale_bar(picture: Any, depth: float, ink: Colour, letters: float) -> None:
+    """Paint a bar of a round length, as seen at a depth before the camera [mm], at the lower edge of an image."""
+    scale = focal_length(picture.height) / depth
+    length = round_down(SCALE_BAR * picture.width / scale)
+    middle, bottom, half, thick = 0.5 * picture.width, 0.96 * picture.height, 0.5 * scale * length, 0.15 * letters
+    corners = [(-half, -thick), (half, -thick), (half, thick), (-half, thick)]
+    paint_polygon(picture, np.add(corners, [middle, bottom]), ink)
+    paint_text(picture, (middle, bottom - 2.0 * thick), f"{length:g} mm", letters, ink, "ms")
 
 
 def paint_marks(picture: Any, camera: PictureCamera, points: np.ndarray) -> None:
@@ -307,7 +372,7 @@ def letters_of(style: Style) -> float:
 
 def colour_bars_width(scales: Sequence[ColourScale], letters: float) -> float:
     """Width of the edge of the picture in which the colour bars stand [pixels]."""
-    texts = [text for scale in scales for text in (*_title_lines(scale), f"{'m' * 2} {scale.top}")]
+    texts = [text for scale in scales for text in (*_title_lines(scale), *_labels(scale))]
     return max(map(font(letters).getlength, texts), default=0.0) + 2.0 * letters if texts else 0.0
 
 
@@ -324,6 +389,14 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, 
             paint_text(picture, (left, top), line, letters, ink, "la")
             top += 1.25 * letters
         top = round(top + 0.5 * letters)
+        for name, step in zip(scale.names, scale.steps, strict=False):
+            box = (round(left), round(top), round(left + letters), round(top + letters))
+            ImageDraw.Draw(picture).rectangle(box, as_bytes(step), as_bytes(ink), max(round(letters / 16), 1))
+            paint_text(picture, (left + 1.5 * letters, top + 0.5 * letters), name, letters, ink, "lm")
+            top += 1.5 * letters
+        if scale.names:
+            top += letters
+            continue
         values = np.linspace(scale.high, scale.low, length)
         colours = np.rint(255 * scale.colours(values)).astype(np.uint8)
         edge = max(round(letters / 16), 1)
@@ -338,7 +411,12 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, 
 
 def _title_lines(scale: ColourScale) -> list[str]:
     words, _, unit = scale.title.rpartition(" ")
-    return [words, unit]
+    return [words, unit] if words else [unit]
+
+
+def _labels(scale: ColourScale) -> list[str]:
+    """What stands beside a bar or in a legend, with as much before it as its colours are wide."""
+    return [f"mm {text}" for text in scale.names or (scale.top,)]
 
 
 def caption_parts(recording: Recording, instant: int) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from taichisoft.mechanics import Plane
+from taichisoft.mesh import split_triangles
 from taichisoft_outputs.drawing.camera import (
     VERTICAL_ANGLE,
     PictureCamera,
@@ -112,24 +113,10 @@ def square_of_plane(
     # Front is right x up: seen from the side of the normal, right -> back -> left turns against the clock.
     corners = np.array([right - front, -right - front, front - right, right + front])
     corners = foot_of(points, plane) + half * radius_around_mean(points) * corners
+    triangles = corners[[[0, 1, 2], [0, 2, 3]]]
     for floor in floors:
-        corners = _above(corners, floor)
-    fan = [[0, k, k + 1] for k in range(1, len(corners) - 1)]
-    return corners, np.array(fan, dtype=int).reshape(-1, 3)
-
-
-def _above(corners: np.ndarray, floor: Plane) -> np.ndarray:
-    """The part of a convex polygon above a floor."""
-    kept: list[np.ndarray] = []
-    height = (corners - floor.point) @ floor.normal
-    for k in range(len(corners)):
-        after = (k + 1) % len(corners)
-        if height[k] >= 0:
-            kept.append(corners[k])
-        if (height[k] >= 0) != (height[after] >= 0):
-            part = height[k] / (height[k] - height[after])
-            kept.append(corners[k] + part * (corners[after] - corners[k]))
-    return np.array(kept).reshape(-1, 3)
+        triangles, _, _ = split_triangles(triangles, (floor.point - triangles) @ floor.normal)
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 # The floor: painted behind everything else, with soft shadows, fading into the background far away.
@@ -194,24 +181,12 @@ class Floor:
         dark_bytes = Image.fromarray(np.rint(255 * dark).astype(np.uint8))
         # From pixels of the shadow's picture to coordinates on the floor.
         to_floor = np.array([[2 * half / PIXELS, 0, -half], [0, 2 * half / PIXELS, -half], [0, 0, 1]])
-        box = _box(dark_bytes.getbbox(), to_picture @ to_floor, size)
-        if box is None:
-            return plain
-        left, top, right, bottom = box
-        from_box = np.array([[1, 0, left], [0, 1, top], [0, 0, 1]])
-        to_shadow = np.linalg.inv(to_picture @ to_floor) @ from_box
-        warped = dark_bytes.transform(
-            (right - left, bottom - top),
-            Image.Transform.PERSPECTIVE,
-            tuple((to_shadow / to_shadow[2, 2]).ravel()[:8]),
-            Image.Resampling.BILINEAR,
-        )
-        part = np.s_[top:bottom, left:right]
+        to_shadow = np.linalg.inv(to_picture @ to_floor)
+        coefficients = tuple((to_shadow / to_shadow[2, 2]).ravel()[:8])
+        warped = dark_bytes.transform(size, Image.Transform.PERSPECTIVE, coefficients, Image.Resampling.BILINEAR)
         light = np.array([1 - DARKEST * value / 255 for value in range(256)], dtype=np.float32)
-        shade = light[np.where(ground[part], np.asarray(warped), 0)]
-        picture = plain.copy()
-        picture[part] = np.rint(plain[part] * shade[..., None])
-        return picture
+        shade = light[np.where(ground, np.asarray(warped), 0)]
+        return np.rint(plain * shade[..., None]).astype(np.uint8)
 
     def _without_shadows(
         self, camera: PictureCamera, to_floor: np.ndarray, size: tuple[int, int]
@@ -238,25 +213,6 @@ class Floor:
         )
         self._plain = camera, fine, ground
         return self._plain[1:]
-
-
-def _box(
-    dark: tuple[int, int, int, int] | None, to_picture: np.ndarray, size: tuple[int, int]
-) -> tuple[int, int, int, int] | None:
-    """Left, top, right and bottom [pixels] of the part of the picture with the dark part of the shadow's picture.
-
-    None where there is none. What reaches behind the camera may be anywhere.
-    """
-    if dark is None:
-        return None
-    left, top, right, bottom = dark
-    corners = np.array([[left, top, 1], [right, top, 1], [right, bottom, 1], [left, bottom, 1]], dtype=float)
-    x, y, depth = to_picture @ corners.T
-    if depth.min() <= 1.0:
-        return (0, 0, *size)
-    low = [max(int(np.floor((part / depth).min())) - 1, 0) for part in (x, y)]
-    high = [min(int(np.ceil((part / depth).max())) + 1, side) for part, side in zip((x, y), size, strict=True)]
-    return (low[0], low[1], high[0], high[1]) if low[0] < high[0] and low[1] < high[1] else None
 
 
 # An off-screen Open3D scene: coloured triangles in, pictures out.

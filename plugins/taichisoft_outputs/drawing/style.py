@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from taichisoft import Scene
 
 VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
-COLOURINGS = ("none", "displacement", "stress", "strain")
+COLOURINGS = ("none", "displacement", "stress", "strain", "contact", "body", "material")
 TIP = ".tip"
 """Ends the name of a finger whose tip is followed."""
 FPS = 30.0
@@ -42,6 +43,8 @@ class Style:
             with it); None for the scene's own camera, or iso.
         eye: position of the camera [mm], which takes the place of `view`.
         target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
+        key_frames: times since the last start [s], eyes x, y, z and targets x, y, z [mm] through which the camera
+            moves, in the order of time; it takes the place of `view` and `eye`.
         section: a plane that cuts bodies open, see `SectionPlane.parse`; None leaves them whole.
         opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden. None for 1 where
             their colours stand for numbers, or a section shows what is inside, else for TRANSLUCENT.
@@ -49,12 +52,16 @@ class Style:
             too. None for the scene's own, and a darker floor.
         transparent: whether pictures have no background, but for shadows: they have a fourth number, the opacity.
         colour_by: what the colours of soft bodies mean: "none", "displacement" [mm], "stress" (von Mises) [kPa]
-            or "strain" (the largest principal one) [-].
+            or "strain" (the largest principal one) [-], "contact" (the pressure of contacts) [kPa]; or "body" or
+            "material", of which a legend has the names.
         colour_range: values of the first and the last of these colours; None for what the drawn instants reach.
         colour_map: name of Matplotlib's that has these colours; "" for our own.
         cavity_pressure: whether cavities have the colour of their pressure.
         cable_tension: whether cables have the colour of their tension.
         arrows: whether contact forces are drawn as arrows.
+        displacement_arrows: length of arrows from where points would be if bodies had kept their shape, in
+            displacements [-]; None draws none.
+        scale_bar: whether a bar says how long mm are at the depth of what the camera looks at, or of the section.
         axes: whether the scene's axes stand in a corner of the picture; None for what the scene says.
         body_axes: whether the axes of bodies are drawn for which the scene wants it.
         caption: whether time, pressures, tensions and the height of the rigid bodies are written in the picture.
@@ -74,6 +81,7 @@ class Style:
     view: str | None = None
     eye: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
+    key_frames: Sequence[Sequence[float]] = ()
     opacity: float | None = None
     background: tuple[float, float, float] | str | None = None
     transparent: bool = False
@@ -83,6 +91,8 @@ class Style:
     cavity_pressure: bool = True
     cable_tension: bool = True
     arrows: bool = True
+    displacement_arrows: float | None = None
+    scale_bar: bool = False
     axes: bool | None = None
     body_axes: bool = True
     caption: bool = True
@@ -111,6 +121,8 @@ class Style:
         if self.colour_by == "none" and (self.colour_range is not None or self.colour_map):
             known = " or ".join(COLOURINGS[1:])
             raise StyleError(f"a colour range or map needs colours that mean something: colour by {known}")
+        if self.colour_range is not None and self.colour_by in ("body", "material"):
+            raise StyleError(f"colours by {self.colour_by} have names, and no colour range")
         if self.colour_range is not None:
             low, high = _numbers("colour range", self.colour_range, 2)
             if not low < high:
@@ -129,12 +141,33 @@ class Style:
         for name, point in (("eye", self.eye), ("target", self.target)):
             if point is not None:
                 self._set(name, _numbers(name, point, 3))
+        self._set("key_frames", tuple(_numbers("key frame", row, 7) for row in self.key_frames))
+        if self.key_frames:
+            self._check_key_frames()
+        if self.displacement_arrows is not None and not 0.0 < self.displacement_arrows < 1e6:
+            raise StyleError(f"displacement arrows {self.displacement_arrows:g} times as long must be above 0")
         if self.eye is None and self.target is not None:
             raise StyleError("target needs an eye: the views look at the middle of the scene")
         if self.eye is not None and self.eye == self.target:
             raise StyleError(f"eye and target are one point, {self.eye}: the camera would look nowhere")
         if self.surface is not None:
             self._set("surface", Path(self.surface))
+
+    def _check_key_frames(self) -> None:
+        if self.view is not None or self.eye is not None:
+            raise StyleError("key frames move the camera: give neither a view nor an eye beside them")
+        times = [row[0] for row in self.key_frames]
+        if len(times) < 2 or any(later <= earlier for earlier, later in pairwise(times)):
+            listed = ", ".join(f"{time:g}" for time in times)
+            raise StyleError(f"key frames at {listed} s: there must be two or more, each later than the one before")
+        for time, *points in self.key_frames:
+            if points[:3] == points[3:]:
+                raise StyleError(f"key frame at {time:g} s: eye and target are one point")
+
+    @property
+    def is_close_up(self) -> bool:
+        """Whether the camera may leave out a part of the scene."""
+        return self.eye is not None or self.followed is not None or bool(self.key_frames)
 
     @property
     def soft_opacity(self) -> float:
@@ -158,7 +191,7 @@ class Style:
     def for_scene(self, scene: "Scene") -> Self:
         """This style, with what a scene says of its appearance where the user chose nothing."""
         appearance = scene.appearance
-        own_camera = self.view is None and self.eye is None
+        own_camera = self.view is None and self.eye is None and not self.key_frames
         return replace(
             self,
             eye=appearance.eye if own_camera else self.eye,
@@ -213,6 +246,19 @@ def parse_range(text: str | None) -> tuple[float, float] | None:
     except ValueError:
         raise StyleError(f"colour range '{text}' must be two numbers, as 0:120") from None
     return low, high
+
+
+def read_key_frames(path: Path) -> list[list[float]]:
+    """`Style.key_frames` from a CSV file; lines may begin with # and say what the columns are."""
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        rows = [[float(part) for part in line.split(",")] for line in lines if not line.startswith("#")]
+        if not rows:
+            raise ValueError("there is none")
+        return rows
+    except (OSError, ValueError) as error:
+        form = "lines of time [s], eye x, y, z and target x, y, z [mm] with commas between"
+        raise StyleError(f"{path}: must have {form}: {error}") from None
 
 
 def _check_colour_map(name: str) -> None:

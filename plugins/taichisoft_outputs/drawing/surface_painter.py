@@ -98,13 +98,12 @@ def face_alike(areas: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndar
 
 def corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """All ordered pairs of corners that share a vertex, each corner with itself too."""
-    order = np.argsort(vertex_of_corner, kind="stable")
-    _, start, count = np.unique(vertex_of_corner[order], return_index=True, return_counts=True)
-    size = np.repeat(count, count)  # per sorted corner: how many corners its vertex has
-    first = np.repeat(np.arange(len(order)), size)
-    step = np.arange(len(first)) - np.repeat(np.cumsum(size) - size, size)
-    second = np.repeat(np.repeat(start, count), size) + step
-    return order[first], order[second]
+    from scipy.sparse import csr_array
+
+    count = len(vertex_of_corner)
+    corners = csr_array((np.ones(count), (np.arange(count), vertex_of_corner)))
+    one, other = (corners @ corners.T).nonzero()
+    return one, other
 
 
 def key_light(scene: Scene) -> np.ndarray:
@@ -152,12 +151,14 @@ class Section:
     Attributes:
         plane: the plane that cuts them; what is on the side of its normal is left out.
         names: of the surfaces that are cut.
+        hollow: of those of them that show their far walls from inside.
         caps: of some of them, corners of the triangles that close them [mm], shape (count, 3, 3), with a value at each
             corner as a fourth number where the surface has values.
     """
 
     plane: SectionPlane
     names: frozenset[str]
+    hollow: frozenset[str]
     caps: Mapping[str, np.ndarray]
 
 
@@ -167,6 +168,7 @@ class SurfacePainter:
     Args:
         unlit: names of the surfaces whose colours stand for numbers, which get no light, and whether they get lines
             along their edges.
+        within: names of the surfaces within soft bodies, which are seen through these where they are unlit.
         scale: the colours of surfaces that have values.
     """
 
@@ -179,6 +181,7 @@ class SurfacePainter:
         key: np.ndarray,
         up: np.ndarray,
         unlit: Mapping[str, bool],
+        within: Sequence[str],
         scale: ColourScale | None = None,
     ):
         self._size, self._opacity, self._key, self._up = size, opacity, key, up
@@ -186,7 +189,9 @@ class SurfacePainter:
         self._normals = {name: SmoothNormals(of_surface) for name, of_surface in triangles.items()}
         self._triangles = triangles
         self._translucent = list(translucent) if opacity < 1.0 else []
-        self._opaque = [name for name in triangles if name not in self._translucent]
+        # Silicone would move colours off the bar: what shows numbers within it is drawn over it.
+        self._above = [name for name in within if name in unlit and self._translucent]
+        self._opaque = [name for name in triangles if name not in (*self._translucent, *self._above)]
         self._always: list[str] = []
         self._stage = Stage(size)
 
@@ -217,7 +222,7 @@ class SurfacePainter:
         for layer in depth_layers(bodies, camera, self._size):
             names = [self._translucent[body] for body in layer]
             picture = self._laid_over(picture, camera, names, holdouts, self._opacity)
-        return picture
+        return self._laid_over(picture, camera, self._above, holdouts, 1.0) if self._above else picture
 
     def _laid_over(
         self, picture: np.ndarray, camera: PictureCamera, names: list[str], holdouts: list[str], opacity: float
@@ -248,6 +253,9 @@ class SurfacePainter:
         soup = np.concatenate([corners, normals, at_corners], axis=1).reshape(-1, 3, 6 + at_corners.shape[1])
         if section is not None and name in section.names:
             soup, _, _ = split_triangles(soup, section.plane.height(soup[..., :3]))
+            if name in section.hollow:
+                soup = soup[:, ::-1]
+                soup[..., 3:6] *= -1.0
             cap = section.caps.get(name, np.zeros((0, 3, 3)))
             of_cap = np.empty((len(cap), *soup.shape[1:]))
             of_cap[..., :3], of_cap[..., 3:6] = cap[..., :3], section.plane.normal
@@ -397,7 +405,7 @@ def cut_open(
     plane: SectionPlane,
     values: np.ndarray | None = None,
 ) -> Section:
-    """Cut what moves and the obstacles: silicone shows its elements' section, air and bodies are filled.
+    """Cut what moves and the obstacles: silicone shows its elements' section, rigid bodies are filled, air is hollow.
 
     Cables, and planes without an end, stay whole.
 
@@ -417,8 +425,9 @@ def cut_open(
         caps[body.name] = cut_tetrahedra(corners, plane.height(corners[..., :3]), plane.normal)[0]
     cut = [surface for surface in surfaces if surface.kind != "line"]
     for surface in cut:
-        if surface.kind != "soft":
+        if surface.kind not in ("soft", "cavity"):
             corners = surface.vertices(instant)[surface.triangles]
             _, _, sides = split_triangles(corners, plane.height(corners))
             caps[surface.name] = closed_cap(sides, plane.normal)
-    return Section(plane, frozenset(surface.name for surface in cut), caps)
+    hollow = frozenset(surface.name for surface in cut if surface.kind == "cavity")
+    return Section(plane, frozenset(surface.name for surface in cut), hollow, caps)

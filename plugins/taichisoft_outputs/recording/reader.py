@@ -309,6 +309,13 @@ class Recording:
         points, impulses = (self._group_rows(f"contacts/{name}", instant) for name in ("point", "impulse"))
         return points, impulses / self.step_size
 
+    def contact_state(self, instant: int) -> Any:
+        """The part of a `State` that shows where bodies press each other."""
+        fields = {QUANTITIES[path].state_field: path for path in QUANTITIES if group_of(path) == "contacts"}
+        places = {name: self.row(name, instant) for name in ("position", "rigid_position", "rigid_rotation")}
+        contacts = {name: self._group_rows(path, instant) for name, path in fields.items()}
+        return SimpleNamespace(**places, **contacts, velocity=self.velocity(instant))
+
     def contact_pairs(self, instant: int) -> list[Pair]:
         """Names of the two bodies of each of these contacts."""
         bodies = self._group_rows("contacts/bodies", instant)

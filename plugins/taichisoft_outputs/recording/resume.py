@@ -44,7 +44,7 @@ def resumed_simulation(recording: Recording, instant: int, scene: Scene) -> Simu
                 f"{path}: has {_listed(kind, recorded)}, the scene {_listed(kind, now[kind])}; a run goes on with what "
                 "it had"
             )
-    simulation = _simulation(recording, scene)
+    simulation = Simulation(recorded_model(recording, scene))
     _check_bodies(recording, simulation.model)
     as_recorded = simulation if scene == recording.scene else None
     try:
@@ -69,7 +69,7 @@ def state_at(recording: Recording, instant: int, simulation: Simulation | None =
     state = recording.state(first)
     if first == instant:
         return state
-    simulation = simulation or _simulation(recording, recording.scene)
+    simulation = simulation or Simulation(recorded_model(recording, recording.scene))
     simulation.restore(state)
     for control in (control for number in range(first + 1, instant + 1) for control in recording.controls(number)):
         _repeat_step(simulation, control)
@@ -97,10 +97,9 @@ def _repeat_step(simulation: Simulation, control: dict[str, np.ndarray]) -> None
     simulation.step()
 
 
-def _simulation(recording: Recording, scene: Scene) -> Simulation:
-    return Simulation(
-        Model(scene, {body.name: body.mesh(f"{recording.path}: {body.name}") for body in recording.soft_bodies})
-    )
+def recorded_model(recording: Recording, scene: Scene) -> Model:
+    """The model of a scene with the meshes of a recording."""
+    return Model(scene, {body.name: body.mesh(f"{recording.path}: {body.name}") for body in recording.soft_bodies})
 
 
 def remaining_time(recording: Recording, instant: int, scene: Scene) -> float:

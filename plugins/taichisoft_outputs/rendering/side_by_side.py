@@ -19,9 +19,9 @@ from taichisoft_outputs.drawing.colouring import (
 )
 from taichisoft_outputs.drawing.overlay import (
     Colour,
-    ForceArrows,
     as_bytes,
     colour_bars_width,
+    force_arrows,
     letters_of,
     paint_colour_bars,
     text_colour,
@@ -114,13 +114,16 @@ def _shared(
             shown, surfaces = instants(recording), with_visual_surfaces(recording, style.surface)
             colouring = Colouring(recording, style, shown, surfaces)
             ranges.append(colouring.ranges)
+            for scale in colouring.scales:
+                if scale.names != scales.get(scale.title, scale).names:
+                    raise StyleError(f"{path}: has not the same names of {scale.title} as {recordings[0]}")
             scales |= {scale.title: scale for scale in colouring.scales}
             upright = tuple(recording.scene.up.tolist())
             uprights.append(upright)
             seen = points.setdefault(upright, [])
             seen.append(outermost_points(surfaces, sample_instants(shown, LOOKED_AT)))
             if style.arrows:
-                arrows = ForceArrows(recording, shown, radius_around_mean(seen[-1]))
+                arrows = force_arrows(recording, shown, radius_around_mean(seen[-1]))
                 lengths += [arrows.length] * (arrows.length > 0.0)
                 seen.append(arrows.tails)
             background = style.for_scene(recording.scene).background_colour
@@ -134,7 +137,7 @@ def _shared(
     # The strongest force of all has the longest arrow.
     own = replace(style, size=size, ranges=common, bars=False, force_length=min(lengths, default=None))
     styles = [replace(own, name=name) for name in _names(recordings)]
-    if own.eye is None and own.view in (None, "iso", "front", "top"):
+    if not own.is_close_up and own.view != "orbit":
         cameras = {  # scenes with gravity in different directions have no place in common
             upright: fit_camera(np.concatenate(seen), np.array(upright), own.view or "iso", size[0] / size[1])
             for upright, seen in points.items()

@@ -392,12 +392,8 @@ def shown_instants(recording: Recording, rate: float) -> np.ndarray:
     times = recording.times[first:]
     count = math.ceil((times[-1] - times[0]) * rate - 1e-6) + 1
     moments = np.minimum(times[0] + np.arange(count) / rate, times[-1])
-    after = np.searchsorted(times, moments).clip(1, max(len(times) - 1, 1))
-    if len(times) == 1:
-        return np.full(count, first)
     # In the middle between two it is always the earlier one, whatever rounding says: motion stays even.
-    nearer_before = moments - times[after - 1] <= times[after] - moments + 1e-9
-    return first + after - nearer_before
+    return first + np.searchsorted((times[1:] + times[:-1]) / 2 + 5e-10, moments)
 
 
 @contextmanager

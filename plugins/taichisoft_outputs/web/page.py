@@ -350,6 +350,7 @@ class SceneView:
         if section is not None and is_cut:
             corners = vertices[surface.triangles]
             kept, _, _ = split_triangles(corners, section.plane.height(corners))
+            kept = kept[:, ::-1] if surface.name in section.hollow else kept
             shown = np.concatenate([kept, section.caps.get(surface.name, kept[:0])[..., :3]])
             mesh.visible = len(shown) > 0
             if mesh.visible:
