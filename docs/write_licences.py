@@ -16,7 +16,7 @@ from packaging.utils import canonicalize_name
 
 PAGE = Path(__file__).with_name("licences.md")
 BEGIN, END = "<!-- written by write_licences.py -->\n", "<!-- to here -->\n"
-EXTRAS = ("web", "gym", "sofa", "studies", "arm", "notebook")
+EXTRAS = ("web", "gym", "sofa", "studies", "arm", "notebook", "xlsx")
 NOT_NAMED = "not named"
 COPYLEFT = re.compile("GPL|General Public|MPL|Mozilla")
 LINUX = {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "x86_64", "python_version": "3.12"}

@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 import taichisoft
 from taichisoft import load_scene
 from taichisoft.base import plain
+from taichisoft.running import run_command
 from taichisoft.scene import data_folder
 from taichisoft_benchmarks.__main__ import bench
 from taichisoft_outputs import material_files
@@ -207,7 +208,8 @@ def test_inside_out_cavity_is_turned_with_warning(command: Command, tmp_path: Pa
     assert f"warning: {tmp_path / 'ball.stl'}: is inside out; its triangles are turned round\n" in output
 
 
-def test_brackets_in_titles_and_folders_are_text(command: Command) -> None:
+def test_brackets_in_titles_and_folders_are_text(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_command, "SECONDS_BETWEEN_LINES", 0.001)
     code, output, errors = command(
         "run", "scene.toml", "--set", "title='grip [/b] [red]'", "--output", "[/b]", "--outputs", "metrics,metrics"
     )

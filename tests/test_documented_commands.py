@@ -59,6 +59,7 @@ LEFT_OUT = {
     "taichisoft study calibrate beam.toml": "needs a measured beam; tests/studies/test_calibrate.py makes one up",
     "taichisoft study sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_workers.py starts one",
     "taichisoft run four.toml": "needs a real finger's mesh; tests/meshing/test_new_gripper.py runs such a scene",
+    "taichisoft recording plot out/gripper/recording.h5 --format xlsx": "needs an extra; tests/outputs/test_plots.py",
     "docs/environments.md: taichisoft reduce gripper": "seconds; docs/reduced.md has the same",
     "taichisoft reduce gripper -o out/reduced --tolerance": "seconds; tests/reduction has models of a tolerance",
     "taichisoft doctor": "looks at the machine, which may lack something; tests/outputs/test_doctor.py",
@@ -78,6 +79,7 @@ SHORTER = (
     ),  # pads have no arm
     (r"--duration [\d.]+", "--duration 0.03"),
     (r"--steps \d+", "--steps 3"),
+    (r"--line \S+", "--line -30,0,10:30,0,10"),
     (r"taichisoft mould tutorial", f"taichisoft mould tutorial {SMALL_FINGER}"),
     (r"taichisoft mould tendon", "taichisoft mould body.step"),  # whose many faces take seconds
     (r"--(at|time) [\d.]+", r"--\1 0.02"),

@@ -24,6 +24,7 @@ LEFT_OUT = {
     "sofa": {"fissix"},
     "studies": {"cmaes", "distributed", "optuna", "pandas", "pyarrow"},
     "web": {"viser"},
+    "xlsx": {"openpyxl"},
 }
 """Import names of the packages that are not there, by the extra that brings them."""
 COMMANDS = {
@@ -43,6 +44,7 @@ COMMANDS = {
     "run cube.toml --video grasp.gif -o out": "",
     "render run/recording.h5": "",
     "recording plot run/recording.h5": "",
+    "recording plot run/recording.h5 --format xlsx": "xlsx",
     "materials plot": "",
     "recording report run/recording.h5 -o page.html": None,
     "materials": None,

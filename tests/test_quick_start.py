@@ -12,11 +12,10 @@ from typing import Any
 import pytest
 from conftest import PATIENCE
 from rich.console import Console
-from rich.progress import Progress
 
-from taichisoft.running import lines_without_terminal, provided, run_command
+from taichisoft.running import progress_bar, provided, run_command
 from taichisoft.running.hooks import KINDS
-from taichisoft.running.run_command import progress_bar
+from taichisoft.running.run_command import session_bar
 from taichisoft.runtime import launch
 
 SLOW = {"gmsh", "h5py", "matplotlib", "meshio", "numpy", "open3d", "scipy", "taichi", "trimesh", "viser"}
@@ -57,27 +56,49 @@ def test_bar_names_kernel_that_step_waits_for(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv("TERM", "xterm")  # a dumb terminal has no bar
     screen = io.StringIO()
     session: Any = SimpleNamespace(step_count=2)
-    with progress_bar(Console(file=screen, force_terminal=True, width=100), session, "a finger"):
+    with session_bar(Console(file=screen, force_terminal=True, width=100), session, "a finger"):
         (show,) = launch.SHOWING
         show("factorise")
         assert "preparing factorise" in screen.getvalue(), "before the compilation, while which nothing is drawn"
     assert launch.SHOWING == []
 
 
+def shown(screen: io.StringIO, text: str) -> bool:
+    patience = time.monotonic() + PATIENCE
+    while text not in screen.getvalue() and time.monotonic() < patience:
+        time.sleep(0.01)
+    return text in screen.getvalue()
+
+
 def test_lines_replace_bar_without_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also while a step takes long; 2 of 5 made before, one now: the time left is twice what has passed."""
     monkeypatch.setattr(run_command, "SECONDS_BETWEEN_LINES", 0.01)
-    screen = io.StringIO()
-    with Progress(console=Console(file=screen), disable=True) as progress, lines_without_terminal(progress):
-        task = progress.add_task("runs", total=5, completed=2, begun=2)
-        progress.tasks[0].start_time = progress.get_time() - 60.0
-        patience = time.monotonic() + PATIENCE
-        while "runs: 2 of 5, after 0:01:00\n" not in screen.getvalue() and time.monotonic() < patience:
-            time.sleep(0.01)
-        progress.advance(task)
-        while "runs: 3 of 5, after 0:01:00, 0:02:00 left\n" not in screen.getvalue() and time.monotonic() < patience:
-            time.sleep(0.01)
-    assert time.monotonic() < patience
+    screen, clock = io.StringIO(), [0.0]
+    with progress_bar(Console(file=screen, width=200, get_time=lambda: clock[0]), "all", 5, "runs", begun=2) as count:
+        clock[0] = 60.0
+        assert shown(screen, "all: 2 of 5 runs, after 0:01:00\n")
+        count("third: missed")
+        assert shown(screen, "third: missed\nall: 3 of 5 runs, after 0:01:00, 0:02:00 left\n")
+        count(completed=4, state="nearly")
+        assert shown(screen, "all: 4 of 5 runs, nearly, after 0:01:00, 0:00:30 left\n")
     ended = screen.getvalue()
     time.sleep(0.05)
     assert screen.getvalue() == ended
+
+
+@pytest.mark.parametrize(
+    ("total", "unit", "text"),
+    [(8.0, "%", "25 %, after 0:00:03, 0:00:09 left"), (None, "pictures", "2 pictures, after 0:00:03")],
+)
+def test_bar_tells_shares_and_open_counts(monkeypatch: pytest.MonkeyPatch, total: Any, unit: str, text: str) -> None:
+    """A title is no markup."""
+    monkeypatch.setenv("TERM", "xterm")
+    screen, clock = io.StringIO(), [0.0]
+    console = Console(file=screen, force_terminal=True, width=100, color_system=None, get_time=lambda: clock[0])
+    with progress_bar(console, "[red]gif", total, unit) as count:
+        clock[0] = 3.0
+        count(state="beginning", refresh=True)
+        assert "beginning, after 0:00:03" in screen.getvalue()
+        assert "0 pictures" not in screen.getvalue()
+        count(advance=2.0, state="", refresh=True)
+    assert "[red]gif" in screen.getvalue() and text in screen.getvalue()

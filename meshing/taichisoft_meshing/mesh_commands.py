@@ -2,8 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -472,8 +471,6 @@ def _direction(direction: Any) -> str:
 
 # `taichisoft mesh`: from a geometry file, a STEP file or surfaces to a mesh.
 
-STAGES = ("meshing", "measuring", "writing")
-
 
 def mesh(
     files: Annotated[list[str], FILE],
@@ -504,7 +501,7 @@ def mesh(
     """Mesh a finger, a body from CAD, or what a plug-in knows of another kind, with tetrahedra."""
     from rich.console import Console  # --help need not wait for any of these
 
-    from taichisoft.running import print_line, print_warning
+    from taichisoft.running import print_line, print_warning, progress_bar
     from taichisoft_meshing.mesh_job import make_mesh_apart, require_fit
     from taichisoft_meshing.mesh_quality import mesh_tables
     from taichisoft_meshing.mesh_set import prepare, write_output
@@ -518,7 +515,11 @@ def mesh(
     plane = section_plane(section)
     prepare(output)
     console = Console()
-    with stages_bar(console, job.file.name) as stage:
+    with progress_bar(console, job.file.name) as count:
+
+        def stage(name: str) -> None:
+            count(state=name)
+
         made = make_mesh_apart(job, stage)
         written = force or not made.problems
         if written:
@@ -530,20 +531,3 @@ def mesh(
         print_warning(console, remark)
     if not force:
         require_fit(made, "--force writes the mesh all the same")
-
-
-@contextmanager
-def stages_bar(console: "Console", title: str) -> Iterator[Callable[[str], None]]:
-    """Show a bar that vanishes in the end; the yielded function moves it on to one of STAGES."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[stage]}")
-    with Progress(
-        *columns, TimeElapsedColumn(), console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task(title, total=len(STAGES), stage="")
-
-        def begin(stage: str) -> None:
-            progress.update(task, completed=STAGES.index(stage), stage=stage)
-
-        yield begin

@@ -1,20 +1,23 @@
 """The curves of a run: one small panel for each quantity, made from the recording's columns."""
 
+import csv
 import io
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.base import require
+from taichisoft.base import extra, printable, require
 from taichisoft.control import AIR_NODES, AIR_PARTS, BASE, FIGURES, PAIRS, Figure, text_of
 from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import ACTUATOR_KINDS, StateFigure, Stretches
 from taichisoft_outputs.recording.reader import Recording, recorded_fingertips, tip_state
 from taichisoft_outputs.run_figures import last_at_rest
+from taichisoft_outputs.stress import COMPONENTS, StressLine
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +30,10 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 NEUTRAL = "#404040"
 LINE_STYLES = ("-", "--", ":", "-.")
 """Styles of the curves of one colour in a panel, in turn."""
+DASHES: Sequence[Any] = ("-", (0, (6, 6)), (0, (3, 9)))
+"""Styles of curves that lie on each other, in turn: each leaves parts of those before it to be seen."""
+NEAR = 0.015
+"""Largest distance of curves that lie on each other, over the height of all curves of a panel [-]."""
 
 COLUMNS = 2
 PANEL_SIZE = (5.6, 2.9)  # inches
@@ -127,11 +134,16 @@ def _style() -> Any:
 
 def _draw_panel(axes: "Axes", panel: Panel, colours: dict[str, str]) -> None:
     drawn = _without_doubles(panel.curves)
+    values = np.concatenate([curve.y[np.isfinite(curve.y)] for curve in panel.curves] or [np.zeros(1)])
+    near = NEAR * float(np.ptp(values)) if len(values) else 0.0
     seen: dict[str, int] = {}
     for index, (curve, labels) in enumerate(drawn):
         colour = colours.get(curve.body, NEUTRAL)
         style = LINE_STYLES[seen.get(colour, 0) % len(LINE_STYLES)]
         seen[colour] = seen.get(colour, 0) + 1
+        below = sum(_equal(curve.x, one.x) and _equal(curve.y, one.y, near) for one, _ in drawn[:index])
+        if below:
+            style = DASHES[below % len(DASHES)]
         # Curves that nearly coincide show as nested lines.
         width = 1.2 + 1.0 * (len(drawn) - 1 - index) / max(len(drawn) - 1, 1)
         _draw_curve(axes, curve, ", ".join(labels), panel.equal_scales, color=colour, linestyle=style, linewidth=width)
@@ -236,8 +248,8 @@ def _without_doubles(curves: Sequence[PlotCurve]) -> list[tuple[PlotCurve, list[
     return groups
 
 
-def _equal(one: np.ndarray, other: np.ndarray) -> bool:
-    return bool(one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=0.0, equal_nan=True))
+def _equal(one: np.ndarray, other: np.ndarray, least: float = 0.0) -> bool:
+    return bool(one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=least, equal_nan=True))
 
 
 TIME_AXIS = "time [s]"
@@ -486,7 +498,9 @@ def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis:
 
 # Plots of a run: all panels for which its recording has something to draw, in one picture.
 
-FORMATS = ("png", "svg")
+FORMATS = ("png", "svg", "csv", "xlsx")
+LONGEST_NAME = 28
+"""Characters of the name of a sheet, of 31 that a spreadsheet takes: three may number equal ones."""
 
 
 class PlotError(TaichisoftError):
@@ -498,13 +512,13 @@ class Plots:
     """The plots of a run.
 
     Attributes:
-        pictures: content of the file, in the format that was asked for; or of one for each column.
+        files: content of the file, in the format that was asked for; or of one for each column.
         shown: names of the panels in it.
         left_out: names of the panels without data in this run; panels of cables are listed only where the run has
             cables, or where they were chosen.
     """
 
-    pictures: tuple[bytes, ...]
+    files: tuple[bytes, ...]
     shown: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -520,8 +534,6 @@ def draw_plots(
 
     With `columns_apart` each column is a picture of its own, so that a narrow page can put one below the other.
     """
-    if format not in FORMATS:
-        raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
     known = panels_of(recording)
     for option, name in [("--only" if over is None else "--y", name) for name in only or ()] + [("--x", over)] * (
         over is not None
@@ -537,23 +549,72 @@ def draw_plots(
             if panel.equal_scales:
                 raise PlotError(f"{name} is a path, not a figure over time; take tip-x, tip-y or tip-z")
         made = {name: against(across, panel) for name, panel in made.items()}
-    panels = {name: _with_something_in_it(panel) for name, panel in made.items()}
+    panels = {
+        name: replace(panel, curves=[curve for curve in panel.curves if np.isfinite(curve.y).any()])
+        for name, panel in made.items()
+    }
     left_out = tuple(name for name, panel in panels.items() if not panel.curves)
     shown = {name: panel for name, panel in panels.items() if panel.curves}
     if not shown:
         raise PlotError(f"{recording.path}: nothing to plot: this run has nothing of {', '.join(left_out)}")
-    drawn, bodies = list(shown.values()), _bodies(recording)
-    if columns_apart:
-        figures = [draw_figure(drawn[one::COLUMNS], bodies, 1) for one in range(min(COLUMNS, len(drawn)))]
-    else:
-        figures = [draw_figure(drawn, bodies)]
-    return Plots(tuple(figure_bytes(figure, format) for figure in figures), tuple(shown), left_out)
+    bodies = [*recording.scene.soft_bodies, *recording.scene.rigid_bodies]
+    return Plots(files_of(shown, bodies, format, columns_apart), tuple(shown), left_out)
 
 
-def _with_something_in_it(panel: Panel) -> Panel:
-    return replace(panel, curves=[curve for curve in panel.curves if np.isfinite(curve.y).any()])
+def files_of(
+    panels: Mapping[str, Panel], bodies: Sequence[str], format: str, columns_apart: bool = False
+) -> tuple[bytes, ...]:
+    """Content of the file with panels by name, or with `columns_apart` of a picture for each column."""
+    if format not in FORMATS:
+        raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
+    if format == "xlsx":
+        return (_workbook(panels),)
+    if format == "csv":
+        table = io.StringIO(newline="")
+        for row in _rows(panels.values()):
+            shown = [f"{round(one, 9) + 0.0:.9g}" if isinstance(one, float) else one for one in row]
+            csv.writer(table).writerow(shown)
+        return (table.getvalue().encode(),)
+    drawn = list(panels.values())
+    columns = [drawn[one::COLUMNS] for one in range(min(COLUMNS, len(drawn)))] if columns_apart else [drawn]
+    figures = [draw_figure(one, bodies, 1 if columns_apart else COLUMNS) for one in columns]
+    return tuple(figure_bytes(figure, format) for figure in figures)
 
 
-def _bodies(recording: Recording) -> list[str]:
-    """Names of the bodies with colours of their own."""
-    return [*recording.scene.soft_bodies, *recording.scene.rigid_bodies]
+def _workbook(panels: Mapping[str, Panel]) -> bytes:
+    require("--format xlsx", "openpyxl", install=extra("xlsx"))
+    from openpyxl import Workbook
+
+    book, target = Workbook(write_only=True), io.BytesIO()
+    for name, panel in panels.items():
+        sheet = book.create_sheet(re.sub(r"[\[\]:*?/\\]", "-", printable(name))[:LONGEST_NAME])
+        for row in _rows([panel]):
+            sheet.append(row)
+    book.save(target)
+    return target.getvalue()
+
+
+def _rows(panels: Iterable[Panel]) -> Iterator[list[Any]]:
+    """The curves in columns with titles, those over the same values behind these; None where there is no value."""
+    columns: list[list[Any]] = []
+    over = None
+    for panel in panels:
+        for curve in panel.curves:
+            if over is None or not np.array_equal(curve.x, over, equal_nan=True):
+                over = curve.x
+                columns.append([panel.x_axis, *over.tolist()])
+            columns.append([printable(f"{panel.y_axis}, {curve.label}"), *curve.y.tolist()])
+    for row in zip_longest(*columns):
+        yield [None if value is None or value != value else value for value in row]
+
+
+def line_panels(line: StressLine) -> dict[str, Panel]:
+    """Stress along a line over the distance, in a colour for each instant."""
+    panels: dict[str, Panel] = {}
+    for name, values in line.figures().items():
+        group = name if name not in COMPONENTS else "normal" if name[0] == name[1] else "shear"
+        panel = panels.setdefault(group, Panel("distance along the line at rest [mm]", f"{group} stress [kPa]", []))
+        for time, stress in zip(line.times, values, strict=True):
+            at, always = f"{time:g} s", np.full(len(stress), time)
+            panel.curves.append(PlotCurve(at if group == name else f"{name}, {at}", at, line.along, stress, always))
+    return panels

@@ -1,6 +1,7 @@
 """The commands about recordings: resume, repair, export, report, plot, render and view."""
 
 import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,20 +40,29 @@ def export(
 ) -> None:
     """Write the instants of a recording for ParaView, or as glTF."""
     from rich.console import Console  # --help need not wait for any of these
-    from rich.progress import track
 
+    from taichisoft.running import progress_bar
     from taichisoft_outputs.paraview import EXPORTS, ExportError, chosen_instants
     from taichisoft_outputs.recording.reader import read_recording
 
     if format not in EXPORTS:
-        raise ExportError(f"--format {format}: must be {' or '.join(EXPORTS)}")
+        raise ExportError(
+            f"--format {format}: must be {' or '.join(EXPORTS)}; `recording plot` has csv and xlsx, of curves"
+        )
     with read_recording(run) as recording:
         instants = chosen_instants(recording, every, time)
         if recording.last_start and not time:
             typer.echo(f"the run was restarted; only the {len(instants)} instants after the last start are exported")
-        shown = track(instants, description=f"exporting {len(instants)} instants", console=Console(stderr=True))
-        for path in EXPORTS[format](recording, shown, output or run.parent / format):
-            say(path)
+        with progress_bar(Console(stderr=True), "exporting", len(instants), "instants") as count:
+            written = EXPORTS[format](recording, _counted(instants, count), output or run.parent / format)
+    for path in written:
+        say(path)
+
+
+def _counted(instants: Sequence[int], count: Callable[[], None]) -> Iterator[int]:
+    for instant in instants:
+        yield instant
+        count()
 
 
 # The command `taichisoft recording report`.
@@ -78,7 +88,9 @@ def plot(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the picture  \\[default: RUN's]")
     ] = None,
-    format: Annotated[str, typer.Option(help="Format of the picture: png or svg.")] = "png",
+    format: Annotated[
+        str, typer.Option(help="png, svg, or numbers: csv, or xlsx with a sheet for each panel.")
+    ] = "png",
     only: Annotated[
         str | None,
         typer.Option(metavar="NAMES", help="Panels, such as bending,slip; one that is unknown is answered with all."),
@@ -89,11 +101,19 @@ def plot(
     y: Annotated[
         str | None, typer.Option("--y", metavar="NAMES", help="What is plotted over it, such as bending; as --only.")
     ] = None,
+    line: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z:X,Y,Z", help="Stress along a line through bodies at rest \\[mm], also as a table."),
+    ] = None,
+    time: Annotated[
+        list[float] | None, typer.Option(help="Moment of it \\[s] (repeatable)  \\[default: the last instant]")
+    ] = None,
 ) -> None:
-    """Plot pressures, tensions, motion, forces and step times of a recording."""
+    """Plot pressures, tensions, motion, forces and step times of a recording, or stress along a line."""
     from taichisoft.base import atomic_file  # --help need not wait for any of these
-    from taichisoft_outputs.plots import PANELS, PlotError, draw_plots
+    from taichisoft_outputs.plots import PANELS, PlotError, draw_plots, files_of, line_panels
     from taichisoft_outputs.recording.reader import read_recording
+    from taichisoft_outputs.stress import parse_line, stress_along
 
     if (x is None) != (y is None):
         raise PlotError("--x and --y go together: --x pressure --y bending")
@@ -103,16 +123,28 @@ def plot(
     names = [name.strip() for name in only.split(",") if name.strip()] if only is not None else None
     if names == []:
         raise PlotError(f"--only names no panel; there are: {', '.join(PANELS)}")
-    with read_recording(run) as recording:
-        plots = draw_plots(recording, format, names, None if x == "time" else x)
-    for name in plots.left_out:
-        say(f"no plot of {name}: nothing of the kind in this run")
+    if line is not None and only is not None:
+        raise PlotError("--line draws stress over distance; --only, --x and --y have no effect beside it")
+    if line is None and time:
+        raise PlotError("--time is a moment of --line; other plots show all moments")
     stem = "plots" if x is None else f"{'-'.join(names or ())}-over-{x}".replace(" ", "-")
-    path = (output or run.parent) / f"{stem}.{format}"
-    with atomic_file(path, PlotError) as partial:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(plots.pictures[0])
-    say(path)
+    with read_recording(run) as recording:
+        if line is None:
+            plots = draw_plots(recording, format, names, None if x == "time" else x)
+            content = {format: plots.files[0]}
+            for name in plots.left_out:
+                say(f"no plot of {name}: nothing of the kind in this run")
+        else:
+            stem, ends, moments = "stress-along-line", parse_line(line), time or [recording.times[-1]]
+            along = stress_along(recording, ends, sorted({recording.instant_at(moment) for moment in moments}))
+            panels, bodies = line_panels(along), [f"{moment:g} s" for moment in along.times]
+            content = {kind: files_of(panels, bodies, kind)[0] for kind in dict.fromkeys((format, "csv"))}
+    for kind, data in content.items():
+        path = (output or run.parent) / f"{stem}.{kind}"
+        with atomic_file(path, PlotError) as partial:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial.write_bytes(data)
+        say(path)
 
 
 # The command `taichisoft render`.

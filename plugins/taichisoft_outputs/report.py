@@ -91,7 +91,7 @@ def _add_plots(contents: ReportContents) -> None:
     except TaichisoftError as error:
         contents.missing.append(f"There are no plots: {error}.")
         return
-    contents.plots = [picture.decode() for picture in plots.pictures]
+    contents.plots = [picture.decode() for picture in plots.files]
     contents.missing += [f"No plot of {name}: this run has no such data." for name in plots.left_out]
 
 

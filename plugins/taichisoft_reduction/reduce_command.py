@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from taichisoft_reduction.shape_reduction import Reduction
 
 
-SPEED_PERIOD = 600.0
-"""The time left is estimated by the runs that ended in so long [s]."""
-
-
 def reduce(
     scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for a file per body, and the validation.")],
@@ -105,10 +101,7 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
 
 def _progress(console: "Console", bars: ExitStack) -> Any:
     """Bars of runs with the time left, and lines between them."""
-    from rich import progress
-
-    from taichisoft.base import printable
-    from taichisoft.running import print_line
+    from taichisoft.running import print_line, progress_bar
     from taichisoft_reduction.training_run import Progress
 
     class Shown(Progress):
@@ -116,18 +109,8 @@ def _progress(console: "Console", bars: ExitStack) -> Any:
 
         def runs(self, title: str, cost: float) -> Callable[[float], None]:
             bars.close()
-            columns = (
-                progress.TextColumn("{task.description}", markup=False),
-                progress.BarColumn(),
-                progress.TaskProgressColumn(),
-                progress.TimeElapsedColumn(),
-                progress.TimeRemainingColumn(),
-            )
-            bar = progress.Progress(
-                *columns, console=console, speed_estimate_period=SPEED_PERIOD, disable=not console.is_terminal
-            )
-            task = bars.enter_context(bar).add_task(printable(title), total=cost)
-            return lambda ended: bar.advance(task, ended)
+            count = bars.enter_context(progress_bar(console, title, cost, "%"))
+            return lambda ended: count(advance=ended)
 
         def line(self, text: str) -> None:
             bars.close()

@@ -15,7 +15,7 @@ from taichisoft.control import Control, Fingertips, Observation
 from taichisoft.mechanics import State
 from taichisoft.scene import scene_to_toml
 from taichisoft_outputs.html_template import render, svg_element
-from taichisoft_outputs.plots import Panel, PlotCurve, draw_figure, figure_bytes
+from taichisoft_outputs.plots import Panel, PlotCurve, files_of
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.run_job import run_hash
 
@@ -235,22 +235,22 @@ def write_datasheet(
     rows = [[_text(value) for value in row] for row in zip(*columns.values(), strict=True)]
     with atomic_file(folder / TABLE, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([list(columns), *rows])
-    figure = draw_figure(_panels(first, second), ["", SECOND])
+    panels = _panels(first, second)
     with atomic_file(folder / PICTURE, StudyError) as partial:
-        partial.write_bytes(figure_bytes(figure, "png"))
+        partial.write_bytes(files_of(panels, ["", SECOND], "png")[0])
     last = first.pressures[-1]
     page = render(
         TEMPLATE,
         title=f"{scene.title or 'finger'}: characteristics",
         status=f"at rest under pressures from 0 to {last:g} kPa, free and held up by blocks",
         headlines=[
-            (f"bending at {last:g} kPa", f"{first.bending[-1]:.3g} degrees"),
-            (f"force of the straight finger at {last:g} kPa", f"{first.forces[0, -1]:.3g} mN"),
-            (f"stiffness of the tip at {last:g} kPa", f"{first.stiffness[-1]:.3g} mN/mm"),
-            ("growth of the chambers", f"{(first.volumes[-1] - first.volumes[0]) / 1e3:.3g} cm³"),
-            (f"air from a syringe at {first.atmosphere:.4g} kPa", f"{first.air[-1] / 1e3:.3g} cm³"),
+            (f"bending at {last:g} kPa", f"{_text(first.bending[-1], 3)} degrees"),
+            (f"force of the straight finger at {last:g} kPa", f"{_text(first.forces[0, -1], 3)} mN"),
+            (f"stiffness of the tip at {last:g} kPa", f"{_text(first.stiffness[-1], 3)} mN/mm"),
+            ("growth of the chambers", f"{_text((first.volumes[-1] - first.volumes[0]) / 1e3, 3)} cm³"),
+            (f"air from a syringe at {first.atmosphere:.4g} kPa", f"{_text(first.air[-1] / 1e3, 3)} cm³"),
         ],
-        plots=svg_element(figure_bytes(figure, "svg").decode()),
+        plots=[svg_element(one.decode()) for one in files_of(panels, ["", SECOND], "svg", columns_apart=True)],
         columns=list(columns),
         rows=rows,
         trust=trust_line(first, second, change),
@@ -274,7 +274,7 @@ def trust_line(first: Characteristics, second: Characteristics | None, change: s
 
 
 def _largest_difference(first: np.ndarray, second: np.ndarray) -> float:
-    return float(np.nanmax(np.abs(second - first)) / np.nanmax(np.abs(second)))
+    return float(np.nanmax(np.abs(second - first)) / (np.nanmax(np.abs(second)) or 1.0))
 
 
 def _columns(curves: Characteristics) -> dict[str, np.ndarray]:
@@ -296,41 +296,20 @@ def _text(value: float, digits: int = 5) -> str:
     return "" if np.isnan(value) else f"{round(float(value), 6) + 0.0:.{digits}g}"
 
 
-def _panels(first: Characteristics, second: Characteristics | None) -> list[Panel]:
-    meshes = [("", first), *([(SECOND, second)] if second is not None else [])]
+def _panels(first: Characteristics, second: Characteristics | None) -> dict[str, Panel]:
+    panels: dict[str, Panel] = {}
 
-    def panel(y_axis: str, curves: list[tuple[str, np.ndarray, np.ndarray]], x_axis: str = PRESSURE) -> Panel:
-        made = [
-            PlotCurve(label, SECOND if label.endswith(SECOND) else "", x, y, np.arange(len(x), dtype=float))
-            for label, x, y in curves
-        ]
-        return Panel(x_axis, y_axis, made)
+    def add(y_axis: str, label: str, x: np.ndarray, y: np.ndarray, x_axis: str = PRESSURE) -> None:
+        curve = PlotCurve(label, SECOND if label.endswith(SECOND) else "", x, y, np.arange(len(x), dtype=float))
+        panels.setdefault(y_axis, Panel(x_axis, y_axis, [])).curves.append(curve)
 
-    return [
-        panel("bending angle [degrees]", [(f"free{of}", mesh.pressures, mesh.bending) for of, mesh in meshes]),
-        panel(
-            "force on the block [mN]",
-            [
-                (
-                    f"held at {_text(mesh.bending[number], 3)} degrees, {mesh.pressures[number]:g} kPa{of}",
-                    mesh.pressures,
-                    forces,
-                )
-                for of, mesh in meshes
-                for number, forces in zip(mesh.blocked, mesh.forces, strict=True)
-            ],
-        ),
-        panel("stiffness of the tip [mN/mm]", [(f"secant{of}", mesh.pressures, mesh.stiffness) for of, mesh in meshes]),
-        panel(
-            f"force at {first.pressures[-1]:g} kPa [mN]",
-            [
-                (
-                    f"over its bend{of}",
-                    np.append(mesh.bending[mesh.blocked], mesh.bending[-1]),
-                    np.append(mesh.forces[:, -1], 0.0),
-                )
-                for of, mesh in meshes
-            ],
-            "bend at which the tip is held [degrees]",
-        ),
-    ]
+    for of, mesh in (("", first), *([(SECOND, second)] if second is not None else [])):
+        add("bending angle [degrees]", f"free{of}", mesh.pressures, mesh.bending)
+        for number, forces in zip(mesh.blocked, mesh.forces, strict=True):
+            held = f"held at {_text(mesh.bending[number], 3)} degrees, {mesh.pressures[number]:g} kPa{of}"
+            add("force on the block [mN]", held, mesh.pressures, forces)
+        add("stiffness of the tip [mN/mm]", f"secant{of}", mesh.pressures, mesh.stiffness)
+        bends, last = np.append(mesh.bending[mesh.blocked], mesh.bending[-1]), np.append(mesh.forces[:, -1], 0.0)
+        axis = "bend at which the tip is held [degrees]"
+        add(f"force at {first.pressures[-1]:g} kPa [mN]", f"over its bend{of}", bends, last, axis)
+    return panels

@@ -52,10 +52,10 @@ def converge(
 
     from taichisoft import load_scene
     from taichisoft.base import atomic_file
-    from taichisoft.running import print_line, print_warning, warnings_printed_to
+    from taichisoft.running import print_line, print_warning, progress_bar, warnings_printed_to
     from taichisoft_studies.errors import StudyError
     from taichisoft_studies.refinement import refine as refine
-    from taichisoft_studies.study_commands import progress_bar, requested_plugins
+    from taichisoft_studies.study_commands import requested_plugins
 
     if duration is not None and not (math.isfinite(duration) and duration > 0.0):
         raise StudyError(f"--duration {duration:g}: must be a number of seconds above 0")
@@ -153,8 +153,8 @@ def make_variants(
     console: "Console", variants: "Sequence[Variant]", output: Path, cluster: "Cluster", force: bool, time_limit: float
 ) -> "list[Mapping[str, Any]]":
     """Have every variant meshed into its folder; the outcomes of `MeshRun.make` come in the order of `variants`."""
+    from taichisoft.running import progress_bar
     from taichisoft_studies.mesh_variants import MeshRun
-    from taichisoft_studies.study_commands import progress_bar
 
     plugins = tuple(requested_plugins())
     runs = {}
@@ -244,12 +244,11 @@ def characterise(
 
     from taichisoft import load_scene
     from taichisoft.base import named_os_errors
-    from taichisoft.running import warnings_printed_to
+    from taichisoft.running import progress_bar, warnings_printed_to
     from taichisoft_studies.characteristics import equilibrium_count, trust_line, write_datasheet
     from taichisoft_studies.characteristics import find_characteristics as find_characteristics
     from taichisoft_studies.errors import StudyError
     from taichisoft_studies.refinement import finer_meshes
-    from taichisoft_studies.study_commands import progress_bar
 
     if not (math.isfinite(pressure) and pressure != 0.0):
         raise StudyError(f"--pressure {pressure:g}: must be a number of kPa other than 0")

@@ -5,7 +5,7 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -69,33 +69,6 @@ def make_study(
 
 
 @contextmanager
-def progress_bar(console: "Console", title: str, total: int, finished: int = 0) -> Iterator[Callable[[str], None]]:
-    """Show a bar of `total` runs, without a terminal lines; `finished` runs were made earlier.
-
-    The yielded function counts a run, and prints a line about it unless it is empty.
-    """
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    from taichisoft.running import lines_without_terminal, print_line
-
-    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
-    with (
-        Progress(
-            *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=not console.is_terminal
-        ) as progress,
-        lines_without_terminal(progress),
-    ):
-        task = progress.add_task(printable(title), total=total, completed=finished, begun=finished)
-
-        def count(line: str) -> None:
-            progress.advance(task)
-            if line:
-                print_line(console, line)
-
-        yield count
-
-
-@contextmanager
 def announced_workers(console: "Console", cluster: "Cluster", tasks: int) -> "Iterator[Workers]":
     """The workers of a study, with a line about them."""
     from taichisoft.running import print_line, print_warning
@@ -134,7 +107,7 @@ def optimise(
     require("taichisoft study optimise", "optuna", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
-    from taichisoft.running import print_line
+    from taichisoft.running import print_line, progress_bar
     from taichisoft_studies.optimiser import Optimisation, counted, open_study, with_function_paths
     from taichisoft_studies.results_table import write_table
     from taichisoft_studies.shape_search import run_descent
@@ -164,7 +137,7 @@ def optimise(
         if count:
             print_line(console, f"{count} trials {what} are made again")
     with announced_workers(console, search.cluster, search.trials) as workers:
-        with progress_bar(console, "trials", search.trials, len(counted(made))) as advance:
+        with progress_bar(console, "trials", search.trials, begun=len(counted(made))) as advance:
             written = time.monotonic()
 
             def done(trial: Any, record: Mapping[str, Any]) -> None:
@@ -244,7 +217,7 @@ def calibrate(
     from rich.console import Console
 
     from taichisoft.base import atomic_file
-    from taichisoft.running import print_line, print_warning
+    from taichisoft.running import print_line, print_warning, progress_bar
     from taichisoft_studies.least_squares import Calibration, complaints, misfits, read_measurement, statics
     from taichisoft_studies.least_squares import fit_parameters as fit_parameters
     from taichisoft_studies.study_file import find_study, read_tables
@@ -477,7 +450,7 @@ def sweep(
     require("taichisoft study sweep", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
-    from taichisoft.running import print_line
+    from taichisoft.running import print_line, progress_bar
     from taichisoft_studies.results_table import result_row, write_table
     from taichisoft_studies.run_job import COMPLETED, ERROR, finished, read_record
     from taichisoft_studies.study_file import Sweep, find_study, read_tables, varied
@@ -511,7 +484,7 @@ def sweep(
     if ended < len(planned):
         with (
             announced_workers(console, plan.cluster, len(planned) - ended) as workers,
-            progress_bar(console, "runs", len(planned), ended) as count,
+            progress_bar(console, "runs", len(planned), begun=ended) as count,
         ):
 
             def done(job: Any, record: Mapping[str, Any]) -> None:

@@ -28,10 +28,10 @@ from .profile import TOTAL as TOTAL
 from .profile import profiled as profiled
 from .run_command import PROJECT_LOGGER as PROJECT_LOGGER
 from .run_command import RunRequest as RunRequest
-from .run_command import lines_without_terminal as lines_without_terminal
 from .run_command import locked_folder as locked_folder
 from .run_command import print_line as print_line
 from .run_command import print_warning as print_warning
+from .run_command import progress_bar as progress_bar
 from .run_command import run_simulation as run_simulation
 from .run_command import warnings_printed_to as warnings_printed_to
 from .scene_files import load_scene as load_scene

@@ -20,7 +20,7 @@ import rich
 import typer
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
-from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -194,67 +194,85 @@ class LiveStatus:
         return table
 
 
-# Progress bar and closing tables of `taichisoft run`.
+# How far something is: a bar in a terminal, a line every 5 s without one.
 
 
 @contextmanager
-def lines_without_terminal(progress: Progress) -> Iterator[None]:
-    """Where no terminal shows the bars, print a line for each every 5 s, with the time that is left at the mean speed.
+def progress_bar(
+    console: Console, title: str, total: float | None = None, unit: str = "", begun: int = 0
+) -> Iterator[Callable[..., None]]:
+    """Show how far something is, and the time that is left at its mean speed.
 
-    A bar that has begun before this run counts from its field `begun`.
+    Args:
+        total: how much there is to do; None if it is not known, or nothing is counted.
+        unit: what is counted, such as "pictures"; "%" to show the share that is done.
+        begun: how much of it was done earlier.
+
+    Yields:
+        A function that counts one, or what is given as in `rich.progress.Progress.update` (`advance`, `completed`,
+        `total`, and a text as `state`), and prints a line about it unless that is "".
     """
-    if progress.console.is_terminal and not progress.console.is_dumb_terminal:
-        yield
-        return
-    ended = threading.Event()
+    drawn = console.is_jupyter or (console.is_terminal and not console.is_dumb_terminal)
+    how_far, ended = _HowFar(), threading.Event()
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), how_far
+    with Progress(*columns, console=console, disable=not drawn) as progress:
+        task = progress.add_task(printable(title), total=total, completed=begun, unit=unit, begun=begun, state="")
 
-    def print_lines() -> None:
-        while not ended.wait(SECONDS_BETWEEN_LINES):
-            for task in progress.tasks:
-                if not task.finished:
+        def count(line: str = "", **changes: Any) -> None:
+            progress.update(task, **(changes or {"advance": 1}))
+            if line:
+                print_line(console, line)
+
+        def print_lines() -> None:
+            while not ended.wait(SECONDS_BETWEEN_LINES):
+                if not progress.finished:
                     with suppress(OSError):
-                        print_line(progress.console, _progress_line(task))
+                        print_line(console, f"{title}: {how_far.render(progress.tasks[0])}")
 
-    thread = threading.Thread(target=print_lines, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
+        thread = threading.Thread(target=print_lines, daemon=True)
+        if not drawn:
+            thread.start()
+        try:
+            yield count
+        finally:
+            ended.set()
+            if not drawn:
+                thread.join()
 
 
-def _progress_line(task: Task) -> str:
-    seconds, made = task.elapsed or 0.0, task.completed - task.fields.get("begun", 0.0)
-    parts = [f"{task.completed:g}" if task.total is None else f"{task.completed:g} of {task.total:g}"]
-    parts += filter(None, [task.fields.get("state", "")])
-    parts.append(f"after {timedelta(seconds=round(seconds))}")
-    if task.remaining is not None and made > 0.0:
-        parts.append(f"{timedelta(seconds=round(seconds / made * task.remaining))} left")
-    return f"{task.description}: {', '.join(parts)}"
+class _HowFar(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        """What is done, in what time, and the time left."""
+        seconds, made, unit = task.elapsed or 0.0, task.completed - task.fields["begun"], task.fields["unit"]
+        of = "" if task.total is None else f"of {task.total:.0f} "
+        count = f"{task.percentage:.0f} %" if unit == "%" else f"{task.completed:.0f} {of}{unit}".strip()
+        parts = [
+            count if task.completed or task.total else "",
+            task.fields["state"],
+            f"after {timedelta(seconds=round(seconds))}",
+        ]
+        if task.remaining and made > 0.0:
+            parts.append(f"{timedelta(seconds=round(seconds / made * task.remaining))} left")
+        return Text(", ".join(filter(None, parts)))
+
+
+# Progress and closing tables of `taichisoft run`.
 
 
 @contextmanager
-def progress_bar(console: Console, session: Session, title: str) -> Iterator[Callable[[StepReport], None]]:
-    """Show a progress bar; yields the function to call after every step.
+def session_bar(console: Console, session: Session, title: str) -> Iterator[Callable[[StepReport], None]]:
+    """Show the progress of a run; yields the function to call after every step.
 
     While a step waits for a kernel, which takes seconds the first time on a machine, the bar names it.
     """
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[state]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as progress, lines_without_terminal(progress):
-        total = session.step_count if math.isfinite(session.step_count) else None
-        task = progress.add_task(printable(title), total=total, state="")
+    total = session.step_count if math.isfinite(session.step_count) else None
+    with progress_bar(console, title, total, "steps") as count:
 
         def show(report: StepReport) -> None:
-            progress.update(task, advance=1, state=f"{report.time:.2f} s  {report.contact_count} contacts")
+            count(advance=1, state=f"{report.time:.2f} s, {report.contact_count} contacts")
 
         # Nothing else is drawn while Taichi compiles.
-        with compilations_shown(lambda name: progress.update(task, state=f"preparing {name}", refresh=True)):
+        with compilations_shown(lambda name: count(state=f"preparing {name}", refresh=True)):
             yield show
 
 
@@ -495,7 +513,7 @@ def _responds_to_keys(scene: Scene) -> bool:
 def _run(session: Session, console: Console, folder: Path, title: str, profile: bool) -> str:
     """Run with the status of an interactive run, or a progress bar; summaries are shown however the run ends."""
     is_steered = session.controller.interactive and not session.replaying
-    display = live_status(console, session) if is_steered else progress_bar(console, session, title)
+    display = live_status(console, session) if is_steered else session_bar(console, session, title)
     times: Profile | None = None
     measured: AbstractContextManager[Profile | None] = profiled(session.simulation) if profile else nullcontext()
     try:

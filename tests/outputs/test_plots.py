@@ -1,5 +1,6 @@
 """`taichisoft recording plot`: the curves are what was observed in the run, and every panel can be read."""
 
+import io
 from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
@@ -24,6 +25,7 @@ from taichisoft_outputs.plots import (
     draw_figure,
     draw_plots,
     expected,
+    files_of,
     pieces,
 )
 from taichisoft_outputs.recording.recording_output import RecordingOutput
@@ -150,6 +152,48 @@ def test_curves_on_each_other_are_drawn_once_with_all_names() -> None:
     assert axes.lines[0].get_linewidth() > axes.lines[1].get_linewidth()
 
 
+def test_curves_near_each_other_are_dashed() -> None:
+    """By 1 % of the height of the panel: the upper ones leave parts of the lower ones to be seen."""
+    time = np.linspace(0.0, 1.0, 50)
+    heights = {"a": time, "b": time + 0.01, "c": time - 0.005, "d": 1.0 - time}
+    panel = Panel("x", "y", [PlotCurve(name, name, time, values, time) for name, values in heights.items()])
+    axes = draw_figure([panel], list(heights)).axes[0]
+    styles = [line.get_linestyle() for line in axes.lines]
+    assert [style == "-" for style in styles] == [True, False, False, True]
+    gaps = [line._unscaled_dash_pattern[1] for line in axes.lines[1:3]]  # type: ignore[attr-defined]
+    assert sum(gaps[0]) == sum(gaps[1]) and gaps[1][0] < gaps[0][0]
+
+
+def test_workbook_has_the_numbers_of_all_curves(recording: Recording, tmp_path: Path) -> None:
+    """A sheet for each panel; equal curves as well, and nothing where there is no value."""
+    openpyxl = pytest.importorskip("openpyxl", reason="needs the extra 'xlsx'")
+    command = ("recording", "plot", recording.path, "-o", tmp_path, "--format", "xlsx")
+    assert tiny_run.command(*command).output.endswith(f"{tmp_path / 'plots.xlsx'}\n")
+    book = openpyxl.load_workbook(tmp_path / "plots.xlsx")
+    assert book.sheetnames == [name for name in PANELS if expected(name, recording) and curves(recording, name)]
+    for name in ("pressure", "bending", "tips-side", "step-time"):
+        titles, *rows = book[name].iter_rows(values_only=True)
+        panel, column = PANELS[name](RunCurves(recording)), -1
+        for curve in panel.curves:
+            column = titles.index(f"{panel.y_axis}, {curve.label}")
+            over = max(number for number in range(column) if titles[number] == panel.x_axis)
+            for place, values in ((over, curve.x), (column, curve.y)):
+                read = [np.nan if row[place] is None else row[place] for row in rows]
+                np.testing.assert_allclose(read, values, rtol=1e-14)
+        assert column == len(titles) - 1
+
+
+def test_workbook_takes_any_name_of_a_signal(recording: Recording) -> None:
+    """Such as a formula, a letter that no sheet's name has, control characters, and long ones that begin alike."""
+    openpyxl = pytest.importorskip("openpyxl", reason="needs the extra 'xlsx'")
+    time, names = np.linspace(0.0, 1.0, 3), ["=1+1", "signal a/b:c", "\x1b[31m", "x" * 40 + "1", "x" * 40 + "2"]
+    panels = {name: Panel(TIME_AXIS, f"signal {name}", [PlotCurve(name, "", time, time, time)]) for name in names}
+    book = openpyxl.load_workbook(io.BytesIO(files_of(panels, [], "xlsx")[0]))
+    assert len(book.sheetnames) == len(names) and all(len(name) <= 31 for name in book.sheetnames)
+    assert [cell.value for cell in book.worksheets[0][1]] == [TIME_AXIS, "signal =1+1, =1+1"]
+    assert all(cell.data_type == "s" for sheet in book for cell in sheet[1])
+
+
 def test_legends_hide_no_curve_and_axes_have_units(recording: Recording) -> None:
     run = RunCurves(recording)
     figure = draw_figure(
@@ -179,7 +223,7 @@ def test_a_figure_is_plotted_over_another_one_of_the_same_body(
         assert (curve.label, curve.body) == (name, name)
         np.testing.assert_allclose(curve.x, [seen.pressures[f"{name}.cavity"] for seen in observed], atol=1e-9)
         np.testing.assert_allclose(curve.y, [seen.tip_positions[name][1] for seen in observed], atol=SINGLE)
-    assert b"PNG" in draw_plots(recording, "png", ["bending"], "pressure").pictures[0][:8]
+    assert b"PNG" in draw_plots(recording, "png", ["bending"], "pressure").files[0][:8]
     with pytest.raises(PlotError, match="--x heat: there are: pressure"):
         draw_plots(recording, "png", ["bending"], "heat")
     with pytest.raises(PlotError, match="tips-side is a path"):
@@ -236,7 +280,7 @@ def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> 
         PlotError, match="--only pressures: there are: pressure, volume, air_mass, air_flow, valve, tension"
     ):
         draw_plots(recording, "png", ["pressures"])
-    with pytest.raises(PlotError, match="--format pdf: there are: png, svg"):
+    with pytest.raises(PlotError, match="--format pdf: there are: png, svg, csv, xlsx"):
         draw_plots(recording, "pdf")
 
 

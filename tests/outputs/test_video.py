@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 
 import taichisoft_outputs
 from taichisoft.errors import TaichisoftError
+from taichisoft.running import run_command
 from taichisoft_outputs import RecordingError, Style, read_recording, render_pictures, render_video
 from taichisoft_outputs.drawing.camera import followed_part
 from taichisoft_outputs.drawing.style import StyleError
@@ -275,13 +276,14 @@ def is_running(process: int) -> bool:
 # The output video of a run.
 
 
-def test_a_run_ends_with_its_video(tmp_path, worker, capsys) -> None:
+def test_a_run_ends_with_its_video(tmp_path, worker, capsys, monkeypatch) -> None:
     worker()
+    monkeypatch.setattr(run_command, "SECONDS_BETWEEN_LINES", 0.001)
     video = VideoOutput(tmp_path / "run", tmp_path / "film.gif", fps=50.0, size="32x16", slow_motion=2.0)
     fake_run.fake_run([RecordingOutput(tmp_path / "run"), video], steps=10)
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 11 and film.size == (32, 16)
-    assert "film.gif" in capsys.readouterr().out, "a progress bar"
+    assert re.search(r"film.gif: \d+ of 11 pictures, after 0:00:\d\d", capsys.readouterr().out)
     assert video.summary() == {"video": f"{tmp_path / 'film.gif'}, 11 pictures, 0.2 s"}
 
 

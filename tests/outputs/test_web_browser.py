@@ -4,6 +4,7 @@ import io
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,12 @@ from taichisoft import Session, Simulation, load_scene
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.loop import run_session
 from taichisoft_controllers.keyboard_controller import KeyboardController
+from taichisoft_outputs import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
+from taichisoft_outputs.web.address import find_address
+from taichisoft_outputs.web.page import Page
+from taichisoft_outputs.web.page_messages import PageScene
+from taichisoft_outputs.web.recording_page import instant_of
 from taichisoft_outputs.web.web_output import WebOutput
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
@@ -69,6 +76,9 @@ def test_page_follows_the_theme_of_the_browser(browser: Any, session: Session, s
     tab = browser.new_page(viewport={"width": 560, "height": 320}, color_scheme=scheme)
     tab.goto(output.url)  # type: ignore[attr-defined]
     tab.wait_for_selector(f"[data-mantine-color-scheme={scheme}]", state="attached", timeout=1e3 * PATIENCE)
+    canvas = tab.wait_for_selector("canvas[data-engine]", state="attached", timeout=1e3 * PATIENCE)
+    colour = canvas.evaluate("canvas => getComputedStyle(canvas).backgroundColor")
+    assert (colour == "rgb(20, 20, 20)") is (scheme == "dark"), "behind the scene"
     tab.emulate_media(color_scheme="dark" if scheme == "light" else "light")
     tab.wait_for_selector(f"html:not([data-mantine-color-scheme={scheme}])", state="attached", timeout=1e3 * PATIENCE)
 
@@ -88,6 +98,26 @@ def _screenshot(tab: Any) -> np.ndarray:
 
     shot = matplotlib.image.imread(io.BytesIO(tab.screenshot()))
     return shot[:, : shot.shape[1] // 2, :3]
+
+
+def test_silicone_looks_alike_whatever_the_order_of_its_triangles(browser: Any, tmp_path: Path) -> None:
+    """The walls of the gaps of a finger lie behind each other: some triangles of them showed as white shards."""
+    simulation, output = Simulation(load_scene("finger-inflated")), RecordingOutput(tmp_path)
+    output.begin(simulation.model, simulation.state)
+    output.end("completed")
+    pictures, address = [], find_address("127.0.0.1:0")
+    with read_recording(tmp_path / "recording.h5") as recording:
+        for order in (1, -1):
+            surfaces = [replace(one, triangles=one.triangles[::order].copy()) for one in recording.body_surfaces]
+            content = PageScene(recording.scene, surfaces, recording.planes, recording.actuators)
+            page = Page(address.host, 0, address.token, content, instant_of(recording, 0))
+            tab = browser.new_page(viewport={"width": 1000, "height": 500})
+            tab.goto(address.at(page.port).url)
+            wait_for(lambda tab=tab: _screenshot(tab)[60:440].std(axis=(0, 1)).max() > 0.05)
+            pictures.append(drawn(tab))
+            tab.close()
+            page.server.stop()
+    assert np.abs(pictures[1] - pictures[0]).max(axis=-1).mean() < 1e-4
 
 
 def pressure(session: Session) -> float:

@@ -203,6 +203,16 @@ def test_a_recording_is_played_to_its_end_and_scrubbed(tmp_path: Path) -> None:
         until(lambda: viewer.value("time [s]") > 10 * time_step)
 
 
+def test_equal_curves_can_be_told_apart(tmp_path: Path) -> None:
+    """Both pads have the same pressure: the second line has gaps."""
+    tiny_run(tmp_path)
+    with served(tmp_path / "recording.h5") as (_, viewer, until):
+        until(lambda: any("series" in element for element in list(viewer.elements.values())))
+        first = next(element["series"] for element in list(viewer.elements.values()) if "series" in element)
+        assert [line["label"] for line in first[1:]] == ["left.cavity", "right.cavity"]
+        assert not first[1]["dash"] and len(first[2]["dash"]) == 2
+
+
 def test_a_section_cuts_bodies_open_until_it_is_taken_away(tmp_path: Path) -> None:
     """The pads and the cube are symmetric about y = 0: half of each is left, and closed where it is cut."""
     tiny_run(tmp_path)

@@ -1,6 +1,7 @@
 """`taichisoft characterise`: curves of a finger at rest, and the files that show them."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -105,8 +106,24 @@ def test_datasheet_has_table_picture_and_page(found, tmp_path):
     text = page.read_text(encoding="utf-8")
     assert "held at 0 degrees, 0 kPa" in text
     assert said in text and "growth of the chambers" in text and "air from a syringe at 101.3 kPa" in text
+    assert text.count("<svg") == 2, "on a phone one column of plots is below the other"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "nothing is known of the error" in trust_line(curves, None, "")
+
+
+def test_datasheet_shows_no_round_off(found, tmp_path):
+    """A finger that hardly bends and does not press: zeros, and differences of 0 %."""
+    curves, _, scene = found
+    small = 4.1e-14 * np.ones(3)
+    still = Characteristics(
+        curves.pressures, small, curves.travel, 8e3 + small, curves.blocked, 0.0 * curves.forces, curves.atmosphere
+    )
+    _, _, page = write_datasheet(tmp_path, scene, still, still, "a finer mesh")
+    shown = re.sub(
+        r"<svg.*?</svg>|<style.*?</style>|<pre>.*?</pre>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    assert not re.search(r"\de-\d|nan", shown), shown
+    assert "<b>0 degrees</b>" in shown and "<b>0 mN</b>" in shown and "by up to 0.0 %." in shown
 
 
 def test_impossible_characteristics_are_refused(tmp_path):

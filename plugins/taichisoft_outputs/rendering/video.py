@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import rich
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from taichisoft.base import (
     Worker,
@@ -27,6 +26,7 @@ from taichisoft.base import (
     warn_caller,
 )
 from taichisoft.errors import TaichisoftError
+from taichisoft.running import progress_bar
 from taichisoft_outputs.drawing.style import FPS, Style
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.recording.recording_output import RecordingOutput
@@ -398,14 +398,6 @@ def shown_instants(recording: Recording, rate: float) -> np.ndarray:
 
 @contextmanager
 def picture_progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on the terminal; the function that is yielded is an `on_picture` of `render_video`."""
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("pictures"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=rich.get_console()) as progress:
-        task = progress.add_task(title, total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
+    """Show how many are drawn; the function that is yielded is an `on_picture` of `render_video`."""
+    with progress_bar(rich.get_console(), title, unit="pictures") as count:
+        yield lambda done, total: count(completed=done, total=total)

@@ -1,6 +1,7 @@
 """The plots of a page: efforts of actuators, forces on the main object, and its height over time."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ TICKS_APART = 15
 
 AXES = "#888888"
 """Colour of axes, which is seen on a light and on a dark page."""
+DASHES = ((), (8.0, 8.0), (4.0, 12.0))
+"""Lengths of lines and gaps [pixels], in turn: of equal curves each leaves parts of those before it to be seen."""
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
 ON_PAGE = [figure for figure in FIGURES if In.PAGE in figure.recorded]
@@ -163,8 +166,8 @@ def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
     from viser import uplot
 
     lines = [
-        uplot.Series(label=name, stroke=LINES[index % len(LINES)], width=1.5, points={"show": False})
-        for index, name in enumerate(names)
+        uplot.Series(label=name, stroke=colour, dash=dash, width=1.5, points={"show": False})
+        for name, colour, dash in zip(names, cycle(LINES), cycle(DASHES), strict=False)
     ]
     nothing = np.zeros(2)
     grey: Any = {"stroke": AXES, "grid": {"stroke": f"{AXES}40", "width": 1}, "ticks": {"stroke": AXES, "width": 1}}

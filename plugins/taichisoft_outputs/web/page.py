@@ -267,11 +267,13 @@ class SceneView:
         ]
         self._force_colour = as_bytes(arrow_colour(behind))
         self._surfaces, self._cut = content.surfaces, frozenset[str]()
-        self._sources, self._triangles, self._meshes = [], [], []
+        self._sources, self._triangles, self._meshes, self._depths = [], [], [], []
         for surface, vertices in zip(content.surfaces, at_first, strict=True):
             source, triangles = split_creases(vertices, surface.triangles)
             self._sources.append(source)
             self._triangles.append(triangles)
+            seen_through = _opacity(surface.kind) is not None
+            self._depths.append(self._add_depth(surface.name, vertices[source], triangles) if seen_through else None)
             self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
         self._walls = {}
         for kind in ACTUATOR_KINDS:
@@ -341,8 +343,11 @@ class SceneView:
 
     def _show_surface(self, number: int, vertices: np.ndarray, section: Section | None) -> None:
         """Where it is cut it has other triangles in each instant, and silicone cannot be seen through."""
-        surface, mesh = self._surfaces[number], self._meshes[number]
-        if section is not None and surface.name in section.names:
+        surface, mesh, depth = self._surfaces[number], self._meshes[number], self._depths[number]
+        is_cut = section is not None and surface.name in section.names
+        if depth is not None:
+            depth.visible = not is_cut
+        if section is not None and is_cut:
             corners = vertices[surface.triangles]
             kept, _, _ = split_triangles(corners, section.plane.height(corners))
             kept = kept[:, ::-1] if surface.name in section.hollow else kept
@@ -353,7 +358,8 @@ class SceneView:
                 mesh.faces = np.arange(3 * len(shown), dtype=np.uint32).reshape(-1, 3)
                 mesh.opacity = None
             return
-        mesh.vertices = (vertices[self._sources[number]] * LENGTH_UNIT).astype(np.float32)
+        for one in filter(None, (depth, mesh)):
+            one.vertices = (vertices[self._sources[number]] * LENGTH_UNIT).astype(np.float32)
         if surface.name in self._cut:
             mesh.faces = self._triangles[number].astype(np.uint32)
             mesh.opacity, mesh.visible = _opacity(surface.kind), True
@@ -389,6 +395,16 @@ class SceneView:
             opacity=_opacity(kind),
             cast_shadow=kind in ("soft", "rigid"),
             receive_shadow=kind in ("floor", "obstacle"),
+        )
+
+    def _add_depth(self, name: str, vertices: np.ndarray, triangles: np.ndarray) -> Any:
+        """An invisible mesh before one that is seen through, so that of the latter the nearest layer alone is drawn.
+
+        three.js draws the triangles of a mesh in their order, and a near one hides only farther ones that come later:
+        of the walls of a gap some triangles would be seen, and others not.
+        """
+        return self._server.scene.add_mesh_simple(
+            f"/{name} depth", vertices * LENGTH_UNIT, triangles, opacity=0.0, cast_shadow=False, receive_shadow=False
         )
 
     def _add_frame(self, name: str, length: float, **place: Any) -> Any:
@@ -481,7 +497,9 @@ KEEP_KEYS_FROM_CAMERA = (
     "'keydown', event => event.stopPropagation())\">"
 )
 # viser has one theme for all viewers, which does not follow what each has chosen in the browser.
-FOLLOW_DARK_MODE = """<img hidden src="data:," onerror="
+FOLLOW_DARK_MODE = """
+<style>[data-mantine-color-scheme=dark] canvas[data-engine] { background: #141414 }</style>
+<img hidden src="data:," onerror="
 const dark = matchMedia('(prefers-color-scheme: dark)'), root = document.documentElement;
 const name = 'data-mantine-color-scheme', wanted = () => dark.matches ? 'dark' : 'light';
 const follow = () => { if (root.getAttribute(name) !== wanted()) root.setAttribute(name, wanted()); };
