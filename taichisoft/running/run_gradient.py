@@ -19,7 +19,7 @@ from taichisoft.mechanics.state import State
 from taichisoft.running.figure_slopes import FigureSlopes
 from taichisoft.running.simulation import Simulation, check_simulation
 from taichisoft.step.linearisation import AXES, BASE, asking, forces
-from taichisoft.step.step_adjoint import RestSlopes, Slopes, StepAdjoint
+from taichisoft.step.step_adjoint import CoefficientSlopes, RestSlopes, Slopes, StepAdjoint, coefficients
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
 Objective = Callable[[Observation], tuple[float, Mapping[str, Any]]]
@@ -178,7 +178,9 @@ class _Run:
         self._figures = FigureSlopes(self._model)
         self._of_steps = {name: np.zeros(self._count) for name in self._by if _is_of_steps(name)}
         self._moves = _checked_moves(self._by, moves, simulation)
-        self._by_rest = {name: (RestSlopes(self._model, move), [0.0]) for name, move in self._moves.items()}
+        shapes = {f"rest.{name}": RestSlopes(self._model, move) for name, move in self._moves.items()}
+        laws = {name: CoefficientSlopes(self._model, name) for name in self._by if name in coefficients(self._model)}
+        self._by_sides = {name: (sides, [0.0]) for name, sides in {**shapes, **laws}.items()}
         self._interval = _interval(self._count, simulation.state, 1e6 * memory)
 
     def back(self) -> RunGradient:
@@ -199,8 +201,8 @@ class _Run:
             edges, shifted = edges + bool(derivative.edges()), shifted + (derivative.shift is not None)
             carried.add(derivative, found)
             self._keep_forces(step, derivative, found)
-            for rest, parts_of_steps in self._by_rest.values():
-                parts_of_steps.append(rest.along(derivative, found))
+            for sides, parts_of_steps in self._by_sides.values():
+                parts_of_steps.append(sides.along(derivative, found))
             if any(name.startswith(tuple(BASE)) for name in self._of_steps):
                 _refuse_turning(derivative.start)
                 carried.add_pose(derivative, found, self._adjoint, self._figures.of_frames)
@@ -284,8 +286,9 @@ class _Run:
     def _of_run(self, name: str, slopes: Slopes) -> np.ndarray:
         """A derivative by something that holds for the whole run."""
         key, _, of = name.partition(".")
-        if key == "rest":
-            return np.asarray(sum(self._by_rest[of][1]) + (slopes.position * self._moves[of]).sum())
+        if name in self._by_sides:
+            of_start = (slopes.position * self._moves[of]).sum() if key == "rest" else 0.0
+            return np.asarray(sum(self._by_sides[name][1]) + of_start)
         if key == "friction":
             return np.asarray((_friction_pairs(self._model, of) * self._adjoint.by_friction).sum())
         return np.asarray(_by_name(self._model, self._adjoint, slopes)[name])
@@ -300,7 +303,8 @@ def _by_name(model: Model, adjoint: StepAdjoint, slopes: Slopes) -> dict[str, An
     for body, by_damping, by_drag, by_density in zip(model.soft_bodies, *parts, strict=True):
         key = "density" if body.settings.mass is None else "mass"
         found[f"rayleigh_stiffness.{body.name}"], found[f"rayleigh_mass.{body.name}"] = by_damping, by_drag
-        found[f"{key}.{body.name}"] = by_density / getattr(body.settings, key)  # the adjoint has those by shares
+        if body.modes is None:  # which are of these masses; the adjoint has those by shares
+            found[f"{key}.{body.name}"] = by_density / getattr(body.settings, key)
     masses = zip(model.rigid_bodies, adjoint.by_mass / model.rigid_mass, strict=True)
     pushed = {one.body for one in model.scene.external_forces}
     free = [(body.name, by) for body, by in masses if body.follows is None]
@@ -465,11 +469,13 @@ def _known_names(model: Model, adjoint: StepAdjoint) -> Iterator[str]:
     for kind in ACTUATOR_KINDS:
         for drive in (kind.effort, kind.coordinate):
             yield from (f"{drive.request}.{name}" for name in model.actuators.names_of(kind))
-    yield from (f"{key}.{letter}" for key in BASE for letter in AXES)
+    if all(body.modes is None for body in model.soft_bodies):
+        yield from (f"{key}.{letter}" for key in BASE for letter in AXES)
     tips = Fingertips(model.soft_bodies, model.frames)
     free = [body.name for body in model.rigid_bodies if body.follows is None]
     yield from (f"force.{name}.{letter}" for name in (*tips.names, *free) for letter in AXES)
     yield from _by_name(model, adjoint, Slopes.none(model))
+    yield from coefficients(model)
     yield "friction"
 
 
