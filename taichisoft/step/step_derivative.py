@@ -195,7 +195,7 @@ class StepDerivative:
         self._rigid_response, self._of_turning = own_response, self._of_rigid
         self._turning: np.ndarray = np.eye(len(own_response))
         self.turning_rows = find_turning_rows(model, problem, solution, self.contacts, self.basis, rigid.state)
-        if self._nonlinear is None and self.turning_rows.renewed.any():
+        if self.turning_rows.renewed.any():
             self._add_turning(inverse_mass)
         self._own = self._own_compliance(self._requests)
         velocity = self._of_soft @ solution.node_velocity.ravel() + self._of_rigid @ solution.rigid_velocity.ravel()
