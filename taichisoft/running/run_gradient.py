@@ -48,6 +48,8 @@ class RunGradient:
         inexact_share: share of the contacts whose derivatives leave something out: those of round and curved surfaces,
             where normal and points are taken to move along with the body, and of bodies that turn much in a step.
         shifted_share: share of the steps in which overlapping surfaces were shifted apart; the shift is constant.
+        unconverged_share: share of the steps in which `time.newton` linearisations left more than
+            `time.newton_tolerance`; derivatives are those of converged ones.
     """
 
     value: float
@@ -57,6 +59,7 @@ class RunGradient:
     edge_share: float
     inexact_share: float
     shifted_share: float
+    unconverged_share: float
     _found: Mapping[str, np.ndarray]
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -135,7 +138,8 @@ def gradient(
             derivatives of this part by figures, such as `(seen.volumes["finger1.cavity"], {"volumes": [1, 0, 0]})`.
         by: what to derive by. For each step: names of `controls`, "base_translation.x", "force.finger1.y". In all:
             "start.position", "start.velocity", "start.rigid_position", "start.rigid_rotation" (by turns about the
-            axes of the world), "start.rigid_velocity" (linear and angular); "young_modulus.MATERIAL", "density.BODY",
+            axes of the world), "start.rigid_velocity" (linear and angular); "young_modulus.MATERIAL",
+            "c10.MATERIAL" and other coefficients of laws of rubber that the scene gives, "density.BODY",
             "rayleigh_stiffness.BODY", "rayleigh_mass.BODY", "mass.BODY", and "friction" or "friction.BODY|BODY".
         moves: how dimensions of the bodies move all soft nodes at rest [mm per unit], shape (node_count, 3), by name;
             `by` has "rest.NAME" then, of a run from the simulation's first state, which moves along.
@@ -188,7 +192,8 @@ class _Run:
         states, parts, value = self._forwards()
         end, observation = self._simulation.state, self._simulation.observe_state(self._simulation.state)
         slopes, carried = Slopes.none(self._model), _Carried(self._model)
-        edges = shifted = 0
+        edges = shifted = unconverged = 0
+        tolerance = self._model.scene.time.newton_tolerance
         for step in reversed(range(self._count)):
             if step not in states:
                 self._again(states, step - step % self._interval, step)
@@ -199,6 +204,7 @@ class _Run:
             self._figures.add(parts[step], derivative, end, slopes, impulse, carried.target)
             slopes, found = self._adjoint.back(derivative, slopes, impulse)
             edges, shifted = edges + bool(derivative.edges()), shifted + (derivative.shift is not None)
+            unconverged += (derivative.solution.newton_residual or 0.0) > tolerance
             carried.add(derivative, found)
             self._keep_forces(step, derivative, found)
             for sides, parts_of_steps in self._by_sides.values():
@@ -209,7 +215,8 @@ class _Run:
             carried.hand_over(step, control, self._simulation, derivative.start, self._of_steps)
             end = self._simulation.state
         by = {name: self._of_steps[name] if name in self._of_steps else self._of_run(name, slopes) for name in self._by}
-        shares = edges / self._count, self._adjoint.inexact / max(self._adjoint.contacts, 1), shifted / self._count
+        edges, shifted, unconverged = (share / self._count for share in (edges, shifted, unconverged))
+        shares = edges, self._adjoint.inexact / max(self._adjoint.contacts, 1), shifted, unconverged
         return RunGradient(value, tuple(self._by), observation, self._count, *shares, by)
 
     def _control(self, step: int) -> Control:

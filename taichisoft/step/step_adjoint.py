@@ -11,7 +11,7 @@ end changes by dJ = -m . (dr/dy) dy, where the multipliers m solve the transpose
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -24,7 +24,7 @@ from taichisoft.mechanics.domain_elasticity import domain_data
 from taichisoft.mechanics.domains import quadrature_domains
 from taichisoft.mechanics.elastic_laws import ElasticLaws, elastic_law, joined_arrays
 from taichisoft.mechanics.elasticity import Elasticity
-from taichisoft.mechanics.kernels.domain_deformation import Domains, Movement
+from taichisoft.mechanics.kernels.domain_deformation import HOOKE, Domains, Movement
 from taichisoft.mechanics.kernels.elastic_slopes import Corotation, PieceSlopes, elastic_slopes
 from taichisoft.mechanics.kernels.hooke_domains import POLAR
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
@@ -83,7 +83,7 @@ class ElasticSlopes:
         element, nodes, count = np.concatenate([part for _, part in parts]), self._pieces.node, len(data.lag)
         self._corotation = Corotation(np.full(len(element), POLAR, np.int32), np.tile(np.eye(3), (len(element), 1, 1)))
         self._corotation.kind[:count], self._corotation.rest_frame[:count] = data.corotation, data.rest_frame
-        self._modulus = self._pieces.modulus.copy()
+        self._modulus, self._is_rubber = self._pieces.modulus.copy(), bool((self._pieces.law != HOOKE).any())
         self.slopes = PieceSlopes(*np.zeros((2, len(element))), *np.zeros((3, len(nodes), 3)))
         self._start, self._known, self._change, self._multiplier = np.zeros((4, model.node_count, 3))
         entries = np.ones(len(nodes)), (nodes, np.arange(len(nodes)))
@@ -102,12 +102,15 @@ class ElasticSlopes:
         total: list[Any] = [0.0] * 5
         for term in elastic_terms(derivative):
             self.measure(derivative, term, multiplier)
-            by_nodes = self.slopes.by_position, self.slopes.by_known, self.slopes.by_velocity
             by_modulus = np.bincount(self._material, self.slopes.product, len(self._rest_modulus))
             by_lag = np.bincount(self._body, self.slopes.by_lag, self._body_count)
-            by_place, *by_velocities = (self._on_nodes @ one for one in by_nodes)
-            by_velocities = [one * term.is_at_start for one in by_velocities]
-            parts = by_place, *by_velocities, by_modulus / derivative.start.young_modulus, by_lag
+            parts = (
+                self._on_nodes @ self.slopes.by_position,
+                self._on_nodes @ self.slopes.by_known if self._is_rubber and term.is_at_start else 0.0,
+                self._on_nodes @ self.slopes.by_velocity if derivative.reduced is not None else 0.0,
+                by_modulus / derivative.start.young_modulus,
+                by_lag,
+            )
             total = [one + more for one, more in zip(total, parts, strict=True)]
         return tuple(total)
 
@@ -122,14 +125,10 @@ class ElasticSlopes:
         return float(self.slopes.product.sum())
 
 
-@dataclass(frozen=True)
-class ElasticTerm:
-    """A part of the elastic forces of a step.
+class ElasticTerm(NamedTuple):
+    """A part of the elastic forces of a step, `is_elastic` or of damping alone, where it is linearised.
 
-    Attributes:
-        position, known, velocity: where it is linearised, with velocities before and after the step, (node_count, 3).
-        is_at_start: whether these velocities are those, or none, at the end of the step.
-        is_elastic: whether it is all of the forces, or their damping alone.
+    Velocities are those before and after the step, or none at its end, not `is_at_start`.
     """
 
     position: np.ndarray

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 from taichisoft.mechanics.kernels.domain_deformation import (
     DILATION,
+    EQUAL_STRETCHES,
     HOOKE,
     LAMBDA,
     MU,
@@ -148,6 +149,9 @@ def rubber_piece(
     for number in range(13):
         # Beside U: entries on and above the diagonal, each with more and with less; then U itself.
         entry = number // 2 + ti.select(number < 6, 0, ti.select(number < 10, 1, 3))
+        apart = ti.select(entry == 1, s[0] - s[1], ti.select(entry == 2, s[0] - s[2], s[1] - s[2]))
+        if ti.abs(apart) > EQUAL_STRETCHES and (entry == 1 or entry == 2 or entry == 5):
+            continue  # a turn of the axes
         width = ti.select(number % 2 == 0, STRETCHED, -STRETCHED)
         stretches, turn = beside(s, entry, width)
         slope, hessian, viscous_hessian, flip, twist, share = stiffness_by_stretches(d, stretches, domains)
@@ -161,9 +165,15 @@ def rubber_piece(
                 by_stretch[i, j] += 0.5 * product / width
         if entry == 9:
             slopes.product[d] = product
-            answer = axes @ times(stiffness, same, swapped, weight) @ axes.transpose()
+            answer = times(stiffness, same, swapped, weight)
             same, swapped = tangent_of_pairs(stretches, flip, twist, share, 0.0, 1.0)
             slopes.by_lag[d] = (weight * times(viscous_hessian, same, swapped, strain)).sum() / stage
+    turning = own.transpose() @ pull - pull @ own.transpose()
+    turning += own_strained.transpose() @ answer - answer @ own_strained.transpose()
+    for i, j in ti.static([(0, 1), (0, 2), (1, 2)]):
+        if ti.abs(s[i] - s[j]) > EQUAL_STRETCHES:
+            by_stretch[i, j] = (turning[i, j] - turning[j, i]) / (s[j] - s[i])
+    answer = axes @ answer @ axes.transpose()
     by_stretch = axes @ (0.5 * (by_stretch + by_stretch.transpose())) @ axes.transpose()
     pull = axes @ pull @ axes.transpose()
     torque = axial(strained @ answer.transpose() + along @ pull.transpose())
