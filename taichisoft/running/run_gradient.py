@@ -215,8 +215,8 @@ class _Run:
             carried.hand_over(step, control, self._simulation, derivative.start, self._of_steps)
             end = self._simulation.state
         by = {name: self._of_steps[name] if name in self._of_steps else self._of_run(name, slopes) for name in self._by}
-        edges, shifted, unconverged = (share / self._count for share in (edges, shifted, unconverged))
-        shares = edges, self._adjoint.inexact / max(self._adjoint.contacts, 1), shifted, unconverged
+        inexact, count = self._adjoint.inexact / max(self._adjoint.contacts, 1), self._count
+        shares = edges / count, inexact, shifted / count, unconverged / count
         return RunGradient(value, tuple(self._by), observation, self._count, *shares, by)
 
     def _control(self, step: int) -> Control:
