@@ -104,10 +104,6 @@ class ElasticLaws:
         """Laws at these indices."""
         return ElasticLaws(self.kind[indices], self.modulus[indices], self.pure_number[indices], self.lame[indices])
 
-    def with_law(self, chosen: np.ndarray, law: "ElasticLaws") -> "ElasticLaws":
-        """These, but for the law of one material where `chosen`, shape (count,)."""
-        return ElasticLaws.joined([self, law]).select(np.where(chosen, len(chosen), np.arange(len(chosen))))
-
 
 def elastic_law(
     law: Law, young_modulus: float | None, coefficients: Mapping[str, float] | None, poisson_ratio: float

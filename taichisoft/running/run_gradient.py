@@ -182,9 +182,12 @@ class _Run:
         self._figures = FigureSlopes(self._model)
         self._of_steps = {name: np.zeros(self._count) for name in self._by if _is_of_steps(name)}
         self._moves = _checked_moves(self._by, moves, simulation)
-        shapes = {f"rest.{name}": RestSlopes(self._model, move) for name, move in self._moves.items()}
-        laws = {name: CoefficientSlopes(self._model, name) for name in self._by if name in coefficients(self._model)}
-        self._by_sides = {name: (sides, [0.0]) for name, sides in {**shapes, **laws}.items()}
+        coefficient_names = coefficients(self._model)
+        self._sides: dict[str, RestSlopes | CoefficientSlopes] = {
+            **{f"rest.{name}": RestSlopes(self._model, move) for name, move in self._moves.items()},
+            **{name: CoefficientSlopes(self._model, name) for name in self._by if name in coefficient_names},
+        }
+        self._by_sides = dict.fromkeys(self._sides, 0.0)
         self._interval = _interval(self._count, simulation.state, 1e6 * memory)
 
     def back(self) -> RunGradient:
@@ -207,8 +210,8 @@ class _Run:
             unconverged += (derivative.solution.newton_residual or 0.0) > tolerance
             carried.add(derivative, found)
             self._keep_forces(step, derivative, found)
-            for sides, parts_of_steps in self._by_sides.values():
-                parts_of_steps.append(sides.along(derivative, found))
+            for name, sides in self._sides.items():
+                self._by_sides[name] += sides.along(derivative, found)
             if any(name.startswith(tuple(BASE)) for name in self._of_steps):
                 _refuse_turning(derivative.start)
                 carried.add_pose(derivative, found, self._adjoint, self._figures.of_frames)
@@ -295,7 +298,7 @@ class _Run:
         key, _, of = name.partition(".")
         if name in self._by_sides:
             of_start = (slopes.position * self._moves[of]).sum() if key == "rest" else 0.0
-            return np.asarray(sum(self._by_sides[name][1]) + of_start)
+            return np.asarray(self._by_sides[name] + of_start)
         if key == "friction":
             return np.asarray((_friction_pairs(self._model, of) * self._adjoint.by_friction).sum())
         return np.asarray(_by_name(self._model, self._adjoint, slopes)[name])

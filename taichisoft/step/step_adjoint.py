@@ -9,8 +9,7 @@ end changes by dJ = -m . (dr/dy) dy, where the multipliers m solve the transpose
     rows:          r = target(y) - J(y) u, of contacts by where the search has measured surfaces: `contact_slopes.py`
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from taichisoft.mechanics.kernels.domain_deformation import HOOKE, Domains, Move
 from taichisoft.mechanics.kernels.elastic_slopes import Corotation, PieceSlopes, elastic_slopes
 from taichisoft.mechanics.kernels.hooke_domains import POLAR
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
-from taichisoft.mechanics.soft_body_arrays import SoftBody, reshaped
+from taichisoft.mechanics.soft_body_arrays import reshaped
 from taichisoft.mechanics.state import State
 from taichisoft.scene.soft_body import SoftBodySettings
 from taichisoft.step.contact_slopes import contact_slopes
@@ -71,20 +70,26 @@ class Slopes:
 class ElasticSlopes:
     """The product of multipliers and the elastic forces of a step, and its derivatives."""
 
-    def __init__(self, model: Model, elasticity: Elasticity):
-        """Lay out the pieces with one deformation each: linear tetrahedra, domains, those of reduced bodies."""
+    def __init__(self, model: Model, elasticity: Elasticity, chosen: np.ndarray | None = None):
+        """Lay out the pieces with one deformation each: linear tetrahedra, domains, those of reduced bodies.
+
+        Without those of elements that are not `chosen`, shape (element_count,).
+        """
         data, domains, reduced = elasticity.element_data, elasticity.domains, elasticity.reduced
         linear = quadrature_domains(elasticity.linear_elements, elasticity.gradient, elasticity.volume)
         laws = ElasticLaws.joined([body.laws for body in model.soft_bodies]).select(elasticity.linear)
         parts = [(domain_data(linear, laws, data.lag, data.lag, model.scene.time.step), elasticity.linear)]
         kinds = () if domains is None else (domains.hooke, domains.rubber)
         parts += [(one.data, one.element) for one in (*kinds, reduced) if one is not None]
-        self._pieces = Domains(**joined_arrays([part for part, _ in parts]))
-        element, nodes, count = np.concatenate([part for _, part in parts]), self._pieces.node, len(data.lag)
-        self._corotation = Corotation(np.full(len(element), POLAR, np.int32), np.tile(np.eye(3), (len(element), 1, 1)))
-        self._corotation.kind[:count], self._corotation.rest_frame[:count] = data.corotation, data.rest_frame
+        pieces, element = Domains(**joined_arrays([part for part, _ in parts])), np.concatenate([e for _, e in parts])
+        turning = Corotation(np.full(len(element), POLAR, np.int32), np.tile(np.eye(3), (len(element), 1, 1)))
+        turning.kind[: len(data.lag)], turning.rest_frame[: len(data.lag)] = data.corotation, data.rest_frame
+        if chosen is not None:
+            own = chosen[element]
+            pieces, turning, element = _selected(pieces, own), Corotation(*(one[own] for one in turning)), element[own]
+        self._pieces, self._corotation, nodes = pieces, turning, pieces.node
         self._modulus, self._is_rubber = self._pieces.modulus.copy(), bool((self._pieces.law != HOOKE).any())
-        self.slopes = PieceSlopes(*np.zeros((2, len(element))), *np.zeros((3, len(nodes), 3)))
+        self._slopes = PieceSlopes(*np.zeros((2, len(element))), *np.zeros((3, len(nodes), 3)))
         self._start, self._known, self._change, self._multiplier = np.zeros((4, model.node_count, 3))
         entries = np.ones(len(nodes)), (nodes, np.arange(len(nodes)))
         self._on_nodes = sparse.csr_array(sparse.coo_array(entries, (model.node_count, len(nodes))))
@@ -101,28 +106,47 @@ class ElasticSlopes:
         """
         total: list[Any] = [0.0] * 5
         for term in elastic_terms(derivative):
-            self.measure(derivative, term, multiplier)
-            by_modulus = np.bincount(self._material, self.slopes.product, len(self._rest_modulus))
-            by_lag = np.bincount(self._body, self.slopes.by_lag, self._body_count)
+            self._measure(derivative, term, multiplier)
+            by_modulus = np.bincount(self._material, self._slopes.product, len(self._rest_modulus))
+            by_lag = np.bincount(self._body, self._slopes.by_lag, self._body_count)
             parts = (
-                self._on_nodes @ self.slopes.by_position,
-                self._on_nodes @ self.slopes.by_known if self._is_rubber and term.is_at_start else 0.0,
-                self._on_nodes @ self.slopes.by_velocity if derivative.reduced is not None else 0.0,
+                self._on_nodes @ self._slopes.by_position,
+                self._on_nodes @ self._slopes.by_known if self._is_rubber and term.is_at_start else 0.0,
+                self._on_nodes @ self._slopes.by_velocity if derivative.reduced is not None else 0.0,
                 by_modulus / derivative.start.young_modulus,
                 by_lag,
             )
             total = [one + more for one, more in zip(total, parts, strict=True)]
         return tuple(total)
 
-    def measure(self, derivative: StepDerivative, term: "ElasticTerm", multiplier: np.ndarray) -> float:
-        """Derive a term of m . r, which it returns [mN mm per unit of the multipliers]."""
+    def product(self, derivative: StepDerivative, multiplier: np.ndarray) -> float:
+        """m . r of the elastic forces in a step [mN mm per unit of the multipliers]."""
+        terms = elastic_terms(derivative)
+        return float(sum(self._measure(derivative, term, multiplier, only_product=1).sum() for term in terms))
+
+    def take(self, law: ElasticLaws) -> None:
+        """Give all pieces the law of one material."""
+        self._modulus[:], self._pieces.pure_number[:] = law.modulus, law.pure_number
+
+    def _measure(
+        self, derivative: StepDerivative, term: "ElasticTerm", multiplier: np.ndarray, only_product: int = 0
+    ) -> np.ndarray:
+        """Fill in the slopes of a term; returns the products."""
         self._start[:], self._known[:], self._change[:] = term.position, term.known, term.velocity - term.known
         self._multiplier[:] = derivative.time_step * multiplier
         scale = (derivative.start.young_modulus / self._rest_modulus)[self._material, None]
         np.multiply(self._modulus, scale, out=self._pieces.modulus)
         moving, change = Movement(self._start, self._known), Movement(self._change, self._multiplier)
-        elastic_slopes(self._pieces, self._corotation, moving, change, float(term.is_elastic), self.slopes)
-        return float(self.slopes.product.sum())
+        elastic = float(term.is_elastic)
+        elastic_slopes(self._pieces, self._corotation, moving, change, elastic, only_product, self._slopes)
+        return self._slopes.product
+
+
+def _selected(pieces: Domains, chosen: np.ndarray) -> Domains:
+    sizes, arrays = np.diff(pieces.start), pieces._asdict()
+    rows = {name: np.repeat(chosen, sizes) if name in ("node", "gradient") else chosen for name in arrays}
+    arrays["start"] = np.append(0, np.cumsum(sizes[chosen])).astype(np.int32)
+    return Domains(**{name: one if name == "start" else one[rows[name]] for name, one in arrays.items()})
 
 
 class ElasticTerm(NamedTuple):
@@ -148,23 +172,6 @@ def elastic_terms(derivative: StepDerivative) -> list[ElasticTerm]:
     return [ElasticTerm(end, at_rest, at_rest, is_at_start=False), damping]
 
 
-class SideSlopes:
-    """Derivatives by a number that shapes bodies or their laws: by differences of the products with elastic forces."""
-
-    def __init__(self, model: Model, half: float, bodies: Callable[[float], list[SoftBody]]):
-        """Lay out the bodies with a little more and a little less of the number, half a difference."""
-        sides = [Elasticity(bodies(sign * half), model.scene.time) for sign in (1.0, -1.0)]
-        self._model, self._half, self._sides = model, half, [ElasticSlopes(model, one) for one in sides]
-        self._mass = (sides[0].node_mass - sides[1].node_mass) / (2.0 * half)
-
-    def along(self, derivative: StepDerivative, found: Multipliers) -> float:
-        """The derivative of what a step makes of a number, with its start as it is but for the anchors."""
-        terms, nodes = elastic_terms(derivative), found.node
-        more, less = (sum(side.measure(derivative, term, nodes) for term in terms) for side in self._sides)
-        total = -(more - less) / (2.0 * self._half)
-        return total - float(self._mass @ (inertia(self._model, derivative) * nodes).sum(axis=1))
-
-
 def inertia(model: Model, derivative: StepDerivative) -> np.ndarray:
     """What masses are multiplied with in a step [mm/s], shape (node_count, 3)."""
     assert model.elasticity is not None
@@ -173,22 +180,27 @@ def inertia(model: Model, derivative: StepDerivative) -> np.ndarray:
     return change
 
 
-class CoefficientSlopes(SideSlopes):
-    """Derivatives by a coefficient of a material's law, with Poisson's ratio as it is."""
+class CoefficientSlopes:
+    """Derivatives by a coefficient of a material's law, with Poisson's ratio as it is: by differences of products."""
 
     def __init__(self, model: Model, name: str):
         """Change the coefficient by its name in `coefficients`."""
         number, coefficient, body, table = coefficients(model)[name]
         poisson_ratio = body.poisson_ratio if table.poisson_ratio is None else table.poisson_ratio
-        given = table.coefficients or {}
-        largest = max(abs(value) for value in given.values())
+        given, law = table.coefficients, table.law or body.law
+        self._half = COEFFICIENT * max(abs(given[coefficient]), 0.01 * max(abs(value) for value in given.values()))
+        sides = [{**given, coefficient: given[coefficient] + change} for change in (self._half, -self._half)]
+        self._laws = [elastic_law(law, None, side, poisson_ratio) for side in sides]
+        assert model.elasticity is not None
+        self._elastic = ElasticSlopes(model, model.elasticity, model.element_material == number)
 
-        def bodies(change: float) -> list[SoftBody]:
-            changed = {**given, coefficient: given[coefficient] + change}
-            law = elastic_law(table.law or body.law, None, changed, poisson_ratio)
-            return [replace(one, laws=one.laws.with_law(one.material == number, law)) for one in model.soft_bodies]
-
-        super().__init__(model, COEFFICIENT * max(abs(given[coefficient]), 0.01 * largest), bodies)
+    def along(self, derivative: StepDerivative, found: Multipliers) -> float:
+        """The derivative of what a step makes of a coefficient, with its start as it is."""
+        products = []
+        for law in self._laws:
+            self._elastic.take(law)
+            products.append(self._elastic.product(derivative, found.node))
+        return -(products[0] - products[1]) / (2.0 * self._half)
 
 
 def coefficients(model: Model) -> dict[str, tuple[int, str, SoftBodySettings, Any]]:
@@ -201,8 +213,8 @@ def coefficients(model: Model) -> dict[str, tuple[int, str, SoftBodySettings, An
     }
 
 
-class RestSlopes(SideSlopes):
-    """Derivatives by a number that moves the nodes at rest, and with them elements, masses and actuators."""
+class RestSlopes:
+    """Derivatives by a number that moves the nodes at rest: by differences of elements and masses, which it shapes."""
 
     def __init__(self, model: Model, move: np.ndarray):
         """Shape the bodies a little more and a little less by a move [mm per unit], shape (node_count, 3).
@@ -216,27 +228,32 @@ class RestSlopes(SideSlopes):
         ):
             if is_there:
                 raise SceneError(f"gradient: moves of nodes at rest have no derivative here {what}")
-        half = REST_MOVE / max(float(np.abs(move).max()), 1e-300)
-        super().__init__(
-            model, half, lambda share: [reshaped(body, share * move[body.nodes]) for body in model.soft_bodies]
-        )
-        self._move = move
+        self._model, self._move = model, move
+        self._half = REST_MOVE / max(float(np.abs(move).max()), 1e-300)
+        bodies = [
+            [reshaped(body, sign * self._half * move[body.nodes]) for body in model.soft_bodies] for sign in (1.0, -1.0)
+        ]
+        more, less = (Elasticity(one, model.scene.time) for one in bodies)
+        self._sides = ElasticSlopes(model, more), ElasticSlopes(model, less)
+        self._mass = (more.node_mass - less.node_mass) / (2.0 * self._half)
         geometry, rest = ActuatorGeometry(model.actuators, model.node_count), model.initial_state()
         geometry.update(rest, model.placed_pull_points(rest))
         self._value = geometry.rates(move, np.zeros((len(model.rigid_bodies), 6)))
 
     def along(self, derivative: StepDerivative, found: Multipliers) -> float:
-        """See `SideSlopes`."""
-        h, start, elasticity = derivative.time_step, derivative.start, self._model.elasticity
+        """The derivative of what a step makes of a number, with its start as it is but for the anchors."""
+        h, start, nodes, elasticity = derivative.time_step, derivative.start, found.node, self._model.elasticity
         assert elasticity is not None
+        more, less = (side.product(derivative, nodes) for side in self._sides)
+        change = (inertia(self._model, derivative) * nodes).sum(axis=1)
+        total = -(more - less) / (2.0 * self._half) - float(self._mass @ change)
         anchored = self._model.anchored_nodes
         turn = self._model.places(start).turn[self._model.anchor_frame]
         targets = np.einsum("aij,aj->ai", turn, self._move[anchored])
-        total = h * float((elasticity.anchor_stiffness[anchored] * found.node[anchored] * targets).sum())
+        total += h * float((elasticity.anchor_stiffness[anchored] * nodes[anchored] * targets).sum())
         rows = found.row[3 * derivative.contact_count :]
         imposed = start.actuator_imposed[derivative.coordinates]  # each cavity has one coordinate
-        total -= float((rows * imposed) @ self._value[derivative.coordinates]) / h
-        return total + super().along(derivative, found)
+        return total - float((rows * imposed) @ self._value[derivative.coordinates]) / h
 
 
 class StepAdjoint:

@@ -133,6 +133,7 @@ def rubber_piece(
     change: mat3,
     multiplied: mat3,
     elastic: ti.f64,
+    only_product: ti.i32,
     domains: Domains,
     slopes: PieceSlopes,
 ):
@@ -146,7 +147,7 @@ def rubber_piece(
     along, strained = back @ multiplied, back @ (ahead + stage * change)
     own, own_strained = axes.transpose() @ along @ axes, axes.transpose() @ strained @ axes
     by_stretch, pull, answer = 0.0 * one, 0.0 * one, 0.0 * one
-    for number in range(13):
+    for number in range(12 * only_product, 13):
         # Beside U: entries on and above the diagonal, each with more and with less; then U itself.
         entry = number // 2 + ti.select(number < 6, 0, ti.select(number < 10, 1, 3))
         apart = ti.select(entry == 1, s[0] - s[1], ti.select(entry == 2, s[0] - s[2], s[1] - s[2]))
@@ -189,6 +190,7 @@ def elastic_slopes(
     movement: Movement,
     change: Movement,
     elastic: ti.f64,
+    only_product: ti.i32,
     slopes: PieceSlopes,
 ):
     """Fill in the slopes.
@@ -199,6 +201,7 @@ def elastic_slopes(
         movement: of the nodes before the step.
         change: of velocities in the step, in the place of positions, and the multipliers.
         elastic: 1; or 0 of damping alone.
+        only_product: 1 where other slopes may be wrong; or 0.
         slopes: of each piece and entry.
     """
     for e in range(pieces.lag.shape[0]):
@@ -209,7 +212,9 @@ def elastic_slopes(
         to_first, to_second = vec3(0.0), vec3(0.0)
         by_place, by_known, by_velocity = 0.0 * one, 0.0 * one, 0.0 * one
         if pieces.law[e] != HOOKE:
-            by_place, by_known, by_velocity = rubber_piece(e, f, known, more, along, elastic, pieces, slopes)
+            by_place, by_known, by_velocity = rubber_piece(
+                e, f, known, more, along, elastic, only_product, pieces, slopes
+            )
         else:
             if corotation.kind[e] == POLAR:
                 r = polar_rotation(f)
