@@ -24,7 +24,7 @@ from taichisoft.mechanics.domains import quadrature_domains
 from taichisoft.mechanics.elastic_laws import ElasticLaws, elastic_law, joined_arrays
 from taichisoft.mechanics.elasticity import Elasticity
 from taichisoft.mechanics.kernels.domain_deformation import HOOKE, Domains, Movement
-from taichisoft.mechanics.kernels.elastic_slopes import Corotation, PieceSlopes, elastic_slopes
+from taichisoft.mechanics.kernels.elastic_slopes import PieceSlopes, elastic_slopes
 from taichisoft.mechanics.kernels.hooke_domains import POLAR
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.soft_body_arrays import reshaped
@@ -82,12 +82,12 @@ class ElasticSlopes:
         kinds = () if domains is None else (domains.hooke, domains.rubber)
         parts += [(one.data, one.element) for one in (*kinds, reduced) if one is not None]
         pieces, element = Domains(**joined_arrays([part for part, _ in parts])), np.concatenate([e for _, e in parts])
-        turning = Corotation(np.full(len(element), POLAR, np.int32), np.tile(np.eye(3), (len(element), 1, 1)))
-        turning.kind[: len(data.lag)], turning.rest_frame[: len(data.lag)] = data.corotation, data.rest_frame
+        corotation, frames = np.full(len(element), POLAR, np.int32), np.tile(np.eye(3), (len(element), 1, 1))
+        corotation[: len(data.lag)], frames[: len(data.lag)] = data.corotation, data.rest_frame
         if chosen is not None:
             own = chosen[element]
-            pieces, turning, element = _selected(pieces, own), Corotation(*(one[own] for one in turning)), element[own]
-        self._pieces, self._corotation, nodes = pieces, turning, pieces.node
+            pieces, corotation, frames, element = _selected(pieces, own), corotation[own], frames[own], element[own]
+        self._pieces, self._corotation, self._frames, nodes = pieces, corotation, frames, pieces.node
         self._modulus, self._is_rubber = self._pieces.modulus.copy(), bool((self._pieces.law != HOOKE).any())
         self._slopes = PieceSlopes(*np.zeros((2, len(element))), *np.zeros((3, len(nodes), 3)))
         self._start, self._known, self._change, self._multiplier = np.zeros((4, model.node_count, 3))
@@ -136,9 +136,9 @@ class ElasticSlopes:
         self._multiplier[:] = derivative.time_step * multiplier
         scale = (derivative.start.young_modulus / self._rest_modulus)[self._material, None]
         np.multiply(self._modulus, scale, out=self._pieces.modulus)
+        of_pieces = self._pieces, self._corotation, self._frames
         moving, change = Movement(self._start, self._known), Movement(self._change, self._multiplier)
-        elastic = float(term.is_elastic)
-        elastic_slopes(self._pieces, self._corotation, moving, change, elastic, only_product, self._slopes)
+        elastic_slopes(*of_pieces, moving, change, float(term.is_elastic), only_product, self._slopes)
         return self._slopes.product
 
 

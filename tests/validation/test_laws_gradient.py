@@ -408,9 +408,16 @@ def test_modulus_is_found_from_a_measured_curve() -> None:
     assert np.exp(fit.x) == pytest.approx(1.0, abs=1e-4) and fit.nfev < 12
 
 
-@pytest.mark.parametrize("element", ["linear", "smoothed"])
-@pytest.mark.parametrize("drive", ["pressure", "volume_growth"])
-def test_gradient_by_a_dimension(element: str, drive: str, figures: Figures, tmp_path: Path) -> None:
+SHAPED = [
+    *(("hooke", 1, element, drive) for element in ("linear", "smoothed") for drive in ("pressure", "volume_growth")),
+    *(("neo-hookean", 1, "linear", "pressure"), ("neo-hookean", 30, "smoothed", "volume_growth")),
+]
+
+
+@pytest.mark.parametrize(("law", "newton", "element", "drive"), SHAPED)
+def test_gradient_by_a_dimension(
+    law: str, newton: int, element: str, drive: str, figures: Figures, tmp_path: Path
+) -> None:
     """A hollow block grows longer and thicker, each by a number that moves its nodes at rest."""
     mesh = make_block((4, 3, 3), (20.0, 10.0, 10.0), hollow=True)
     moves = {"length": mesh.nodes * [0.1, 0.0, 0.0], "thickness": mesh.nodes * [0.0, 0.1, 0.05]}
@@ -420,12 +427,14 @@ def test_gradient_by_a_dimension(element: str, drive: str, figures: Figures, tmp
         moved = mesh.nodes + sum(share * moves[name] for name, share in changes.items())
         write_volume_mesh(replace(mesh, nodes=moved), tmp_path / "block.msh")
         body = {
-            **{"mesh": str(tmp_path / "block.msh"), "element": element, "density": 1e-6, "young_modulus": 100.0},
-            **{"poisson_ratio": 0.3, "rayleigh_mass": 0.5, "rayleigh_stiffness": 0.01, "rotation": [0.0, 20.0, 30.0]},
+            **{"mesh": str(tmp_path / "block.msh"), "element": element, "law": law, "young_modulus": 100.0},
+            **{"poisson_ratio": 0.3, "density": 1e-6, "rayleigh_mass": 0.5, "rayleigh_stiffness": 0.01},
+            "rotation": [0.0, 20.0, 30.0],
             "anchors": [{"box": [[-20.0, -9.0, -9.0], [-9.5, 9.0, 9.0]]}],
             "cavities": {"cavity": {"group": "cavity"}},
         }
-        return Simulation(scene_from_dict({"time": {"step": 0.01, "duration": 1.0}, "soft_bodies": {"block": body}}))
+        time = {"step": 0.01, "newton": newton, "newton_tolerance": 1e-11}
+        return Simulation(scene_from_dict({"time": time, "soft_bodies": {"block": body}}))
 
     objective = Weighted({"tip_positions.block": [1.0, 2.0, 3.0], "volumes.block.cavity": 0.01})
     controls = {f"{drive}.block.cavity": np.full(6, value)}
@@ -436,7 +445,8 @@ def test_gradient_by_a_dimension(element: str, drive: str, figures: Figures, tmp
     for name in moves:
         sides = [value_of(grown({name: half}), controls, objective) for half in (1e-4, -1e-4)]
         error = abs(float(found[f"rest.{name}"]) / ((sides[0] - sides[1]) / 2e-4) - 1.0)
-        figures.at_most(f"gradient by {name}, {element}, {drive}", error, 1e-5)
+        most = 1e-4 if newton == 1 and law != "hooke" else 1e-5  # a single linearisation has kinks
+        figures.at_most(f"gradient by {name}, {law}, {element}, {drive}", error, most)
 
 
 def test_gradient_by_a_dimension_between_frames(figures: Figures, tmp_path: Path) -> None:

@@ -42,18 +42,6 @@ STRETCHED = 1e-6
 """Half width of differences by stretches [-]: their error and round-off are both some 1e-10."""
 
 
-class Corotation(NamedTuple):
-    """How pieces turn.
-
-    Attributes:
-        kind: EDGES, POLAR or NONE, shape (piece_count,).
-        rest_frame: frame of these edges at rest, shape (piece_count, 3, 3).
-    """
-
-    kind: Integers
-    rest_frame: Matrices
-
-
 class PieceSlopes(NamedTuple):
     """The product of each piece, and its derivatives.
 
@@ -79,15 +67,10 @@ def axial(matrix: mat3) -> vec3:
 
 
 @func
-def cross_matrix(p: vec3) -> mat3:
-    """[p]."""
-    return ti.Matrix([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
-
-
-@func
 def of_turn(stretch: mat3, torque: vec3) -> mat3:
     """What a torque on the rotation R of R U is by a change of R^T (R U)."""
-    return cross_matrix((stretch.trace() * ti.Matrix.identity(ti.f64, 3) - stretch).inverse() @ torque)
+    p = (stretch.trace() * ti.Matrix.identity(ti.f64, 3) - stretch).inverse() @ torque
+    return ti.Matrix([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
 
 
 # Laws of rubber, along the axes of the stretches.
@@ -114,14 +97,10 @@ def beside(s: vec3, entry: ti.i32, width: ti.f64):
                 stretches[i] += width
             else:
                 mean, half = 0.5 * (s[i] + s[j]), 0.5 * (s[i] - s[j])
-                angle, root = 0.5 * ti.atan2(width, half), ti.sqrt(half * half + width * width)
+                root, angle = ti.sqrt(half * half + width * width), 0.5 * ti.atan2(width, half)
+                cosine, sine = ti.cos(angle), ti.sin(angle)
                 stretches[i], stretches[j] = mean + root, mean - root
-                axes[i, i], axes[j, j], axes[j, i], axes[i, j] = (
-                    ti.cos(angle),
-                    ti.cos(angle),
-                    ti.sin(angle),
-                    -ti.sin(angle),
-                )
+                axes[i, i], axes[i, j], axes[j, i], axes[j, j] = cosine, -sine, sine, cosine
     return stretches, axes
 
 
@@ -186,7 +165,8 @@ def rubber_piece(
 @kernel
 def elastic_slopes(
     pieces: Domains,
-    corotation: Corotation,
+    corotation: Integers,
+    rest_frame: Matrices,
     movement: Movement,
     change: Movement,
     elastic: ti.f64,
@@ -197,7 +177,8 @@ def elastic_slopes(
 
     Args:
         pieces: with one deformation each, linear tetrahedra first.
-        corotation: theirs, under Hooke's law.
+        corotation: EDGES, POLAR or NONE, under Hooke's law, shape (piece_count,).
+        rest_frame: frame of these edges at rest, shape (piece_count, 3, 3).
         movement: of the nodes before the step.
         change: of velocities in the step, in the place of positions, and the multipliers.
         elastic: 1; or 0 of damping alone.
@@ -216,13 +197,13 @@ def elastic_slopes(
                 e, f, known, more, along, elastic, only_product, pieces, slopes
             )
         else:
-            if corotation.kind[e] == POLAR:
+            if corotation[e] == POLAR:
                 r = polar_rotation(f)
-            elif corotation.kind[e] == EDGES:
+            elif corotation[e] == EDGES:
                 to_first = movement.position[pieces.node[first + 1]] - movement.position[pieces.node[first]]
                 to_second = movement.position[pieces.node[first + 2]] - movement.position[pieces.node[first]]
                 frame = edge_frame(to_first, to_second)
-                r = frame @ corotation.rest_frame[e].transpose()
+                r = frame @ rest_frame[e].transpose()
             lag, back = pieces.lag[e] * (1.0 - (1.0 - elastic) * pieces.undamped[e]), r.transpose()
             lagged, turned = elastic * f + lag * (known + more), back @ along
             weighted_lambda = pieces.volume[e, DILATION] * pieces.modulus[e, LAMBDA]
@@ -234,15 +215,15 @@ def elastic_slopes(
             by_place = r @ answer
             slopes.by_lag[e], by_velocity = (by_place * (known + more)).sum(), lag * by_place
             by_place = elastic * by_place
-            if corotation.kind[e] == POLAR:
+            if corotation[e] == POLAR:
                 by_place += r @ of_turn(back @ f, torque)
         for c in range(first, pieces.start[e + 1]):
             g = pieces.gradient[c]
             slopes.by_position[c] = by_place @ g
             slopes.by_known[c], slopes.by_velocity[c] = by_known @ g, by_velocity @ g
-        if corotation.kind[e] == EDGES:
+        if corotation[e] == EDGES:
             # The frame turns with its first edge, and about that with the second.
-            own = corotation.rest_frame[e].transpose() @ torque
+            own = rest_frame[e].transpose() @ torque
             along_first, along_second = frame.transpose() @ to_first, frame.transpose() @ to_second
             length, beside, height = along_first[0], along_second[0], along_second[1]
             by_first = frame @ vec3(0.0, own[2] / length, -(own[1] + own[0] * beside / height) / length)
