@@ -37,8 +37,8 @@ TURN, SPEED = 1e-4, 1e-3
 """Half widths of differences by turns of rigid bodies [rad] and by their angular velocities [rad/s]."""
 MOVE = 1e-2
 """Largest move of a node in differences of the actuators' gradients, which are polynomials of it or nearly so [mm]."""
-REST_MOVE = 1e-4
-"""Largest move of a node at rest in differences by it [mm]: its square and round-off are both some 1e-9 of it."""
+REST_MOVE = 1e-6
+"""Largest move of a node at rest in differences by it [mm]: round-off is some 1e-8, and laws of rubber have kinks."""
 COEFFICIENT = 1e-4
 """Half width of differences by a coefficient of a law, over the coefficient [-]."""
 

@@ -445,8 +445,7 @@ def test_gradient_by_a_dimension(
     for name in moves:
         sides = [value_of(grown({name: half}), controls, objective) for half in (1e-4, -1e-4)]
         error = abs(float(found[f"rest.{name}"]) / ((sides[0] - sides[1]) / 2e-4) - 1.0)
-        most = 1e-4 if newton == 1 and law != "hooke" else 1e-5  # a single linearisation has kinks
-        figures.at_most(f"gradient by {name}, {law}, {element}, {drive}", error, most)
+        figures.at_most(f"gradient by {name}, {law}, {element}, {drive}", error, 2e-5)
 
 
 def test_gradient_by_a_dimension_between_frames(figures: Figures, tmp_path: Path) -> None:
