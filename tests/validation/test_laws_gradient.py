@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from blocks import make_block
 from conftest import Figures
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as some
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -243,7 +243,7 @@ def hollow_block(path: str, law: str, element: str, newton: int, values: Mapping
     return Simulation(scene_from_dict({"time": time, "soft_bodies": {"block": body}}))
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, deadline=None, phases=[Phase.generate], suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     law=some.sampled_from(list(LAWS)),
     element=some.sampled_from(["linear", "smoothed"]),
