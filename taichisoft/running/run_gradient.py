@@ -46,7 +46,8 @@ class RunGradient:
         edge_share: share of the steps with a contact nearer to a change between open, sticking and sliding than the
             solvers' tolerances tell; derivatives there are those of one side.
         inexact_share: share of the contacts whose derivatives leave something out: those of round and curved surfaces,
-            where normal and points are taken to move along with the body, and of bodies that turn much in a step.
+            where normal and points are taken to move along with the body, of bodies that turn much in a step, and of
+            surfaces that meet within a step, where the time of the meeting is taken as it is.
         shifted_share: share of the steps in which overlapping surfaces were shifted apart; the shift is constant.
         unconverged_share: share of the steps in which `time.newton` linearisations left more than
             `time.newton_tolerance`; derivatives are those of converged ones.
@@ -466,7 +467,10 @@ def _checked_names(by: Any, model: Model, moves: Any, adjoint: StepAdjoint) -> l
     if isinstance(by, str) or not isinstance(by, Sequence):
         raise TaichisoftError(f"by = {by!r}: must be a sequence of names")
     known = [*_known_names(model, adjoint), *(f"rest.{name}" for name in moves)]
+    of_modes = (*BASE, "density", "mass") if any(body.modes is not None for body in model.soft_bodies) else ()
     for name in by:
+        if name not in known and str(name).partition(".")[0] in of_modes:
+            raise TaichisoftError(f"by: '{name}' has no gradient with reduced bodies, whose modes depend on it")
         if name not in known and not str(name).startswith("friction."):
             raise TaichisoftError(f"by: '{name}' is nothing to derive by; {nearest(str(name), known, 'there are')}")
         if str(name).startswith("friction"):

@@ -243,7 +243,9 @@ def hollow_block(path: str, law: str, element: str, newton: int, values: Mapping
     return Simulation(scene_from_dict({"time": time, "soft_bodies": {"block": body}}))
 
 
-@settings(max_examples=10, deadline=None, phases=[Phase.generate], suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=10, deadline=None, phases=[Phase.generate], suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     law=some.sampled_from(list(LAWS)),
     element=some.sampled_from(["linear", "smoothed"]),
@@ -309,6 +311,15 @@ def test_states_are_made_again_with_the_same_bits(floating: Simulation) -> None:
     controls = drawn(np.random.default_rng(1))
     all_kept, few = (gradient(floating, controls, OBJECTIVE, list(SIZES), memory=memory) for memory in (200.0, 1e-6))
     assert all(np.array_equal(all_kept[name], few[name]) for name in SIZES)
+
+
+def test_meetings_within_a_step_are_counted() -> None:
+    """A tendon pulls a finger so fast that it meets the cube after 0.6 of the third step."""
+    simulation, name = Simulation(load_scene("cable-gripper", ("limits={}",))), "cable_tension.finger2.tendon"
+    objective = Weighted({"tip_positions.finger2": [1.0, 2.0, 3.0]})
+    controls = np.array([0.0, 125.0, 250.0, 375.0, 500.0, 500.0, 500.0])
+    assert gradient(simulation, {name: controls[:6]}, objective, [name]).inexact_share == 0.0
+    assert gradient(simulation, {name: controls}, objective, [name]).inexact_share > 0.0
 
 
 def test_requests_that_limits_hold_back_have_a_part_of_the_gradient() -> None:

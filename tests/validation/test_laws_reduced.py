@@ -437,7 +437,7 @@ def test_what_modes_depend_on_has_no_gradient(name: str, tmp_path: Path) -> None
     full = pressed(chamber(tmp_path))
     body = chamber(tmp_path, reduced=write_fields(tmp_path / "some.npz", full))
     moves = {"size": full.model.rest_position}
-    with pytest.raises(TaichisoftError, match=r"reduced|nothing to derive by"):
+    with pytest.raises(TaichisoftError, match="reduced bodies"):
         gradient(pressed(body), [None], seen_by, [name], moves)
     with pytest.raises(TaichisoftError, match=r"reduced bodies and time\.newton = 5; leave one"):
         gradient(pressed(body, newton=5), [None], seen_by, [])
