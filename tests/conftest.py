@@ -50,6 +50,25 @@ def _warned_afresh() -> None:
     warn_caller_once.cache_clear()
 
 
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
+    """Runs `taichisoft` with some arguments in this process; returns its exit code, output and errors."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        from taichisoft.command_line import main
+
+        capfd.readouterr()
+        monkeypatch.setattr(sys, "argv", ["taichisoft", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return int(left.value.code or 0), *capfd.readouterr()
+
+    return run
+
+
 @pytest.fixture
 def block(tmp_path: Path) -> Callable[..., str]:
     """Writes a mesh of `make_block` and returns its file."""

@@ -9,20 +9,18 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import rich
 import trimesh
-from conftest import PATIENCE
+from conftest import PATIENCE, Command
 from rich.console import Console
 from typer.testing import CliRunner
 
 import taichisoft
 from taichisoft import load_scene
 from taichisoft.base import plain
-from taichisoft.command_line import main
 from taichisoft.scene import data_folder
 from taichisoft_benchmarks.__main__ import bench
 from taichisoft_outputs import material_files
@@ -50,29 +48,15 @@ box = [10.0, 10.0, 10.0]
 mass = 0.001
 position = [-60.0, -60.0, 0.0]
 """
-CUBE = SCENE[: SCENE.index("[soft_bodies.finger]")] + SCENE[SCENE.index("[rigid_bodies.cube]") :]
-"""Needs few kernels, so that its process starts faster."""
 SHIPPED = sorted(path.stem for path in (data_folder() / "scenes").glob("*.toml"))
-
-Command = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
-) -> Callable[..., tuple[int, str, str]]:
-    """Runs the command in a folder of its own; returns exit code, output and errors."""
+def command(command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Command:
+    """Runs the command in a folder of its own with a scene."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.toml").write_text(SCENE)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        shown = capfd.readouterr()
-        return int(left.value.code or 0), shown.out, shown.err
-
-    return run
+    return command
 
 
 def refusal(command: Command, *arguments: str) -> str:
@@ -232,13 +216,9 @@ def test_brackets_in_titles_and_folders_are_text(command: Command) -> None:
     assert "results in [/b]" in output
 
 
-@pytest.mark.parametrize(
-    ("number", "scene"),
-    [(signal.SIGINT, SCENE), (signal.SIGTERM, CUBE), (getattr(signal, "SIGHUP", signal.SIGTERM), CUBE)],
-)
-def test_stopped_run_leaves_whole_recording(tmp_path: Path, number: signal.Signals, scene: str) -> None:
-    """A process of its own: the signal comes while it computes."""
-    (tmp_path / "scene.toml").write_text(scene)
+def test_stopped_run_leaves_whole_recording(tmp_path: Path) -> None:
+    """A process of its own: the signal comes while it computes; of other signals tests/engine/test_run.py."""
+    (tmp_path / "scene.toml").write_text(SCENE)
     process = subprocess.Popen(
         [
             sys.executable,
@@ -258,8 +238,8 @@ def test_stopped_run_leaves_whole_recording(tmp_path: Path, number: signal.Signa
         while not recording.exists():
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.05)
-        time.sleep(1.0)
-        process.send_signal(number)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
@@ -303,7 +283,7 @@ def test_narrow_encoding_shows_tables(arguments: list[str], environment: dict[st
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no device that is always full")
-@pytest.mark.parametrize(("arguments", "unbuffered"), [("--version", ""), ("materials", ""), ("materials", "1")])
+@pytest.mark.parametrize(("arguments", "unbuffered"), [("materials", ""), ("materials", "1")])
 def test_full_disk_is_one_line(arguments: str, unbuffered: str) -> None:
     environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
     program = [sys.executable, "-m", "taichisoft", arguments]

@@ -1,15 +1,14 @@
 """The grasp, the reason for all the rest: the shipped gripper lifts a cube by friction and holds it in the air."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Command
 
 from taichisoft import Simulation, load_scene, make_controller, run
-from taichisoft.command_line import main
 from taichisoft.errors import GoalMissed
 from taichisoft_outputs.metrics import MetricsOutput
 
@@ -97,18 +96,13 @@ def test_friction_holds_weight_if_it_can(tmp_path: Path, friction: float, held: 
     assert (friction * force >= 0.001 * GRAVITY) is held
 
 
-def test_cube_that_slips_out_fails_command_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """10 g at friction 0.01: 98 mN of weight, some 11 mN of friction."""
-    arguments = ["run", "gripper", "--output", str(tmp_path), "--duration", "4.0"]
-    arguments += ["--set", "rigid_bodies.cube.mass=0.01", "--set", "contact.friction=0.01", "--set", "goal.hold=0.5"]
-    monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
-    with pytest.raises(SystemExit) as left:
-        main()
-    assert left.value.code == 1
-    (line,) = capfd.readouterr().err.strip().splitlines()
-    assert line.startswith("taichisoft: 'cube' is not held: lifted by 0.00 mm")
+def test_cube_that_is_not_lifted_fails_command_in_one_line(tmp_path: Path, command: Command) -> None:
+    """The run ends before the fingers have closed."""
+    arguments = ["run", "gripper", "--output", tmp_path, "--duration", "0.5", "--set", "goal.hold=0.2"]
+    code, _, errors = command(*arguments)
+    assert code == 1
+    (line,) = errors.strip().splitlines()
+    assert line.startswith("taichisoft: 'cube' is not held: the base rose by 0.00 mm")
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["held"] is False
     assert np.allclose(metrics["final_object_position_mm"][0], -100.0, atol=0.5)  # it still stands on the floor

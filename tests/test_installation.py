@@ -94,12 +94,6 @@ def test_wheel_holds_licence_and_packages_alone(wheel: Path) -> None:
     assert {name.split("/")[0] for name in packed} == {*packages, metadata}
 
 
-def test_installed_command_tells_its_version(environment: Path, tmp_path: Path) -> None:
-    assert run(environment / "bin/taichisoft", "--version", folder=tmp_path) == (
-        f"taichisoft {taichisoft.__version__}\n"
-    )
-
-
 def test_installed_packages_and_data_are_ones_of_wheel(environment: Path, tmp_path: Path) -> None:
     code = """
 from taichisoft.running.plugins import plugin_registry

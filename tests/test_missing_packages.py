@@ -45,7 +45,6 @@ COMMANDS = {
     "recording plot run/recording.h5": "",
     "materials plot": "",
     "recording report run/recording.h5 -o page.html": None,
-    "doctor --time-limit 300": None,
     "materials": None,
     "plugins": None,
 }

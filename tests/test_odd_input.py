@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
+from conftest import Command
 from damage import DAMAGES, damaged_text
 
 from taichisoft import load_scene
@@ -25,17 +26,6 @@ from taichisoft.command_line import LONGEST_LINE, main
 from taichisoft.errors import SceneError
 
 DEEP = 2000
-
-
-def told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The one line with which a command refuses what it was given."""
-    monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
-    with pytest.raises(SystemExit) as left:
-        main()
-    assert left.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("taichisoft: ")
-    return line
 
 
 @pytest.mark.parametrize(
@@ -72,10 +62,13 @@ def test_scene_that_cannot_be_meant_is_refused(tmp_path: Path, scene: str, probl
     ],
 )
 def test_command_line_that_cannot_be_meant_is_refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str]
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: Command, arguments: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert len(told(monkeypatch, capsys, *arguments)) < 1.1 * LONGEST_LINE
+    code, _, errors = command(*arguments)
+    (line,) = errors.splitlines()
+    assert code == 2
+    assert line.startswith("taichisoft: ") and len(line) < 1.1 * LONGEST_LINE
 
 
 def test_nesting_has_limit() -> None:
@@ -339,7 +332,6 @@ class _TooLong(BaseException):
 
 def problem_of(arguments: list[str]) -> str:
     """Run a command line in this process; returns what is wrong, nothing if it ended well or in one line."""
-    from taichisoft.command_line import main
 
     before, errors, written = sys.argv, io.StringIO(), io.StringIO()
     sys.argv = ["taichisoft", *arguments]

@@ -16,10 +16,15 @@ ROOT = Path(__file__).resolve().parents[1]
 GENERATOR = runpy.run_path(str(ROOT / "docs" / "write_reference.py"))
 
 
+@pytest.fixture(scope="module")
+def pages() -> dict[str, str]:
+    return GENERATOR["pages"]()
+
+
 @pytest.mark.parametrize("page", ["python.md", "environments.md", "hooks.md", "scenes.md", "figures.md"])
-def test_page_is_what_code_says(page: str) -> None:
+def test_page_is_what_code_says(pages: dict[str, str], page: str) -> None:
     written = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
-    assert written == GENERATOR["pages"]()[page], "run: python docs/write_reference.py"
+    assert written == pages[page], "run: python docs/write_reference.py"
 
 
 def test_public_names_alone_have_sections() -> None:

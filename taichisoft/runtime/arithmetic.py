@@ -228,6 +228,7 @@ def reaches(counters: Integers, i: ti.i32, count: ti.i32, patience: ti.i32) -> t
 
 TILE = 8
 SHIFT = 3  # the logarithm of TILE
+HALF = TILE // 2
 Column = ti.types.vector(TILE, ti.f64)
 Columns: Any = Arrays(Column, 1)
 

@@ -6,6 +6,7 @@ language.py. A port to another version, or to a fork of Taichi, begins and ends 
 
 The machine code has the same bits on every processor. For that LLVM may not reassociate sums: the flag that lets it is
 taken out of Taichi's text but for the sums of a vector's entries, whose order is a fixed one. No step is slower for it.
+LLVM's own passes run once more, now that the text says that arguments are constant.
 """
 
 import ast
@@ -24,6 +25,7 @@ import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from threading import Lock
 from types import CellType, FunctionType, SimpleNamespace
@@ -363,11 +365,39 @@ def _object_file(text: str, tasks: list[str], function: str) -> bytes:
     calls = "".join(f"  call void @{task}(ptr %context)\n" for task in tasks)
     lines.append(f"define void @{function}(ptr %context) {{\n{calls}  ret void\n}}\n")
     machine = machine_code.target_machine()
-    module = llvm.parse_assembly("\n".join(lines), context=llvm.create_context())
+    module = llvm.parse_assembly("\n".join(_with_constant_arguments(lines)), context=llvm.create_context())
     for each in module.functions:
         if not each.is_declaration and each.name != function:
             each.linkage = "internal"
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.slp_vectorization, options.loop_vectorization = True, False
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
     return machine.emit_object(module)
+
+
+# An argument's place in a launch, and a load from a place; the number of an empty entry of the module's metadata.
+ADDRESS = re.compile(r"\s+(%[\w.]+) = getelementptr (?:inbounds )?%arguments, ptr (%[\w.]+),")
+LOAD = re.compile(r"\s+(%[\w.]+) = load [^,]+, ptr (%[\w.]+)(?:, align \d+)?$")
+CONSTANT = 99999
+
+
+def _with_constant_arguments(lines: list[str]) -> list[str]:
+    """A module that says that no launch changes its arguments, addresses of arrays above all.
+
+    LLVM otherwise fears that each number written into an array changes the address of the next one: it reads the
+    address again, and keeps apart what would be one vector.
+    """
+    starts = [number for number, line in enumerate(lines) if line.startswith("define")]
+    marked = lines[: starts[0]]
+    for start, stop in pairwise([*starts, len(lines)]):
+        addresses = [found.groups() for found in map(ADDRESS.match, lines[start:stop]) if found]
+        places, bases = {place for place, _ in addresses}, {base for _, base in addresses}
+        for line in lines[start:stop]:
+            load = LOAD.match(line)
+            constant = load and (load[1] in bases or load[2] in places)
+            marked.append(f"{line}, !invariant.load !{CONSTANT}" if constant else line)
+    return [*marked, f"!{CONSTANT} = !{{}}"]
 
 
 # Of Taichi's enumeration of types: what the layouts above need.

@@ -224,7 +224,7 @@ def test_one_tuning_holds_whatever_friction_can_hold(weight: float, period: floa
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
-@pytest.mark.parametrize("weight", [10.0, 200.0, AT_FIRST / 1.5, 1.2 * AT_FIRST, 1000.0, STRONGEST / 1.8])
+@pytest.mark.parametrize("weight", [10.0, AT_FIRST / 1.5, 1.2 * AT_FIRST, STRONGEST / 1.8])
 def test_a_push_of_half_the_weight_moves_nothing(weight: float, direction: float) -> None:
     """A set point that holds 1.5 times the weight from the first, or was raised when the object slipped."""
     toy, undisturbed = ToyGrasp(weight), ToyGrasp(weight)

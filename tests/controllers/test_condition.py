@@ -1,10 +1,10 @@
-"""Conditions of scripts: their language, and the quantities that they name."""
+"""Conditions of scripts: their language, and the quantities that they name.
+
+They are evaluated as all expressions are, which tests/engine/test_expression_language.py compares with Python.
+"""
 
 import math
-import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -121,6 +121,7 @@ def test_a_division_by_zero_is_no_infinite_number() -> None:
         ("force > 1 if lift > 1 else lift > 2", "has no place in a condition"),
         ("(x := 1) > 0", "has no place in a condition"),
         ("f'{force}' > 0", "has no place in a condition"),
+        ("__import__('os').getpid() > force", "has no place in a condition"),
         ("force > 0 \0", "not understood"),
         ("force > \ud800", "not understood"),
         ("force > 0 and " * 100 + "lift > 0", "characters; 1000 are the most"),
@@ -137,51 +138,13 @@ def test_what_is_no_condition_is_refused_in_one_line(text: str, message: str) ->
     assert len(str(refused.value).splitlines()) == 1
 
 
-def numbers() -> st.SearchStrategy[str]:
-    leaves = st.sampled_from(["force", "lift", "time"]) | st.floats(0, 1e6, allow_subnormal=False).map(repr)
-    return st.recursive(
-        leaves,
-        lambda inner: (
-            st.builds("({} {} {})".format, inner, st.sampled_from("+-*"), inner)
-            | st.builds("(-{})".format, inner)
-            | st.builds("{}({}, {})".format, st.sampled_from(["min", "max"]), inner, inner)
-            | st.builds("abs({})".format, inner)
-        ),
-        max_leaves=6,
-    )
-
-
-def truths() -> st.SearchStrategy[str]:
-    sign = st.sampled_from(["<", "<=", ">", ">=", "==", "!="])
-    comparison = st.builds("{} {} {}".format, numbers(), sign, numbers())
-    return st.recursive(
-        comparison,
-        lambda inner: (
-            st.builds("({} {} {})".format, inner, st.sampled_from(["and", "or"]), inner)
-            | st.builds("(not {})".format, inner)
-        ),
-        max_leaves=4,
-    ).filter(lambda text: any(name in text for name in NAMES))
-
-
-MEASURED = st.floats(-1e3, 1e3, allow_subnormal=False)
-
-
-@given(truths(), MEASURED, MEASURED, MEASURED)
-def test_it_means_what_python_means(text: str, force: float, lift: float, time: float) -> None:
-    """Python's own arithmetic is the reference: the same bits, so the same comparisons."""
-    values = {"force": force, "lift": lift, "time": time}
-    found = read_condition(text, NAMES).holds({Quantity(name): value for name, value in values.items()})
-    assert found is eval(text, {"abs": abs, "min": min, "max": max}, values)
-
-
 SIGNS = [*"()[]<>=!+-*/.,:;'\"\\#@{}%&|^~0123456789ej\n\t\0"]
 WORDS = [" and ", " or ", " not ", " if ", " else ", " is ", "lambda ", "__import__", "eval", "exec", "open"]
 WORDS += ["__class__", "min", "max", "abs", "True", "None", "f'", "1e999"]
 PIECES = st.sampled_from(NAMES + SIGNS + WORDS)
 
 
-@given(st.text() | st.lists(PIECES, max_size=30).map("".join) | truths())
+@given(st.text() | st.lists(PIECES, max_size=30).map("".join))
 @example("\x0c force > 1")
 @example("force > 0x1for x")
 @example("force > '\\d'")
@@ -197,65 +160,6 @@ def test_whatever_is_written_only_a_scene_error_comes_out(text: str) -> None:
         assert isinstance(condition.holds(values), bool)
     except ZeroDivisionError:
         assert "/" in text
-
-
-HARMFUL = [
-    "__import__('os').system('touch harm') > 0",
-    "force > __import__('os').getpid()",
-    "open('harm', 'w').write('x') > 0",
-    "eval('1') > 0",
-    "exec('import os') > 0",
-    "().__class__.__bases__[0].__subclasses__() > force",
-    "[x for x in (force,)] > 0",
-    "(lambda: force)() > 0",
-    "force.__class__ > 0",
-    "force['a'].__len__() > 0",
-    "f'{__import__(\"os\").getpid()}' > '0'",
-    "breakpoint() > force",
-    "min(force, __builtins__) > 0",
-]
-
-WATCHED = {"exec", "import", "open", "os.system", "subprocess.Popen", "builtins.breakpoint"}
-_executed: list[str] | None = None
-
-
-def _watch(event: str, _: Any) -> None:
-    if _executed is not None and event in WATCHED:
-        _executed.append(event)
-
-
-sys.addaudithook(_watch)  # for good: Python has no way to take one away, so it looks only when it is asked to
-
-
-@contextmanager
-def watched() -> Iterator[list[str]]:
-    """Python's own audit events of what runs meanwhile."""
-    global _executed
-    _executed = seen = []
-    try:
-        yield seen
-    finally:
-        _executed = None
-
-
-@pytest.mark.parametrize("text", HARMFUL)
-def test_nothing_is_executed(text: str) -> None:
-    with watched() as executed, pytest.raises(SceneError):
-        read_condition(text, NAMES)
-    assert executed == []
-
-
-def test_nothing_is_executed_when_a_condition_is_looked_at() -> None:
-    condition = read_condition("abs(force) > 1 and max(lift, 0) < 1", NAMES)
-    with watched() as executed:
-        assert condition.holds(VALUES)
-    assert executed == []
-
-
-def test_the_watch_sees_what_is_executed() -> None:
-    with watched() as executed:
-        eval("1 + 1")
-    assert executed == ["exec"]
 
 
 def test_not_a_number_is_not_true() -> None:

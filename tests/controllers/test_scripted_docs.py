@@ -80,9 +80,3 @@ def test_every_expression_in_the_text_can_be_asked_for(tmp_path: Path) -> None:
     assert len(conditions) == 7
     for condition in conditions:
         controller(tmp_path, f"[[steps]]\nuntil = '{condition}'\ntimeout = 1.0")
-
-
-def test_every_shipped_script_that_a_command_names_is_there() -> None:
-    named = re.findall(r"controller\.settings\.script=([\w.-]+)", "".join(blocks("sh")))
-    assert named == ["grasp-until-contact", "my-script.csv"]
-    assert (data_folder() / "scripts" / f"{named[0]}.toml").is_file()

@@ -4,31 +4,14 @@ import csv
 import json
 import re
 import runpy
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Command
 from made_up import write
 
-from taichisoft.command_line import main
-
-Command = Callable[..., tuple[int, str]]
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-
-
-@pytest.fixture
-def taichisoft(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
-    """Runs the command; returns its exit code and the last line on the error stream (Taichi greets on it, too)."""
-
-    def run(*arguments: str) -> tuple[int, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return int(left.value.code or 0), (capfd.readouterr().err.splitlines() or [""])[-1]
-
-    return run
 
 
 def column(folder: Path, name: str) -> list[float]:
@@ -36,10 +19,10 @@ def column(folder: Path, name: str) -> list[float]:
         return [float(row[name]) for row in csv.DictReader(file)]
 
 
-def test_the_shipped_script_grasps_by_force_lifts_and_holds(taichisoft: Command, tmp_path: Path) -> None:
+def test_the_shipped_script_grasps_by_force_lifts_and_holds(command: Command, tmp_path: Path) -> None:
     """Without a pressure in it that was found by trying."""
     arguments = ["run", "gripper", "--output", str(tmp_path), "--outputs", "metrics,csv", "--duration", "5.6"]
-    code, _ = taichisoft(*arguments, "--set", "controller.settings.script=grasp-until-contact")
+    code, _, _ = command(*arguments, "--set", "controller.settings.script=grasp-until-contact")
     assert code == 0
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["held"] is True
@@ -58,11 +41,12 @@ def test_the_shipped_script_grasps_by_force_lifts_and_holds(taichisoft: Command,
     assert max(map(abs, column(tmp_path, "base_translation x [mm]")[:lifting])) == 0.0
 
 
-def test_failed_condition_keeps_what_was_computed(taichisoft: Command, tmp_path: Path) -> None:
+def test_failed_condition_keeps_what_was_computed(command: Command, tmp_path: Path) -> None:
     folder = tmp_path / "out" / "gripper"
     script = write(tmp_path, '[[steps]]\nname = "close"\nuntil = "contact_force > 60"\ntimeout = 0.1')
     arguments = ["run", "gripper", "--output", str(folder), "--outputs", "recording,metrics,csv"]
-    code, said = taichisoft(*arguments, "--set", f"controller.settings.script={script}")
+    code, _, errors = command(*arguments, "--set", f"controller.settings.script={script}")
+    said = errors.splitlines()[-1]
     assert code == 1
     assert said == (
         f"taichisoft: {script}: steps.0 'close': until = 'contact_force > 60' was not true within 0.1 s; "
@@ -73,14 +57,14 @@ def test_failed_condition_keeps_what_was_computed(taichisoft: Command, tmp_path:
 
 
 def test_the_programs_of_the_documents_read_what_a_run_leaves(
-    taichisoft: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("pandas")
     matplotlib = pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
     push = 'external_forces=[{body="cube", force=[-1.0, 0.0, 0.0], start=0.01, duration=0.02}]'
     arguments = ["run", "gripper", "--controller", "closed-loop", "--outputs", "csv", "--duration", "0.05"]
-    code, _ = taichisoft(*arguments, "--set", push)
+    code, _, _ = command(*arguments, "--set", push)
     assert code == 0
     names = execute("controllers.md")
     assert names["lift"].tolist() == column(tmp_path / "out" / "gripper", "lift cube [mm]")

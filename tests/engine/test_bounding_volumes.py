@@ -72,7 +72,7 @@ def place(model: Model, seed: int, spread: float) -> MovingSurfaces:
     return moving
 
 
-@examples(200)
+@examples(50)
 @given(seed=st.integers(0, 10**6), spread=st.floats(1.0, 40.0), reach=st.floats(0.0, 10.0), depth=st.floats(0.0, 30.0))
 def test_the_contacts_are_those_of_every_feature_against_every_other(
     models: dict[int, Model], seed: int, spread: float, reach: float, depth: float

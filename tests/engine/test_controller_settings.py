@@ -1,16 +1,15 @@
 """Settings of controllers, plug-ins' too: what is not of the annotated type is refused before the run."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import pytest
+from conftest import Command
 from pydantic import BaseModel, Field
 
 from taichisoft import Controller, hookimpl, load_scene, make_controller
-from taichisoft.command_line import main
 from taichisoft.errors import PluginError, SceneError
 from taichisoft.running import plugins
 from taichisoft.running.scene_files import checked_arguments
@@ -136,18 +135,11 @@ def plain() -> Any:
         yield
 
 
-def test_a_plugins_setting_is_refused_before_the_run(
-    plain: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(
-        sys, "argv", ["taichisoft", "run", "gripper", "--controller", "plain", "--output", str(tmp_path)]
-    )
-    sys.argv += ["--set", "controller.settings.force=abc"]
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
+def test_a_plugins_setting_is_refused_before_the_run(plain: None, tmp_path: Path, command: Command) -> None:
+    words = ["run", "gripper", "--controller", "plain", "--output", tmp_path, "--set", "controller.settings.force=abc"]
+    code, _, errors = command(*words)
     problem = "taichisoft: gripper: controller.settings.force = 'abc': input should be a valid number"
-    assert capsys.readouterr().err.split() == problem.split()
+    assert (code, errors.split()) == (2, problem.split())
     assert not (tmp_path / "metrics.json").exists()
 
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import PATIENCE
+from conftest import PATIENCE, Command
 
 from taichisoft.running import locked_folder
 from taichisoft.running.run_command import FILE_NAME, FolderTaken
@@ -22,13 +22,6 @@ with locked_folder(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(1000)
 """
-
-
-def run(scene: Path, folder: Path, duration: str) -> "subprocess.Popen[str]":
-    command = ["run", str(scene), "--controller", "scripted", "--set", "controller.settings.script='rest'"]
-    command += ["--output", str(folder), "--duration", duration]
-    start = "from taichisoft.command_line import main; main()"
-    return subprocess.Popen([sys.executable, "-c", start, *command], stderr=subprocess.PIPE, text=True)
 
 
 def test_second_run_is_refused_and_killed_one_leaves_folder_free(tmp_path: Path) -> None:
@@ -55,17 +48,19 @@ def test_file_system_without_locks_is_warned_of(tmp_path: Path, monkeypatch: pyt
         pass
 
 
-def test_command_refuses_a_taken_folder(falling_cube: Path, tmp_path: Path) -> None:
+def test_command_refuses_a_taken_folder(falling_cube: Path, tmp_path: Path, command: Command) -> None:
     """Two runs in one folder wrote into the same file; a removed folder was a traceback that blamed the output."""
     folder = tmp_path / "out"
-    first = run(falling_cube, folder, "100000")
+    words = ["run", falling_cube, "--controller", "scripted", "--set", "controller.settings.script='rest'"]
+    start = [sys.executable, "-c", "from taichisoft.command_line import main; main()", *words]
+    endless = ["--output", folder, "--duration", "100000"]
+    first = subprocess.Popen([*start, *endless], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + PATIENCE
     while not (folder / "recording.h5").exists():
         assert time.monotonic() < deadline and first.poll() is None
         time.sleep(0.05)
-    second = run(falling_cube, folder, "1")
-    _, complaint = second.communicate(timeout=PATIENCE)
-    assert (second.returncode, complaint.count("\n")) == (2, 1)
+    code, _, complaint = command(*words, "--output", folder, "--duration", "1")
+    assert (code, complaint.count("\n")) == (2, 1)
     assert f"--output {folder}: a run is going on there (process {first.pid} on " in complaint
     shutil.rmtree(folder.rename(tmp_path / "removed"))  # at once: what the run writes meanwhile is not in the way
     _, complaint = first.communicate(timeout=PATIENCE)

@@ -1,10 +1,10 @@
 """Machine code of kernels: kept for the next process, made anew where it is damaged, with the same bits everywhere."""
 
 import os
+import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 from conftest import PATIENCE
 
 import taichisoft
+from taichisoft.base.kept_files import keep, read_kept
 from taichisoft.errors import TaichisoftError
 from taichisoft.runtime import kernel, machine_code, ti
 from taichisoft.runtime.language import Scalars, func
@@ -35,82 +36,87 @@ print("compiled" if "taichi" in sys.modules else "kept")
 """
 
 
-@pytest.fixture
-def program(tmp_path: Path) -> Callable[..., subprocess.Popen[str]]:
-    """Start a program with a kernel, whose compiled kernels are kept in tmp_path."""
-    file = tmp_path / "program.py"
-    file.write_text(PROGRAM)
-
-    def start(**environment: str) -> subprocess.Popen[str]:
-        given = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), **environment}
-        pipe = subprocess.PIPE
-        return subprocess.Popen([sys.executable, str(file)], env=given, stdout=pipe, stderr=pipe, text=True)
-
-    return start
+def start(folder: Path, code: str = PROGRAM, **environment: str) -> subprocess.Popen[str]:
+    """Start a program with a kernel, whose machine code is kept in a folder."""
+    (folder / "program.py").write_text(code)
+    given = {**os.environ, "XDG_CACHE_HOME": str(folder), **environment}
+    pipe = subprocess.PIPE
+    return subprocess.Popen([sys.executable, folder / "program.py"], env=given, stdout=pipe, stderr=pipe, text=True)
 
 
 def kept_files(folder: Path) -> list[Path]:
     return sorted((folder / "taichisoft/kernels").glob("fill-*"))
 
 
-def test_processes_at_once_leave_one_file_for_all(program: Callable, tmp_path: Path) -> None:
-    printed = [process.communicate(timeout=PATIENCE) for process in [program() for _ in range(3)]]
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which two processes at once have kept the machine code."""
+    folder = tmp_path_factory.mktemp("compiled")
+    printed = [process.communicate(timeout=PATIENCE) for process in [start(folder) for _ in range(2)]]
     assert {errors for _, errors in printed} == {""}
     assert {output for output, _ in printed} <= {"compiled\n", "kept\n"}
-    assert [path.suffix for path in kept_files(tmp_path)] == [".kernel"]  # no lock and no partial file
-    assert program().communicate(timeout=PATIENCE) == ("kept\n", "")
+    return folder
+
+
+def test_processes_at_once_leave_one_file_for_all(compiled: Path) -> None:
+    assert [path.suffix for path in kept_files(compiled)] == [".kernel"]  # no lock and no partial file
+    assert start(compiled).communicate(timeout=PATIENCE) == ("kept\n", "")
+
+
+def test_damaged_file_is_made_anew(compiled: Path, tmp_path: Path) -> None:
+    shutil.copytree(compiled, tmp_path, dirs_exist_ok=True)
+    (path,) = kept_files(tmp_path)
+    data = path.read_bytes()
+    path.write_bytes(data[:-9])
+    told = f"taichisoft: {path} is damaged and is made anew\n"
+    assert start(tmp_path).communicate(timeout=PATIENCE) == ("compiled\n", told)
+    assert start(tmp_path).communicate(timeout=PATIENCE) == ("kept\n", "")
 
 
 @pytest.mark.parametrize("damage", ["flipped", "cut", "empty", "foreign"])
-def test_damaged_file_is_made_anew(damage: str, program: Callable, tmp_path: Path) -> None:
-    program().communicate(timeout=PATIENCE)
-    (path,) = kept_files(tmp_path)
+def test_damage_of_a_kept_file_is_seen(damage: str, tmp_path: Path) -> None:
+    path = tmp_path / "kept"
+    keep(path, bytes(range(200)))
+    assert read_kept(path) == bytes(range(200))
     data = bytearray(path.read_bytes())
     data[-100] ^= 1
     path.write_bytes({"flipped": bytes(data), "cut": data[:-9], "empty": b"", "foreign": b"\x7fELF of another"}[damage])
-    assert program().communicate(timeout=PATIENCE) == (
-        "compiled\n",
-        f"taichisoft: {path} is damaged and is made anew\n",
-    )
-    assert program().communicate(timeout=PATIENCE) == ("kept\n", "")
+    assert read_kept(path) is None
 
 
-def test_kernels_of_the_package_are_taken_first(program: Callable, tmp_path: Path) -> None:
-    program().communicate(timeout=PATIENCE)
-    shipped, cache = tmp_path / "shipped", tmp_path / "taichisoft"
-    (cache / "kernels").rename(shipped)
-    file = tmp_path / "program.py"
+def test_kernels_of_the_package_are_taken_first(compiled: Path, tmp_path: Path) -> None:
+    shipped = shutil.copytree(compiled / "taichisoft/kernels", tmp_path / "shipped")
     setting = "from pathlib import Path\nfrom taichisoft.runtime import machine_code\n"
-    file.write_text(f"{setting}machine_code.SHIPPED = Path({str(shipped)!r})\n{PROGRAM}")
-    assert program().communicate(timeout=PATIENCE) == ("kept\n", "")
-    assert list((cache / "kernels").iterdir()) == []
+    code = f"{setting}machine_code.SHIPPED = Path({str(shipped)!r})\n{PROGRAM}"
+    assert start(tmp_path, code).communicate(timeout=PATIENCE) == ("kept\n", "")
+    assert list((tmp_path / "taichisoft/kernels").iterdir()) == []
 
 
-def test_folder_that_cannot_be_written_costs_only_time(program: Callable, tmp_path: Path) -> None:
+def test_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
     (tmp_path / "taichisoft").mkdir()
     (tmp_path / "taichisoft/kernels").touch()
-    output, errors = program().communicate(timeout=PATIENCE)
+    output, errors = start(tmp_path).communicate(timeout=PATIENCE)
     assert output == "compiled\n"
     assert f"nothing can be kept in {tmp_path / 'taichisoft/kernels'} (Not a directory)" in errors
 
 
-def test_taichi_runs_kernels_where_it_is_asked_to(program: Callable, tmp_path: Path) -> None:
-    assert program(TAICHISOFT_KERNELS="taichi").communicate(timeout=PATIENCE) == ("compiled\n", "")
+def test_taichi_runs_kernels_where_it_is_asked_to(tmp_path: Path) -> None:
+    assert start(tmp_path, TAICHISOFT_KERNELS="taichi").communicate(timeout=PATIENCE) == ("compiled\n", "")
     assert kept_files(tmp_path) == []
-    _, errors = program(TAICHISOFT_KERNELS="c").communicate(timeout=PATIENCE)
+    _, errors = start(tmp_path, TAICHISOFT_KERNELS="c").communicate(timeout=PATIENCE)
     assert "TAICHISOFT_KERNELS = 'c': must be machine-code or taichi" in errors
 
 
 def test_warm_start_imports_nothing_slow() -> None:
     """What takes long to import is imported to compile, to read a surface anew, or not at all."""
+    taichisoft.Simulation(taichisoft.load_scene("gripper")).step()  # keeps what the next process finds
     code = (
         "import sys, taichisoft\n"
         "taichisoft.Simulation(taichisoft.load_scene('gripper')).step()\n"
         "print(*{'taichi', 'trimesh', 'networkx', 'scipy.spatial', 'scipy.optimize', 'meshio'} & sys.modules.keys())"
     )
     command = [sys.executable, "-W", "ignore", "-c", code]
-    for _ in range(2):
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert (done.stdout, done.stderr) == ("\n", "")
 
 

@@ -63,9 +63,9 @@ def noise(count: int) -> np.ndarray:
     return np.concatenate([full, (equal + beside) * HALF_ULP])
 
 
-def test_a_million_deformations_next_to_none() -> None:
+def test_deformations_next_to_none() -> None:
     """F = 1 + noise: axes are a rotation, and stresses are round-off: moduli of 1000 kPa times 1e-14."""
-    deformation = np.eye(3) + noise(1_000_000)
+    deformation = np.eye(3) + noise(400_000)
     count = len(deformation)
     position = np.zeros((4 * count, 3))
     for k in range(3):

@@ -3,16 +3,14 @@
 import csv
 import importlib.util
 import re
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from conftest import examples
+from conftest import Command, examples
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.running import hooks, plugins
 from taichisoft.running.plugin_commands import FILES, TEMPLATES, check_name, write_project
@@ -27,17 +25,14 @@ def test_new_project_is_plugin_at_once(tmp_path: Path, taichisoft_plugins: Regis
 
 
 def test_controller_of_new_project_closes_gripper(
-    tmp_path: Path, taichisoft_plugins: Registry, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, taichisoft_plugins: Registry, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     """Until the fingers press with 20 mN and then for some steps more, at the pressure that this took."""
     plugin = write_project("soft-touch", tmp_path / "project") / "soft_touch.py"
     settings = ["--controller", "soft-touch", "--set", "controller.settings.force=20", "--duration", "0.5"]
     scene = ["run", "gripper", "--outputs", "csv", "--output", "out", "--plugin", str(plugin)]
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["taichisoft", *scene, *settings])
-    with pytest.raises(SystemExit):
-        main()
-    shown = capfd.readouterr().out
+    _, shown, _ = command(*scene, *settings)
     closed_after = re.search(r"closed after *│ (\S+) s", shown)
     assert closed_after, shown
     with (tmp_path / "out" / "run.csv").open(encoding="utf-8", newline="") as file:

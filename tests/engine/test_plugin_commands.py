@@ -1,23 +1,20 @@
 """The command line with plug-ins: where they may be named, what they add to it, options of runs, and how they fail."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import typer
+from conftest import Command
 
 import taichisoft.step.time_stepper  # noqa: F401 - Taichi may say something when it starts: not in the middle of a test
 from taichisoft import group_with_default
-from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running import plugins
 from taichisoft.running.plugin_commands import command_names, with_plugin_commands
 
 Install = Callable[..., None]
-Command = Callable[..., tuple[int, str, str]]
 RUN = ("run", str(TINY_GRIPPER), "--output", "out")
 
 WAVE = '''
@@ -131,20 +128,12 @@ PLUGINS = {"wave.py": WAVE, "clumsy.py": CLUMSY, "counter.py": COUNTER, "reader.
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
-    """Runs the command in a folder of its own with these plug-ins; returns exit code, output and errors."""
+def command(command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Command:
+    """Runs the command in a folder of its own with these plug-ins."""
     monkeypatch.chdir(tmp_path)
     for name, code in PLUGINS.items():
         (tmp_path / name).write_text(code)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
-        with plugins.separate_registry(), pytest.raises(SystemExit) as left:
-            main()
-        shown = capfd.readouterr()
-        return int(left.value.code or 0), shown.out, shown.err
-
-    return run
+    return plugins.separate_registry()(command)
 
 
 @pytest.mark.parametrize(

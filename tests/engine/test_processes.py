@@ -31,8 +31,8 @@ def fall(scene: str, speed: float) -> tuple[bytes, int]:
     return simulation.state.rigid_position.tobytes(), THREADS
 
 
-def by_pool(method: str, tasks: Iterable[tuple[str, float]]) -> list[Any]:
-    with multiprocessing.get_context(method).Pool(1) as pool:
+def by_fork_server(tasks: Iterable[tuple[str, float]]) -> list[Any]:
+    with multiprocessing.get_context("forkserver").Pool(1) as pool:
         return pool.starmap(fall, tasks)
 
 
@@ -46,12 +46,11 @@ def by_joblib(tasks: Iterable[tuple[str, float]]) -> list[Any]:
 
 
 WAYS: dict[str, Callable[[Iterable[tuple[str, float]]], list[Any]]] = {
-    "multiprocessing, spawn": lambda tasks: by_pool("spawn", tasks),
-    "concurrent.futures": by_executor,
+    "concurrent.futures, spawn": by_executor,
     "joblib": by_joblib,
 }
 if "forkserver" in multiprocessing.get_all_start_methods():
-    WAYS["multiprocessing, forkserver"] = lambda tasks: by_pool("forkserver", tasks)
+    WAYS["multiprocessing, forkserver"] = by_fork_server
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -126,25 +126,22 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(("first", "second"), PAIRS)
-@pytest.mark.parametrize("in_turn", [False, True], ids=["in this order", "exchanged"])
-def test_the_least_distance(first: str, second: str, in_turn: bool) -> None:
-    """Of solids turned and placed at random, less than a body apart, to the accuracy of the projected gradients."""
+def test_the_least_distance(first: str, second: str) -> None:
+    """Of solids turned and placed at random, less than a body apart, in either order, to the accuracy of the projected
+    gradients."""
     tables = {**SHAPES, "box": BOX}
     random = np.random.default_rng(3)
-    turn = Rotation.random(150, rng=random).as_matrix()
-    place = random.normal(size=(150, 3))
-    place *= random.uniform(10.0, 30.0, (150, 1)) / np.linalg.norm(place, axis=1, keepdims=True)
+    turn = Rotation.random(100, rng=random).as_matrix()
+    place = random.normal(size=(100, 3))
+    place *= random.uniform(10.0, 30.0, (100, 1)) / np.linalg.norm(place, axis=1, keepdims=True)
     expected = least_distances(tables[first], tables[second], turn, place)
-    names = (second, first) if in_turn else (first, second)
-    model = cached(" ".join(names), *(tables[name] for name in names))
-    checked = 0
-    for k in np.flatnonzero(expected > 0.01):
-        positions, rotations = [np.zeros(3), place[k]], [np.eye(3), turn[k]]
-        if in_turn:
-            positions.reverse(), rotations.reverse()
-        assert find(model, positions, rotations).distance.min() == pytest.approx(expected[k], abs=2e-6), k
-        checked += 1
-    assert checked > 60
+    apart = np.flatnonzero(expected > 0.01)
+    assert len(apart) > 40
+    for order in (1, -1):
+        model = cached(f"{first} {second} {order}", *(tables[name] for name in (first, second)[::order]))
+        for k in apart:
+            found = find(model, [np.zeros(3), place[k]][::order], [np.eye(3), turn[k]][::order])
+            assert found.distance.min() == pytest.approx(expected[k], abs=2e-6), (k, order)
 
 
 @pytest.mark.parametrize("name", SHAPES)

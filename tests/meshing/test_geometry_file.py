@@ -1,15 +1,14 @@
 """Geometry files: their kind chooses the plug-in that meshes them."""
 
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Command
 
 from taichisoft import Geometry, VolumeMesh, hookimpl, read_volume_mesh
-from taichisoft.command_line import main
 from taichisoft.errors import MeshError, PluginError
 from taichisoft.running import plugins
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
@@ -51,21 +50,12 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
-    with pytest.raises(SystemExit) as left:
-        main()
-    return int(left.value.code or 0)
-
-
-def test_the_kind_chooses_who_meshes_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_kind_chooses_who_meshes_a_file(tmp_path: Path, command: Command) -> None:
     file, mesh = write(tmp_path / "wedge.toml", 'kind = "wedge"\nedge = 3.0'), tmp_path / "wedge.msh"
-    assert run(monkeypatch, "mesh", str(file), "-o", str(mesh)) == 0
+    code, shown, _ = command("mesh", file, "-o", mesh)
+    assert code == 0 and "closed, faces outward" in shown
     assert read_volume_mesh(mesh).nodes.max() == 3.0
-    assert "closed, faces outward" in capfd.readouterr().out
-    assert run(monkeypatch, "mesh", str(file), "-o", str(mesh), "--size", "2") == 0
+    assert command("mesh", file, "-o", mesh, "--size", "2")[0] == 0
     assert read_volume_mesh(mesh).nodes.max() == 2.0
 
 

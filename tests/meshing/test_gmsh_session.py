@@ -6,16 +6,14 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fingers import finger_from_dict, read_finger
+from fingers import read_finger
 
 from taichisoft import VolumeMesh, read_volume_mesh
 from taichisoft.errors import MeshError
-from taichisoft.mesh import boundary_triangles, enclosed_volume, tetrahedron_volumes
 from taichisoft.scene import data_folder
 from taichisoft_meshing import pneunet_finger as finger_solid
 from taichisoft_meshing.finger_dimensions import ElementSizes, FingerParameters
@@ -109,10 +107,7 @@ def test_a_broken_pipe_does_not_end_the_process_after_meshing(how: str) -> None:
     assert (process.returncode, process.stdout) == (0, "an error, as ever\n"), process.stderr
 
 
-# The finger that gmsh makes: its volumes are exact, its skins closed, and it is the same every time.
-
-# All faces are flat, so the volumes are those of the drawing up to the rounding of some thousand terms.
-VOLUME_TOLERANCE = 1e-9
+# The finger that gmsh makes is the same every time; tests/meshing/test_finger.py has the volumes and skins of any.
 
 # Versions of gmsh differ in the meshes that they make.
 SHIPPED_WITH = "4.15.2"
@@ -125,43 +120,6 @@ def even(size: float) -> ElementSizes:
 @pytest.fixture(scope="module")
 def tutorial() -> VolumeMesh:
     return mesh_finger(FingerParameters())
-
-
-def directed_edges(triangles: np.ndarray) -> Counter:
-    return Counter((a, b) for t in triangles.tolist() for a, b in zip(t, t[1:] + t[:1], strict=True))
-
-
-def assert_closed(triangles: np.ndarray) -> None:
-    """Every edge is passed exactly once in each direction."""
-    edges = directed_edges(triangles)
-    assert set(edges.values()) == {1}
-    assert all((b, a) in edges for a, b in edges)
-
-
-def test_the_tutorials_volumes(tutorial: VolumeMesh) -> None:
-    volumes = tetrahedron_volumes(tutorial.nodes, tutorial.elements)
-    assert volumes.min() > 0
-    assert volumes.sum() == pytest.approx(60050 - 8887.5, rel=VOLUME_TOLERANCE)
-    groups = tutorial.surface_groups
-    assert enclosed_volume(tutorial.nodes, groups["cavity"]) == pytest.approx(8887.5, rel=VOLUME_TOLERANCE)
-    assert enclosed_volume(tutorial.nodes, groups["outer"]) == pytest.approx(60050, rel=VOLUME_TOLERANCE)
-
-
-def test_the_skins_are_closed_and_together_the_boundary(tutorial: VolumeMesh) -> None:
-    groups = tutorial.surface_groups
-    assert_closed(groups["cavity"])
-    assert_closed(groups["outer"])
-    boundary = {tuple(sorted(t)) for t in boundary_triangles(tutorial.elements).tolist()}
-    skins = [tuple(sorted(t)) for t in np.vstack([groups["outer"], groups["cavity"]]).tolist()]
-    assert len(skins) == len(set(skins))
-    assert set(skins) == boundary
-
-
-def test_the_base_is_the_face_in_the_plane_of_x_0(tutorial: VolumeMesh) -> None:
-    a, b, c = np.moveaxis(tutorial.nodes[tutorial.surface_groups["base"]], 1, 0)
-    normals = np.cross(b - a, c - a) / 2
-    assert normals.sum(axis=0) == pytest.approx([30 * 20, 0, 0], rel=1e-12, abs=1e-9)
-    assert (a[:, 0] == 0).all()
 
 
 def test_the_cavity_lies_where_the_tutorial_has_it(tutorial: VolumeMesh) -> None:
@@ -205,23 +163,6 @@ def test_the_shipped_meshes_are_even_ones_of_the_shipped_finger(name: str, size:
         assert list(getattr(made, groups)) == list(getattr(shipped, groups))
         for group, members in getattr(shipped, groups).items():
             np.testing.assert_array_equal(members, getattr(made, groups)[group])
-
-
-@pytest.mark.parametrize(
-    "tables",
-    [
-        {"slots": {"count": 0}},
-        {"slots": {"count": 1, "first": 24.0}, "chambers": {"count": 1}},
-        {"chambers": {"depth": 10.0, "height": 12.0}, "channel": {"width": 4.0, "end": 105.0}},
-        {"body": {"width": 30.0, "height": 35.0, "tip_height": 20.0}, "mesh": {"smallest": 5.0}},
-    ],
-)
-def test_other_fingers_have_the_volumes_of_their_drawings(tables: dict) -> None:
-    finger = finger_from_dict(tables)
-    mesh = mesh_finger(finger)
-    silicone = finger.solid_volume - finger.cavity_volume
-    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(silicone, rel=VOLUME_TOLERANCE)
-    assert_closed(mesh.surface_groups["cavity"])
 
 
 def test_a_smaller_size_at_the_cavity_refines_there(tutorial: VolumeMesh) -> None:

@@ -4,20 +4,19 @@ import json
 import os
 import re
 import signal
-import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from blocks import make_block
+from conftest import Command
 from solid_shapes import box, save, write_step
 
 from taichisoft import read_volume_mesh, write_volume_mesh
-from taichisoft.command_line import main
 from taichisoft.mesh import read_surface
 from taichisoft.running import plugins
 from taichisoft_meshing import mesh_set
@@ -41,20 +40,11 @@ class Result:
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
-    """Runs a command line in this process."""
+def command(command: Command) -> Iterator[Callable[..., Result]]:
     import block_kind
 
     plugins.register_plugin(block_kind)
-
-    def run(*arguments: object) -> Result:
-        capfd.readouterr()
-        monkeypatch.setattr(sys, "argv", ["taichisoft", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return Result(int(left.value.code or 0), *capfd.readouterr())
-
-    yield run
+    yield lambda *arguments: Result(*command(*arguments))
     plugins.unregister_plugin("block_kind")
 
 

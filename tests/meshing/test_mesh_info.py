@@ -1,8 +1,8 @@
 """`taichisoft mesh info`: the figures of anything that can be read."""
 
+import functools
 import json
 import re
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -11,23 +11,16 @@ import numpy as np
 import pytest
 import trimesh
 from blocks import make_block
+from conftest import Command
 
 from taichisoft import Simulation, VolumeMesh, scene_from_dict, write_volume_mesh
-from taichisoft.command_line import main
 from taichisoft.mesh import write_stl
 
 
 @pytest.fixture
-def info(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
+def info(command: Command) -> Command:
     """Exit code, standard output and error of the command."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", "mesh", "info", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return int(left.value.code or 0), *capfd.readouterr()
-
-    return run
+    return functools.partial(command, "mesh", "info")
 
 
 def hollow() -> VolumeMesh:

@@ -16,7 +16,7 @@ import numpy as np
 import platformdirs
 import pytest
 import typer
-from test_odd_input import told
+from conftest import Command
 from typer.testing import CliRunner
 
 import taichisoft_meshing
@@ -431,21 +431,12 @@ def test_the_mesh_is_the_one_that_this_process_would_make() -> None:
 
 @pytest.mark.parametrize("key", ["largest", "smallest"])
 def test_mesh_too_large_is_refused_before_gmsh_starts(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, key: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: Command, key: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    line = told(
-        monkeypatch,
-        capsys,
-        "mesh",
-        "tutorial",
-        "--set",
-        f"mesh.{key}=0.001",
-        "--set",
-        "mesh.smallest=0.001",
-        "-o",
-        "x.msh",
-    )
+    sizes = ("--set", f"mesh.{key}=0.001", "--set", "mesh.smallest=0.001")
+    code, _, line = command("mesh", "tutorial", *sizes, "-o", "x.msh")
+    assert code == 2 and line.count("\n") == 1
     assert "it would make about" in line and f"{MOST_ELEMENTS:.0e} are the most" in line
     assert not list(tmp_path.iterdir())
 

@@ -3,22 +3,17 @@
 import os
 import re
 import shutil
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from blocks import make_block
+from conftest import Command
 from scenes_of_sofa import BODY, written
 
 from taichisoft import VolumeMesh, load_scene, write_volume_mesh
-from taichisoft.command_line import main
 from taichisoft.errors import SceneError
 from taichisoft_sofa.scene_reader import read_scene
-
-Command = Callable[..., tuple[int, str, str]]
 
 SCENE = """
 from material import YOUNG
@@ -40,18 +35,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> Path:
     write_volume_mesh(make_block((2, 1, 1), (20.0, 10.0, 10.0)), tmp_path / "block.vtk")
     written(tmp_path, {"scene.py": BODY + SCENE, "library/material.py": "YOUNG = 700\n"})
     return tmp_path
-
-
-@pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
-    def run(*arguments: Any) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        shown = capfd.readouterr()
-        return int(left.value.code or 0), shown.out, shown.err
-
-    return run
 
 
 def test_run_with_libraries_lists_departures(folder: Path, command: Command) -> None:

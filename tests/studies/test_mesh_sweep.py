@@ -9,16 +9,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from conftest import PATIENCE
+from conftest import PATIENCE, Command
 from studies import made_apart
 
-from taichisoft import load_plugin, read_volume_mesh
+from taichisoft import load_plugin
 from taichisoft.errors import MeshError
 from taichisoft.running import locked_folder
-from taichisoft_meshing.mesh_commands import geometry_job
-from taichisoft_meshing.mesh_job import MeshJob, make_mesh
+from taichisoft_meshing.mesh_job import MeshJob
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.mesh_variants import MeshRun, Variant, plan
 from taichisoft_studies.study_file import MOST, Sweep, check_study, varied
@@ -118,19 +116,6 @@ def test_failed_variants_stop_no_others(block: Path, tmp_path: Path) -> None:
     assert (output / name / f"{name}.msh").is_file()
 
 
-def test_processes_give_equal_meshes(tmp_path: Path) -> None:
-    """gmsh in two processes at a time, and twice in this one, one after the other."""
-    process = sweep_process("tutorial", tmp_path, "--vary", "body.width=20,22", "--size", "14", "--jobs", "2")
-    shown, error = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, error
-    for variant in variants_of(geometry_job("tutorial", [], {"size": 14.0}), ["body.width=20,22"]):
-        made, written = make_mesh(variant.job).mesh, read_volume_mesh(tmp_path / variant.name / f"{variant.name}.msh")
-        np.testing.assert_array_equal(written.nodes, made.nodes)
-        np.testing.assert_array_equal(written.elements, made.elements)
-        assert written.surface_groups.keys() == made.surface_groups.keys()
-        assert f"{variant.name}: {len(made.nodes)} nodes" in shown
-
-
 def mesh_run(folder: Path, block: Path, time_limit: float = PATIENCE, **tables: Any) -> MeshRun:
     job = MeshJob("block", {"solid": True, **tables}, block, {})
     return MeshRun("block", str(folder), job, False, (str(PLUGIN),), time_limit)
@@ -179,17 +164,16 @@ def wait_for_the_end_of_group(leader: int) -> None:
             time.sleep(0.05)
 
 
-def test_locked_folder_is_refused(block: Path, tmp_path: Path) -> None:
+def test_locked_folder_is_refused(block: Path, tmp_path: Path, command: Command) -> None:
     """Two, perhaps on two machines, would mix the files of different meshes of the same name."""
     output = tmp_path / "out"
     with locked_folder(output):
-        _, error = sweep_process(block, output, "--vary", "stretch=1").communicate(timeout=PATIENCE)
+        _, _, error = command("mesh", "sweep", block, "-o", output, "--plugin", PLUGIN, "--vary", "stretch=1")
         assert error.startswith(f"taichisoft: --output {output}: a run is going on there (process {os.getpid()} on ")
     assert not output.exists()
 
 
-def test_wrong_jobs_are_refused(block: Path, tmp_path: Path) -> None:
-    process = sweep_process(block, tmp_path / "out", "--vary", "stretch=1", "--jobs", "0")
-    _, error = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, error) == (2, "taichisoft: --jobs 0: must be at least 1\n")
+def test_wrong_jobs_are_refused(tmp_path: Path, command: Command) -> None:
+    words = ["mesh", "sweep", "block.toml", "-o", tmp_path / "out", "--vary", "stretch=1", "--jobs", "0"]
+    assert command(*words) == (2, "", "taichisoft: --jobs 0: must be at least 1\n")
     assert not (tmp_path / "out").exists()

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft import Control, Simulation, StepReport
+from taichisoft.mechanics import ElasticSystem
 from taichisoft.scene import scene_from_dict
 
 GRAVITY = 9810.0
@@ -42,3 +43,12 @@ def soft_momentum(simulation: Simulation) -> np.ndarray:
     """Linear momentum [mN s] of all soft bodies, shape (3,)."""
     assert simulation.model.elasticity is not None
     return (simulation.model.elasticity.node_mass[:, None] * simulation.state.velocity).sum(axis=0)
+
+
+def dense_matrix(system: ElasticSystem, node_count: int) -> np.ndarray:
+    """The system matrix, (3 node_count, 3 node_count)."""
+    matrix = np.zeros((node_count, 3, node_count, 3))
+    for (row, column), block in zip(system.solver.symbolic.block_pairs, system.solver.blocks, strict=True):
+        matrix[row, :, column] = block
+        matrix[column, :, row] = block.T
+    return matrix.reshape(3 * node_count, -1)

@@ -171,13 +171,13 @@ def rubber(path: Path, cells: int) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize(("cells", "area", "peak"), [(10, 0.5, 0.1), (12, 0.2, 0.12), (16, 0.1, 0.1)])
+@pytest.mark.parametrize(("cells", "area", "peak"), [(10, 0.5, 0.1), (16, 0.1, 0.1)])
 def test_a_ball_presses_a_block_as_hertz_says(
     tmp_path: Path, figures: Figures, cells: int, area: float, peak: float
 ) -> None:
     """F = 4/3 E* sqrt(R) d^1.5 gives a^3 = 3 F R / (4 E*), the area pi a^2 and the peak 3 F / (2 pi a^2) (Hertz 1882).
 
-    Elements at the rim are 0.6, 0.5 and 0.3 of the radius wide; the error that is said covers that of both figures.
+    Elements at the rim are 0.6 and 0.3 of the radius wide; the error that is said covers that of both figures.
     """
     body = {
         "mesh": rubber(tmp_path / "block.msh", cells),
@@ -214,12 +214,13 @@ def test_a_ball_presses_a_block_as_hertz_says(
     assert abs(seen.peak_pressures[pair] - highest) <= seen.peak_pressure_errors[pair]
 
 
-@pytest.mark.parametrize(("cells", "area"), [(8, 0.15), (12, 0.06), (16, 0.03)])
-@pytest.mark.parametrize("shape", ["cylinder", "capsule"])
+@pytest.mark.parametrize(
+    ("shape", "cells", "area"), [("capsule", 8, 0.15), ("cylinder", 8, 0.15), ("cylinder", 16, 0.03)]
+)
 def test_a_roller_presses_a_strip_as_hertz_says(tmp_path: Path, shape: str, cells: int, area: float) -> None:
     """Half the width b = sqrt(4 q R / (pi E*)) for a force q by length, and the peak 2 q / (pi b) (Hertz 1882).
 
-    The strip of 3 mm is free to bulge sideways, so E* = E. Elements at the rim are 0.4, 0.3 and 0.2 of b wide.
+    The strip of 3 mm is free to bulge sideways, so E* = E. Elements at the rim are 0.4 and 0.2 of b wide.
     """
     mesh = make_block((2 * cells, 1, cells), (2.0, 3.0, 1.0))
     x, y, z = mesh.nodes.T
@@ -237,11 +238,11 @@ def test_a_roller_presses_a_strip_as_hertz_says(tmp_path: Path, shape: str, cell
     assert abs(seen.peak_pressures[pair] - 2.0 * load / (np.pi * half)) <= seen.peak_pressure_errors[pair]
 
 
-@pytest.mark.parametrize(("cells", "ratio"), [(8, 0.3), (8, 0.45), (12, 0.45)])
-def test_errors_cover_a_ball_in_smoothed_elements(tmp_path: Path, cells: int, ratio: float) -> None:
+@pytest.mark.parametrize("ratio", [0.3, 0.45])
+def test_errors_cover_a_ball_in_smoothed_elements(tmp_path: Path, ratio: float) -> None:
     """They touch twice as much as Hertz says where they are as large as the contact's radius, and the errors say so."""
     held, radius = (-DEPTH - 0.01, -DEPTH + 0.01), 8.0
-    block = soft(rubber(tmp_path / "block.msh", cells), held, element="smoothed", poisson_ratio=ratio)
+    block = soft(rubber(tmp_path / "block.msh", 8), held, element="smoothed", poisson_ratio=ratio)
     ball = {"sphere": {"radius": radius}, "position": [0.4, 0.3, radius + 0.1], "follows": "top"}
     seen, pair = pressed(0.6, soft_bodies={"block": block}, rigid_bodies={"ball": ball}), ("block", "ball")
     hertz = np.pi * (0.75 * seen.normal_forces[pair] * radius * (1.0 - ratio**2) / MODULUS) ** (2 / 3)

@@ -36,7 +36,7 @@ def test_a_drop_ends_on_the_floor(files: Mapping[str, str], shape: str, height: 
     """Without restitution it stays down: it never enters by the contact distance, and never rises again.
 
     It begins 1.7 steps above the floor with the speed sqrt(2 g h) of its fall. Rising: 0.01 mm, a hundredth of the
-    contact distance; the solver's tolerance is 1e-5 mm/s.
+    contact distance; a box, whose faces meet flat, neither enters nor rises but for the solver's 1e-5 mm/s.
     """
     speed = np.sqrt(2 * GRAVITY * height)
     lowest = 10.0 if shape == "box" else -SURFACES[shape].bounds[0, 2]
@@ -57,8 +57,8 @@ def test_a_drop_ends_on_the_floor(files: Mapping[str, str], shape: str, height: 
         lowest_yet = min(lowest_yet, centre)
         risen = max(risen, centre - lowest_yet)
     assert lowest_yet == pytest.approx(lowest + CONTACT_DISTANCE, abs=0.1)
-    assert deepest < CONTACT_DISTANCE
-    assert risen < 0.01
+    assert deepest < (1e-6 if shape == "box" else CONTACT_DISTANCE)
+    assert risen < (1e-6 if shape == "box" else 0.01)
 
 
 @pytest.mark.parametrize("step", [0.01, 0.002])
@@ -86,6 +86,8 @@ def test_nothing_passes_through_a_thin_plate(
         assert report.converged
         assert report.max_penetration < CONTACT_DISTANCE
     assert _lowest(simulation) > 1.0
+    if thrown == "box":
+        assert _lowest(simulation) == pytest.approx(1.0 + CONTACT_DISTANCE, abs=1e-6)
 
 
 def _lowest(simulation: Simulation) -> float:

@@ -5,53 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from conftest import Figures
-from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, simulate
-
-from taichisoft import Simulation
-
-SIDE = 20.0
-HEIGHT = SIDE / 2 + CONTACT_DISTANCE
-
-
-def _dropped(height: float, step: float) -> Simulation:
-    box = {"box": [SIDE] * 3, "mass": 0.01, "position": [0, 0, HEIGHT + height]}
-    return simulate(step, (0.0, 0.0, -GRAVITY), rigid_bodies={"box": box}, obstacles={"floor": FLOOR})
-
-
-@pytest.mark.parametrize("step", [0.01, 0.002])
-@pytest.mark.parametrize("height", [30.0, 300.0, 2000.0])
-def test_a_box_dropped_from_any_height_lands_and_stays(figures: Figures, height: float, step: float) -> None:
-    """It never sinks in by more than 1e-6 mm, does not rise again, and lies still: there is no restitution.
-
-    From 2000 mm it moves 63 mm in a step of 10 ms, three times its size. Tolerance: the solver's, 1e-5 mm/s.
-    """
-    simulation = _dropped(height, step)
-    heights = []
-    for _ in range(round((np.sqrt(2 * height / GRAVITY) + 0.2) / step)):
-        assert simulation.step().converged
-        heights.append(simulation.state.rigid_position[0, 2] - HEIGHT)
-    landed = next(index for index, one in enumerate(heights) if one < 1e-6)
-    figures.at_most("depth [mm]", -min(heights), 1e-6)
-    figures.at_most("rebound [mm]", max(heights[landed:]), 1e-6)
-
-
-@pytest.mark.parametrize("start", [7.0, 12.0, 16.5, 21.5])
-@pytest.mark.parametrize("speed", [1000.0, 5000.0])
-def test_a_box_does_not_pass_through_a_thin_plate(tmp_path: Path, start: float, speed: float) -> None:
-    """A box of 10 mm at 1 and 5 m/s, 10 and 50 mm a step, onto a fixed plate of 2 mm, wherever the step begins.
-
-    It stops at the contact distance, to 1e-6 mm: faces that meet flat are linear, and the solver knows velocities to
-    1e-5 mm/s.
-    """
-    trimesh.creation.box(extents=[60, 60, 2]).export(tmp_path / "plate.stl")
-    box = {"box": [10, 10, 10], "mass": 0.01, "position": [0, 0, start], "velocity": [0, 0, -speed]}
-    obstacles = {"plate": {"surface": str(tmp_path / "plate.stl")}}
-    simulation = simulate(rigid_bodies={"box": box}, obstacles=obstacles)
-    for _ in range(6):
-        assert simulation.step().max_penetration < 1e-6
-    np.testing.assert_allclose(simulation.state.rigid_position[0], [0, 0, 1 + CONTACT_DISTANCE + 5], atol=1e-6)
-    np.testing.assert_allclose(simulation.state.rigid_velocity[0], 0.0, atol=1e-4)
+from scenes import CONTACT_DISTANCE, simulate
 
 
 @pytest.mark.parametrize("surface", ["box", "ball"])

@@ -1,7 +1,5 @@
 """An impact beside the centre of mass turns a body: impulse and moment go together."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import Figures
@@ -41,29 +39,3 @@ def test_an_edge_that_strikes_the_floor_stops_and_turns_the_box(figures: Figures
     figures.close("velocity of the centre [mm/s]", velocity[2], impulse / MASS - SPEED, 1e-6 * SPEED)
     expected = -lowest[0] * impulse / inertia
     figures.close("spin [rad/s]", spin[1], expected, 1e-6 * abs(expected))
-
-
-def test_a_sliding_box_presses_harder_in_front() -> None:
-    """Friction brakes a box below its centre and would tip it forward.
-
-    Moments about the centre: the friction's mu m g times the height of the contact points, h = z / 2, is balanced by
-    the normal forces moving forward by mu h; so the front corners carry (1/2 + mu h / x) of the weight.
-    Tolerance 1e-6 of the weight.
-    """
-    friction, gravity = 0.4, 9810.0
-    box = {"box": SIZE.tolist(), "mass": MASS, "position": [0, 0, CONTACT_DISTANCE + SIZE[2] / 2]}
-    contact = {"friction": friction, "tolerance": 1e-9}
-    simulation = simulate(
-        step=1e-3,
-        gravity=(0.0, 0.0, -gravity),
-        rigid_bodies={"box": box},
-        obstacles={"floor": FLOOR},
-        contact=contact,
-    )
-    simulation.state = replace(simulation.state, rigid_velocity=np.array([[500.0, 0.0, 0.0]]))
-    report = simulation.step()
-    front = report.contact_points[:, 0] > simulation.state.rigid_position[0, 0]
-    normal = np.abs(report.contact_forces[:, 2])
-    share = normal[front].sum() / normal.sum()
-    assert normal.sum() == pytest.approx(MASS * gravity, rel=1e-6)
-    assert share == pytest.approx(0.5 + friction * SIZE[2] / 2 / SIZE[0], abs=1e-6)

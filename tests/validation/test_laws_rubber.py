@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blocks import make_block
-from scenes import advance, silicone, simulate
+from scenes import advance, dense_matrix, silicone, simulate
 from scipy.spatial.transform import Rotation
 
 from taichisoft import Model, write_volume_mesh
@@ -174,7 +174,7 @@ def test_the_matrix_is_the_slope_of_the_forces_in_tension(
     system = ElasticSystem(model.elasticity)
     system.position[:] = position
     system.assemble()
-    matrix = _dense(system, len(position)) - np.diag(np.repeat(model.elasticity.node_mass, 3))
+    matrix = dense_matrix(system, len(position)) - np.diag(np.repeat(model.elasticity.node_mass, 3))
     lag = model.elasticity.node_lag[0]
     matrix /= model.scene.time.step * lag
     assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.abs(matrix).max()
@@ -189,15 +189,6 @@ def test_the_matrix_is_the_slope_of_the_forces_in_tension(
             system.assemble()
             lagged.append(system.force.copy())
         np.testing.assert_allclose(lagged[1] - lagged[0], 2e-3 * lag * pull, atol=1e-9 * lag * np.abs(pull).max())
-
-
-def _dense(system: ElasticSystem, node_count: int) -> np.ndarray:
-    """The system matrix, (3 node_count, 3 node_count)."""
-    matrix = np.zeros((node_count, 3, node_count, 3))
-    for (row, column), block in zip(system.solver.symbolic.block_pairs, system.solver.blocks, strict=True):
-        matrix[row, :, column] = block
-        matrix[column, :, row] = block.T
-    return matrix.reshape(3 * node_count, -1)
 
 
 @pytest.mark.parametrize(("element", "name"), list(product(ELEMENTS, LAWS)))

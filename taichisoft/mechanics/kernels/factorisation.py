@@ -10,6 +10,10 @@ A thread takes the first task of the list for which all is there: `done` counts 
 front is computed from its children in a fixed order, so the result does not depend on the threads. A thread that finds
 nothing to do for longer than any task takes leaves the rest to the others: one of them has lost its core to another
 program, and gets it back the sooner.
+
+Half a tile is computed at a time: its columns and a factor take 10 of the 16 vector registers of a processor with
+AVX2, and a whole tile more than there are. Columns that others of the same half need are read back from memory, by an
+index that the compiler cannot see through: so it keeps each of them a vector.
 """
 
 from taichisoft.mechanics.kernels.sparse_columns import (
@@ -34,8 +38,8 @@ from taichisoft.mechanics.kernels.sparse_columns import (
     Fronts,
 )
 from taichisoft.mechanics.kernels.substitution import Substitution, gather, substitute_forward
-from taichisoft.runtime.arithmetic import SHIFT, TILE, Column, Columns, advance, load, opaque, tiles_in, triangle
-from taichisoft.runtime.language import CHUNK, Matrices, func, ti
+from taichisoft.runtime.arithmetic import HALF, SHIFT, TILE, Column, Columns, advance, load, opaque, tiles_in, triangle
+from taichisoft.runtime.language import CHUNK, Matrices, Scalars, func, ti
 from taichisoft.runtime.launch import kernel
 
 
@@ -105,62 +109,72 @@ def add_update(c: ti.i32, first: ti.i32, last: ti.i32, s: ti.i32, fronts: Fronts
 
 
 @func
-def factorise_tile(d: ti.i32, row: ti.i32, pivots: ti.i32, tiles: Columns, one: ti.i32) -> ti.i32:
+def factorise_tile(d: ti.i32, row: ti.i32, pivots: ti.i32, tiles: Columns, scalars: Scalars, one: ti.i32) -> ti.i32:
     """Finish a tile on the diagonal, at `d`; returns its first column without a positive pivot, or -1."""
-    failed = -1
-    v = [tiles[d + c] for c in range(TILE)]
-    k = 0
-    while k < pivots:
-        x = tiles[row + k]
-        for c in ti.static(range(TILE)):
-            v[c] -= x[c] * x
-        k = advance(k, 1, one)
-    for c in ti.static(range(TILE)):
-        for e in ti.static(range(c)):
-            v[c] -= v[e][c] * v[e]
-        pivot = v[c][c]
-        if not pivot > 0.0 and failed < 0:
-            failed = c
-        inverse = 1.0 / ti.sqrt(pivot)
-        v[c] *= inverse
-        v[c][c] = inverse
-    for c in ti.static(range(TILE)):
-        tiles[d + c] = v[c]
+    failed, first = -1, 0
+    while first < TILE:
+        x = opaque(d + first, one)
+        v = [tiles[x + c] for c in range(HALF)]
+        k = 0
+        while k < pivots + first:
+            a = tiles[row + k]
+            for c in ti.static(range(HALF)):
+                v[c] -= scalars[TILE * (row + k) + first + c] * a
+            k = advance(k, 1, one)
+        finished = opaque(x, one)
+        for c in ti.static(range(HALF)):
+            for e in ti.static(range(c)):
+                v[c] -= scalars[TILE * (finished + e) + first + c] * tiles[finished + e]
+            tiles[x + c] = v[c]
+            pivot = scalars[TILE * (finished + c) + first + c]
+            if not pivot > 0.0 and failed < 0:
+                failed = first + c
+            inverse = 1.0 / ti.sqrt(pivot)
+            tiles[x + c] = v[c] * inverse
+            scalars[TILE * (finished + c) + first + c] = inverse
+        first = advance(first, HALF, one)
     return failed
 
 
 @func
-def solve_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, factor: Factor, one: ti.i32):
+def solve_tile(start: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, factor: Factor, one: ti.i32):
     """Finish a tile left of the diagonal: subtract products of tile rows `row` and `y`, divide by the diagonal's."""
     tiles, scalars = ti.static(factor.tiles, factor.scalars)
-    d = y + pivots
-    v = [tiles[x + c] for c in range(TILE)]
-    k = 0
-    while k < pivots:
-        a, b = tiles[row + k], tiles[y + k]
-        for c in ti.static(range(TILE)):
-            v[c] -= b[c] * a
-        k = advance(k, 1, one)
-    for c in ti.static(range(TILE)):
-        for e in ti.static(range(c)):
-            v[c] -= scalars[TILE * (d + e) + c] * v[e]
-        v[c] *= scalars[TILE * (d + c) + c]
-    for c in ti.static(range(TILE)):
-        tiles[x + c] = v[c]
+    first = 0
+    while first < TILE:
+        d, x = y + pivots + first, opaque(start + first, one)
+        v = [tiles[x + c] for c in range(HALF)]
+        k = 0
+        while k < pivots + first:
+            a = tiles[row + k]
+            for c in ti.static(range(HALF)):
+                v[c] -= scalars[TILE * (y + k) + first + c] * a
+            k = advance(k, 1, one)
+        finished = opaque(x, one)
+        for c in ti.static(range(HALF)):
+            for e in ti.static(range(c)):
+                v[c] -= scalars[TILE * (d + e) + first + c] * tiles[finished + e]
+            tiles[x + c] = v[c] * scalars[TILE * (d + c) + first + c]
+        first = advance(first, HALF, one)
 
 
 @func
-def multiply_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, tiles: Columns, one: ti.i32):
+def multiply_tile(start: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, factor: Factor, one: ti.i32):
     """A tile of the update matrix: minus the product of the tile row at `row` and the transpose of that at `y`."""
-    v = [Column(0.0) for _ in range(TILE)]
-    k = 0
-    while k < pivots:
-        a, b = tiles[row + k], tiles[y + k]
-        for c in ti.static(range(TILE)):
-            v[c] -= b[c] * a
-        k = advance(k, 1, one)
-    for c in ti.static(range(TILE)):
-        tiles[x + c] = v[c]
+    tiles, scalars = ti.static(factor.tiles, factor.scalars)
+    first = 0
+    while first < TILE:
+        x = opaque(start + first, one)
+        v = [Column(0.0) for _ in range(HALF)]
+        k = 0
+        while k < pivots:
+            a = tiles[row + k]
+            for c in ti.static(range(HALF)):
+                v[c] -= scalars[TILE * (y + k) + first + c] * a
+            k = advance(k, 1, one)
+        for c in ti.static(range(HALF)):
+            tiles[x + c] = v[c]
+        first = advance(first, HALF, one)
 
 
 @func
@@ -171,7 +185,7 @@ def eliminate_rows(s: ti.i32, first: ti.i32, last: ti.i32, fronts: Fronts, facto
     for b in range(columns >> SHIFT):
         y = opaque(start + b * columns, one)
         if first <= b and b < last:
-            failed_in_tile = factorise_tile(y + TILE * b, y, TILE * b, factor.tiles, one)
+            failed_in_tile = factorise_tile(y + TILE * b, y, TILE * b, factor.tiles, factor.scalars, one)
             if failed_in_tile >= 0 and failed < 0:
                 failed = TILE * b + failed_in_tile
         for t in range(ti.max(first, b + 1), last):  # neighbours in a column do not wait for each other
@@ -190,7 +204,7 @@ def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, fronts: Fronts, fac
         y = opaque(start + b * columns, one)
         for t in range(b, tiles_in(front[s, BELOW])):
             x = opaque(front[s, UPDATE] + triangle(t) + TILE * b, one)
-            multiply_tile(x, opaque(start + t * columns, one), y, front[s, WIDTH], factor.tiles, one)
+            multiply_tile(x, opaque(start + t * columns, one), y, front[s, WIDTH], factor, one)
 
 
 @func

@@ -26,7 +26,7 @@ from taichisoft.mechanics.kernels.domain_deformation import (
 from taichisoft.mechanics.kernels.hooke_domains import corotated_stress
 from taichisoft.mechanics.kernels.mode_motion import Amplitudes, ModeShapes
 from taichisoft.mechanics.kernels.rubber_domains import respond_by_stretches
-from taichisoft.runtime.arithmetic import SHIFT, TILE, Column, Columns, advance, opaque
+from taichisoft.runtime.arithmetic import HALF, SHIFT, TILE, Column, Columns, advance, opaque
 from taichisoft.runtime.language import Integers, Matrices, Scalars, func, mat3, ti, vec3
 from taichisoft.runtime.launch import kernel
 
@@ -201,22 +201,24 @@ def add_squares(b: ti.i32, added: ti.i32, subtracted: ti.i32, tiles: ti.i32, sti
     """Add to the lower triangle of tiles of A the squares of so many rows, and subtract those of so many others."""
     for one_tile in range(tiles):
         for other in range(one_tile + 1):
-            place = opaque(stiffness.square_start[b] + TILE * one_tile * tiles + other, one)
-            total = [stiffness.square[place + a * tiles] for a in range(TILE)]
-            row, shift = other, one_tile - other
-            while row < added * tiles:
-                mine, theirs = stiffness.rows[opaque(row + shift, one)], stiffness.rows[opaque(row, one)]
-                for a in ti.static(range(TILE)):
-                    total[a] += mine[a] * theirs
-                row = advance(row, tiles, one)
-            row = other + ADDED_ROWS * tiles
-            while row < (ADDED_ROWS + subtracted) * tiles:
-                mine, theirs = stiffness.rows[opaque(row + shift, one)], stiffness.rows[opaque(row, one)]
-                for a in ti.static(range(TILE)):
-                    total[a] -= mine[a] * theirs
-                row = advance(row, tiles, one)
-            for a in ti.static(range(TILE)):
-                stiffness.square[place + a * tiles] = total[a]
+            for half in ti.static(range(2)):
+                first = TILE * one_tile + HALF * half
+                place = opaque(stiffness.square_start[b] + first * tiles + other, one)
+                total = [stiffness.square[place + a * tiles] for a in range(HALF)]
+                row, shift = other, one_tile - other
+                while row < added * tiles:
+                    mine, theirs = stiffness.rows[opaque(row + shift, one)], stiffness.rows[opaque(row, one)]
+                    for a in ti.static(range(HALF)):
+                        total[a] += mine[HALF * half + a] * theirs
+                    row = advance(row, tiles, one)
+                row = other + ADDED_ROWS * tiles
+                while row < (ADDED_ROWS + subtracted) * tiles:
+                    mine, theirs = stiffness.rows[opaque(row + shift, one)], stiffness.rows[opaque(row, one)]
+                    for a in ti.static(range(HALF)):
+                        total[a] -= mine[HALF * half + a] * theirs
+                    row = advance(row, tiles, one)
+                for a in ti.static(range(HALF)):
+                    stiffness.square[place + a * tiles] = total[a]
 
 
 @func
