@@ -381,29 +381,24 @@ class StepAdjoint:
         response = np.einsum("bi,bij,bj->b", found.rigid, rigid.state.inverse_mass, impulse)
         self.by_mass -= np.where(self._model.rigid_frame < 0, response, 0.0)
         turns = matrices_from_quaternions(start.rigid_rotation)
-        for axis in range(3):
-            vector = np.eye(3)[axis]
-            for name, width in (("place", MOVE), ("turn", TURN), ("linear", MOVE), ("angular", SPEED)):
+
+        def turned(way: np.ndarray) -> np.ndarray:
+            turn = turn_matrices(way[None])[0]
+            return np.array([quaternion_from_matrix(turn @ one) for one in turns])
+
+        for of, width, name, moved in (
+            (slopes.rigid_position, MOVE, "rigid_position", start.rigid_position.__add__),
+            (slopes.rigid_turn, TURN, "rigid_rotation", turned),
+            (slopes.rigid_velocity[:, :3], MOVE, "rigid_velocity", start.rigid_velocity.__add__),
+            (slopes.rigid_velocity[:, 3:], SPEED, "rigid_angular_velocity", start.rigid_angular_velocity.__add__),
+        ):
+            for axis, way in enumerate(width * np.eye(3)):
                 sides = []
-                for sign in (width, -width):
-                    changes: dict[str, np.ndarray] = {}
-                    if name == "turn":
-                        turn = turn_matrices((sign * vector)[None])[0]
-                        changes["rigid_rotation"] = np.array([quaternion_from_matrix(turn @ one) for one in turns])
-                    else:
-                        field = {"place": "position", "linear": "velocity", "angular": "angular_velocity"}[name]
-                        changes[f"rigid_{field}"] = getattr(start, f"rigid_{field}") + sign * vector
-                    rigid.begin(start.changed(**changes))
+                for one in (way, -way):
+                    rigid.begin(start.changed(**{name: moved(one)}))
                     free = rigid.state.free + np.einsum("bij,bj->bi", rigid.state.inverse_mass, impulse)
                     sides.append((found.rigid * free).sum(axis=1))
-                change = (sides[0] - sides[1]) / (2.0 * width)
-                of = {
-                    "place": slopes.rigid_position[:, axis],
-                    "turn": slopes.rigid_turn[:, axis],
-                    "linear": slopes.rigid_velocity[:, axis],
-                    "angular": slopes.rigid_velocity[:, 3 + axis],
-                }
-                of[name][:] += change
+                of[:, axis] += (sides[0] - sides[1]) / (2.0 * width)
 
     def _add_contacts(self, derivative: StepDerivative, found: Multipliers, slopes: Slopes) -> None:
         derivative.rigid.begin(derivative.start)

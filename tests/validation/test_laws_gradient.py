@@ -206,12 +206,13 @@ def test_gradient_by_what_holds_for_the_run(floating: Simulation, figures: Figur
     found = gradient(floating, controls, OBJECTIVE, [name])
     assert found.edge_share == found.inexact_share == 0.0
     others = [f"soft_bodies.right.{key.rpartition('.')[2]}={value}"] if key.startswith("soft") else []
+    share = 1e-2 if name.startswith("rayleigh_mass") else 1e-4  # of little effect, near round-off
     sides = []
-    for half in (1e-4, -1e-4):
+    for half in (share, -share):
         changed = Simulation(load_scene(TINY_GRIPPER, (*FLOATING, f"{key}={value * (1.0 + half)!r}", *others)))
         changed.restore(floating.state.changed(young_modulus=changed.state.young_modulus))
         sides.append(value_of(changed, controls, OBJECTIVE))
-    expected = (sides[0] - sides[1]) / (2e-4 * value)
+    expected = (sides[0] - sides[1]) / (2.0 * share * value)
     figures.at_most(f"gradient by {name}", float(abs(found[name] / expected - 1.0)), 1e-5)
 
 
