@@ -19,7 +19,7 @@ from taichisoft.mechanics.state import State
 from taichisoft.running.figure_slopes import FigureSlopes
 from taichisoft.running.simulation import Simulation, check_simulation
 from taichisoft.step.linearisation import AXES, BASE, asking, forces
-from taichisoft.step.step_adjoint import RestSlopes, Slopes, StepAdjoint
+from taichisoft.step.step_adjoint import CoefficientSlopes, RestSlopes, Slopes, StepAdjoint, coefficients
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
 Objective = Callable[[Observation], tuple[float, Mapping[str, Any]]]
@@ -46,8 +46,11 @@ class RunGradient:
         edge_share: share of the steps with a contact nearer to a change between open, sticking and sliding than the
             solvers' tolerances tell; derivatives there are those of one side.
         inexact_share: share of the contacts whose derivatives leave something out: those of round and curved surfaces,
-            where normal and points are taken to move along with the body, and of bodies that turn much in a step.
+            where normal and points are taken to move along with the body, of bodies that turn much in a step, and of
+            surfaces that meet within a step, where the time of the meeting is taken as it is.
         shifted_share: share of the steps in which overlapping surfaces were shifted apart; the shift is constant.
+        unconverged_share: share of the steps in which `time.newton` linearisations left more than
+            `time.newton_tolerance`; derivatives are those of converged ones.
     """
 
     value: float
@@ -57,6 +60,7 @@ class RunGradient:
     edge_share: float
     inexact_share: float
     shifted_share: float
+    unconverged_share: float
     _found: Mapping[str, np.ndarray]
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -135,7 +139,8 @@ def gradient(
             derivatives of this part by figures, such as `(seen.volumes["finger1.cavity"], {"volumes": [1, 0, 0]})`.
         by: what to derive by. For each step: names of `controls`, "base_translation.x", "force.finger1.y". In all:
             "start.position", "start.velocity", "start.rigid_position", "start.rigid_rotation" (by turns about the
-            axes of the world), "start.rigid_velocity" (linear and angular); "young_modulus.MATERIAL", "density.BODY",
+            axes of the world), "start.rigid_velocity" (linear and angular); "young_modulus.MATERIAL",
+            "c10.MATERIAL" and other coefficients of laws of rubber that the scene gives, "density.BODY",
             "rayleigh_stiffness.BODY", "rayleigh_mass.BODY", "mass.BODY", and "friction" or "friction.BODY|BODY".
         moves: how dimensions of the bodies move all soft nodes at rest [mm per unit], shape (node_count, 3), by name;
             `by` has "rest.NAME" then, of a run from the simulation's first state, which moves along.
@@ -178,7 +183,12 @@ class _Run:
         self._figures = FigureSlopes(self._model)
         self._of_steps = {name: np.zeros(self._count) for name in self._by if _is_of_steps(name)}
         self._moves = _checked_moves(self._by, moves, simulation)
-        self._by_rest = {name: (RestSlopes(self._model, move), [0.0]) for name, move in self._moves.items()}
+        coefficient_names = coefficients(self._model)
+        self._sides: dict[str, RestSlopes | CoefficientSlopes] = {
+            **{f"rest.{name}": RestSlopes(self._model, move) for name, move in self._moves.items()},
+            **{name: CoefficientSlopes(self._model, name) for name in self._by if name in coefficient_names},
+        }
+        self._by_sides = dict.fromkeys(self._sides, 0.0)
         self._interval = _interval(self._count, simulation.state, 1e6 * memory)
 
     def back(self) -> RunGradient:
@@ -186,7 +196,8 @@ class _Run:
         states, parts, value = self._forwards()
         end, observation = self._simulation.state, self._simulation.observe_state(self._simulation.state)
         slopes, carried = Slopes.none(self._model), _Carried(self._model)
-        edges = shifted = 0
+        edges = shifted = unconverged = 0
+        tolerance = self._model.scene.time.newton_tolerance
         for step in reversed(range(self._count)):
             if step not in states:
                 self._again(states, step - step % self._interval, step)
@@ -197,17 +208,19 @@ class _Run:
             self._figures.add(parts[step], derivative, end, slopes, impulse, carried.target)
             slopes, found = self._adjoint.back(derivative, slopes, impulse)
             edges, shifted = edges + bool(derivative.edges()), shifted + (derivative.shift is not None)
+            unconverged += (derivative.solution.newton_residual or 0.0) > tolerance
             carried.add(derivative, found)
             self._keep_forces(step, derivative, found)
-            for rest, parts_of_steps in self._by_rest.values():
-                parts_of_steps.append(rest.along(derivative, found))
+            for name, sides in self._sides.items():
+                self._by_sides[name] += sides.along(derivative, found)
             if any(name.startswith(tuple(BASE)) for name in self._of_steps):
                 _refuse_turning(derivative.start)
                 carried.add_pose(derivative, found, self._adjoint, self._figures.of_frames)
             carried.hand_over(step, control, self._simulation, derivative.start, self._of_steps)
             end = self._simulation.state
         by = {name: self._of_steps[name] if name in self._of_steps else self._of_run(name, slopes) for name in self._by}
-        shares = edges / self._count, self._adjoint.inexact / max(self._adjoint.contacts, 1), shifted / self._count
+        inexact, count = self._adjoint.inexact / max(self._adjoint.contacts, 1), self._count
+        shares = edges / count, inexact, shifted / count, unconverged / count
         return RunGradient(value, tuple(self._by), observation, self._count, *shares, by)
 
     def _control(self, step: int) -> Control:
@@ -284,8 +297,9 @@ class _Run:
     def _of_run(self, name: str, slopes: Slopes) -> np.ndarray:
         """A derivative by something that holds for the whole run."""
         key, _, of = name.partition(".")
-        if key == "rest":
-            return np.asarray(sum(self._by_rest[of][1]) + (slopes.position * self._moves[of]).sum())
+        if name in self._by_sides:
+            of_start = (slopes.position * self._moves[of]).sum() if key == "rest" else 0.0
+            return np.asarray(self._by_sides[name] + of_start)
         if key == "friction":
             return np.asarray((_friction_pairs(self._model, of) * self._adjoint.by_friction).sum())
         return np.asarray(_by_name(self._model, self._adjoint, slopes)[name])
@@ -300,7 +314,8 @@ def _by_name(model: Model, adjoint: StepAdjoint, slopes: Slopes) -> dict[str, An
     for body, by_damping, by_drag, by_density in zip(model.soft_bodies, *parts, strict=True):
         key = "density" if body.settings.mass is None else "mass"
         found[f"rayleigh_stiffness.{body.name}"], found[f"rayleigh_mass.{body.name}"] = by_damping, by_drag
-        found[f"{key}.{body.name}"] = by_density / getattr(body.settings, key)  # the adjoint has those by shares
+        if body.modes is None:  # which are of these masses; the adjoint has those by shares
+            found[f"{key}.{body.name}"] = by_density / getattr(body.settings, key)
     masses = zip(model.rigid_bodies, adjoint.by_mass / model.rigid_mass, strict=True)
     pushed = {one.body for one in model.scene.external_forces}
     free = [(body.name, by) for body, by in masses if body.follows is None]
@@ -452,7 +467,10 @@ def _checked_names(by: Any, model: Model, moves: Any, adjoint: StepAdjoint) -> l
     if isinstance(by, str) or not isinstance(by, Sequence):
         raise TaichisoftError(f"by = {by!r}: must be a sequence of names")
     known = [*_known_names(model, adjoint), *(f"rest.{name}" for name in moves)]
+    of_modes = (*BASE, "density", "mass") if any(body.modes is not None for body in model.soft_bodies) else ()
     for name in by:
+        if name not in known and str(name).partition(".")[0] in of_modes:
+            raise TaichisoftError(f"by: '{name}' has no gradient with reduced bodies, whose modes depend on it")
         if name not in known and not str(name).startswith("friction."):
             raise TaichisoftError(f"by: '{name}' is nothing to derive by; {nearest(str(name), known, 'there are')}")
         if str(name).startswith("friction"):
@@ -465,11 +483,13 @@ def _known_names(model: Model, adjoint: StepAdjoint) -> Iterator[str]:
     for kind in ACTUATOR_KINDS:
         for drive in (kind.effort, kind.coordinate):
             yield from (f"{drive.request}.{name}" for name in model.actuators.names_of(kind))
-    yield from (f"{key}.{letter}" for key in BASE for letter in AXES)
+    if all(body.modes is None for body in model.soft_bodies):
+        yield from (f"{key}.{letter}" for key in BASE for letter in AXES)
     tips = Fingertips(model.soft_bodies, model.frames)
     free = [body.name for body in model.rigid_bodies if body.follows is None]
     yield from (f"force.{name}.{letter}" for name in (*tips.names, *free) for letter in AXES)
     yield from _by_name(model, adjoint, Slopes.none(model))
+    yield from coefficients(model)
     yield "friction"
 
 

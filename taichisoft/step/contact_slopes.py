@@ -21,6 +21,8 @@ from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
 ALIKE = 1e-6
 """Largest difference between a contact's row and what is derived in its place [mm] and [mm/s]."""
+EARLY = 1e-6
+"""Share of a step before which contacts are measured at its start [-]."""
 SIGN = np.array([-1.0, 1.0])[:, None]
 """Of the sides, in what the second point has more than the first."""
 
@@ -33,8 +35,8 @@ class PlaceSlopes:
         position, velocity: by those of the nodes, shape (node_count, 3).
         rigid: by the places of the centres of mass, turns, linear and angular velocities of the rigid bodies, shape
             (rigid_count, 4, 3).
-        inexact: whether normal and weights of each contact were taken as they are, or the row is that of a body that
-            turns in the step, shape (contact_count,).
+        inexact: whether normal and weights of each contact were taken as they are, or the time of the measurement, or
+            the row is that of a body that turns in the step, shape (contact_count,).
     """
 
     position: np.ndarray
@@ -180,7 +182,9 @@ def contact_slopes(
     if renewed.any():
         _add_start(derivative, at, by_start_point, by_start_arm, places)
     position, velocity, of_bodies = (one[:-1] for one in places)
-    return PlaceSlopes(position, velocity, of_bodies, ~(at.fits & is_known & at.arms_fit))
+    # The time of a measurement within the step, where surfaces come close, is taken as it is.
+    is_timed = (at.passed == h) | (at.passed < EARLY * h)
+    return PlaceSlopes(position, velocity, of_bodies, ~(at.fits & is_known & at.arms_fit & is_timed))
 
 
 def _add_start(

@@ -10,7 +10,7 @@ end changes by dJ = -m . (dr/dy) dy, where the multipliers m solve the transpose
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -19,13 +19,17 @@ from taichisoft.base.rotations import matrices_from_quaternions, quaternion_from
 from taichisoft.contact.model import Model
 from taichisoft.errors import SceneError
 from taichisoft.mechanics.body_geometry import PosesAhead
+from taichisoft.mechanics.domain_elasticity import domain_data
+from taichisoft.mechanics.domains import quadrature_domains
+from taichisoft.mechanics.elastic_laws import ElasticLaws, elastic_law, joined_arrays
 from taichisoft.mechanics.elasticity import Elasticity
-from taichisoft.mechanics.kernels.domain_deformation import DILATION, LAMBDA, MU, SHAPE
-from taichisoft.mechanics.kernels.elastic_slopes import ElasticPieces, PieceSlopes, elastic_slopes
+from taichisoft.mechanics.kernels.domain_deformation import HOOKE, Domains, Movement
+from taichisoft.mechanics.kernels.elastic_slopes import PieceSlopes, elastic_slopes
 from taichisoft.mechanics.kernels.hooke_domains import POLAR
 from taichisoft.mechanics.model_actuators import ActuatorGeometry
 from taichisoft.mechanics.soft_body_arrays import reshaped
 from taichisoft.mechanics.state import State
+from taichisoft.scene.soft_body import SoftBodySettings
 from taichisoft.step.contact_slopes import contact_slopes
 from taichisoft.step.step_derivative import Multipliers, StepDerivative
 
@@ -33,9 +37,10 @@ TURN, SPEED = 1e-4, 1e-3
 """Half widths of differences by turns of rigid bodies [rad] and by their angular velocities [rad/s]."""
 MOVE = 1e-2
 """Largest move of a node in differences of the actuators' gradients, which are polynomials of it or nearly so [mm]."""
-
-REST_MOVE = 1e-4
-"""Largest move of a node at rest in differences by it [mm]: its square and round-off are both some 1e-9 of it."""
+REST_MOVE = 1e-6
+"""Largest move of a node at rest in differences by it [mm]: round-off is some 1e-8, and laws of rubber have kinks."""
+COEFFICIENT = 1e-4
+"""Half width of differences by a coefficient of a law, over the coefficient [-]."""
 
 
 @dataclass
@@ -65,60 +70,147 @@ class Slopes:
 class ElasticSlopes:
     """The product of multipliers and the elastic forces of a step, and its derivatives."""
 
-    def __init__(self, model: Model, elasticity: Elasticity):
-        """Lay out the pieces with one deformation each, linear tetrahedra and integration domains."""
-        data = elasticity.element_data
-        count, nodes = len(data.lag), [elasticity.linear_elements.ravel()]
-        sizes, gradients, lags = [np.full(count, 4)], [elasticity.gradient[:, 0].reshape(-1, 3)], [data.lag]
-        moduli, elements = [data.force_modulus], [elasticity.linear]
-        if elasticity.domains is not None and elasticity.domains.hooke is not None:
-            hooke = elasticity.domains.hooke
-            nodes.append(hooke.data.node)
-            sizes.append(np.diff(hooke.data.start))
-            gradients.append(hooke.data.gradient)
-            lags.append(hooke.data.lag)
-            moduli.append(hooke.data.volume[:, [DILATION, SHAPE]] * hooke.data.modulus[:, [LAMBDA, MU]])
-            elements.append(hooke.element)
-        element, node = np.concatenate(elements), np.concatenate(nodes)
-        rest_frame, corotation = np.tile(np.eye(3), (len(element), 1, 1)), np.full(len(element), POLAR, dtype=np.int32)
-        rest_frame[:count], corotation[:count] = data.rest_frame, data.corotation
-        self._modulus = np.vstack(moduli)
-        self._pieces = ElasticPieces(
-            start=np.cumsum([0, *np.concatenate(sizes)]).astype(np.int32),
-            node=node.astype(np.int32),
-            gradient=np.vstack(gradients),
-            corotation=corotation,
-            rest_frame=rest_frame,
-            modulus=self._modulus.copy(),
-            lag=np.concatenate(lags),
-        )
-        self._slopes = PieceSlopes(np.zeros(len(element)), np.zeros(len(element)), np.zeros((len(node), 3)))
-        self._start, self._velocity, self._multiplier = np.zeros((3, model.node_count, 3))
-        entries = np.ones(len(node)), (node, np.arange(len(node)))
-        self._on_nodes = sparse.csr_array(sparse.coo_array(entries, (model.node_count, len(node))))
+    def __init__(self, model: Model, elasticity: Elasticity, chosen: np.ndarray | None = None):
+        """Lay out the pieces with one deformation each: linear tetrahedra, domains, those of reduced bodies.
+
+        Without those of elements that are not `chosen`, shape (element_count,).
+        """
+        data, domains, reduced = elasticity.element_data, elasticity.domains, elasticity.reduced
+        linear = quadrature_domains(elasticity.linear_elements, elasticity.gradient, elasticity.volume)
+        laws = ElasticLaws.joined([body.laws for body in model.soft_bodies]).select(elasticity.linear)
+        parts = [(domain_data(linear, laws, data.lag, data.lag, model.scene.time.step), elasticity.linear)]
+        kinds = () if domains is None else (domains.hooke, domains.rubber)
+        parts += [(one.data, one.element) for one in (*kinds, reduced) if one is not None]
+        pieces, element = Domains(**joined_arrays([part for part, _ in parts])), np.concatenate([e for _, e in parts])
+        corotation, frames = np.full(len(element), POLAR, np.int32), np.tile(np.eye(3), (len(element), 1, 1))
+        corotation[: len(data.lag)], frames[: len(data.lag)] = data.corotation, data.rest_frame
+        if chosen is not None:
+            own = chosen[element]
+            pieces, corotation, frames, element = _selected(pieces, own), corotation[own], frames[own], element[own]
+        self._pieces, self._corotation, self._frames, nodes = pieces, corotation, frames, pieces.node
+        self._modulus, self._is_rubber = self._pieces.modulus.copy(), bool((self._pieces.law != HOOKE).any())
+        self._slopes = PieceSlopes(*np.zeros((2, len(element))), *np.zeros((3, len(nodes), 3)))
+        self._start, self._known, self._change, self._multiplier = np.zeros((4, model.node_count, 3))
+        entries = np.ones(len(nodes)), (nodes, np.arange(len(nodes)))
+        self._on_nodes = sparse.csr_array(sparse.coo_array(entries, (model.node_count, len(nodes))))
         self._material, self._rest_modulus = model.element_material[element], model.young_modulus
         counts = [len(body.elements) for body in model.soft_bodies]
         self._body, self._body_count = np.repeat(np.arange(len(counts)), counts)[element], len(counts)
 
-    def add(self, start: State, time_step: float, velocity: np.ndarray, multiplier: np.ndarray, slopes: Slopes) -> Any:
-        """Subtract the derivative of m . r by the start from the slopes.
+    def add(self, derivative: StepDerivative, multiplier: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Derivatives of m . r in a step, of which the multipliers are m.
 
         Returns:
-            Those of the number by Young's moduli, (material_count,), and by the damping b, (body_count,).
+            Those by positions of the nodes, by their velocities before the step (with those after it as they are) and
+            after it, (node_count, 3), by Young's moduli, (material_count,), and by the damping b, (body_count,).
         """
-        self.measure(start, velocity, time_step * multiplier)
-        slopes.position -= self._on_nodes @ self._slopes.by_position
-        by_modulus = -np.bincount(self._material, self._slopes.product, len(self._rest_modulus))
-        by_lag = -np.bincount(self._body, self._slopes.by_lag, self._body_count)
-        return by_modulus / start.young_modulus, by_lag
+        total: list[Any] = [0.0] * 5
+        for term in elastic_terms(derivative):
+            self._measure(derivative, term, multiplier)
+            by_modulus = np.bincount(self._material, self._slopes.product, len(self._rest_modulus))
+            by_lag = np.bincount(self._body, self._slopes.by_lag, self._body_count)
+            parts = (
+                self._on_nodes @ self._slopes.by_position,
+                self._on_nodes @ self._slopes.by_known if self._is_rubber and term.is_at_start else 0.0,
+                self._on_nodes @ self._slopes.by_velocity if derivative.reduced is not None else 0.0,
+                by_modulus / derivative.start.young_modulus,
+                by_lag,
+            )
+            total = [one + more for one, more in zip(total, parts, strict=True)]
+        return tuple(total)
 
-    def measure(self, start: State, velocity: np.ndarray, multiplier: np.ndarray) -> float:
-        """Derive the product of the forces with multipliers, which it returns [mN mm per unit of these]."""
-        self._start[:], self._velocity[:], self._multiplier[:] = start.position, velocity, multiplier
-        scale = (start.young_modulus / self._rest_modulus)[self._material, None]
+    def product(self, derivative: StepDerivative, multiplier: np.ndarray) -> float:
+        """m . r of the elastic forces in a step [mN mm per unit of the multipliers]."""
+        terms = elastic_terms(derivative)
+        return float(sum(self._measure(derivative, term, multiplier, only_product=1).sum() for term in terms))
+
+    def take(self, law: ElasticLaws) -> None:
+        """Give all pieces the law of one material."""
+        self._modulus[:], self._pieces.pure_number[:] = law.modulus, law.pure_number
+
+    def _measure(
+        self, derivative: StepDerivative, term: "ElasticTerm", multiplier: np.ndarray, only_product: int = 0
+    ) -> np.ndarray:
+        """Fill in the slopes of a term; returns the products."""
+        self._start[:], self._known[:], self._change[:] = term.position, term.known, term.velocity - term.known
+        self._multiplier[:] = derivative.time_step * multiplier
+        scale = (derivative.start.young_modulus / self._rest_modulus)[self._material, None]
         np.multiply(self._modulus, scale, out=self._pieces.modulus)
-        elastic_slopes(self._pieces, self._start, self._velocity, self._multiplier, self._slopes)
-        return float(self._slopes.product.sum())
+        of_pieces = self._pieces, self._corotation, self._frames
+        moving, change = Movement(self._start, self._known), Movement(self._change, self._multiplier)
+        elastic_slopes(*of_pieces, moving, change, float(term.is_elastic), only_product, self._slopes)
+        return self._slopes.product
+
+
+def _selected(pieces: Domains, chosen: np.ndarray) -> Domains:
+    sizes, arrays = np.diff(pieces.start), pieces._asdict()
+    rows = {name: np.repeat(chosen, sizes) if name in ("node", "gradient") else chosen for name in arrays}
+    arrays["start"] = np.append(0, np.cumsum(sizes[chosen])).astype(np.int32)
+    return Domains(**{name: one if name == "start" else one[rows[name]] for name, one in arrays.items()})
+
+
+class ElasticTerm(NamedTuple):
+    """A part of the elastic forces of a step, `is_elastic` or of damping alone, where it is linearised.
+
+    Velocities are those before and after the step, or none at its end, not `is_at_start`.
+    """
+
+    position: np.ndarray
+    known: np.ndarray
+    velocity: np.ndarray
+    is_at_start: bool = True
+    is_elastic: bool = True
+
+
+def elastic_terms(derivative: StepDerivative) -> list[ElasticTerm]:
+    """The elastic forces: linearised at the start of the step, or at its end, damped as at its start."""
+    start, velocity = derivative.start, derivative.solution.node_velocity
+    if not derivative.is_nonlinear:
+        return [ElasticTerm(start.position, derivative.known_velocity, velocity)]
+    end, at_rest = start.position + derivative.time_step * velocity, np.zeros_like(velocity)
+    damping = ElasticTerm(start.position, start.velocity, velocity, is_elastic=False)
+    return [ElasticTerm(end, at_rest, at_rest, is_at_start=False), damping]
+
+
+def inertia(model: Model, derivative: StepDerivative) -> np.ndarray:
+    """What masses are multiplied with in a step [mm/s], shape (node_count, 3)."""
+    assert model.elasticity is not None
+    start, velocity, drag = derivative.start, derivative.solution.node_velocity, model.elasticity.node_rayleigh_mass
+    change: np.ndarray = velocity - start.velocity + derivative.time_step * (drag[:, None] * velocity - start.gravity)
+    return change
+
+
+class CoefficientSlopes:
+    """Derivatives by a coefficient of a material's law, with Poisson's ratio as it is: by differences of products."""
+
+    def __init__(self, model: Model, name: str):
+        """Change the coefficient by its name in `coefficients`."""
+        number, coefficient, body, table = coefficients(model)[name]
+        poisson_ratio = body.poisson_ratio if table.poisson_ratio is None else table.poisson_ratio
+        given, law = table.coefficients, table.law or body.law
+        self._half = COEFFICIENT * max(abs(given[coefficient]), 0.01 * max(abs(value) for value in given.values()))
+        sides = [{**given, coefficient: given[coefficient] + change} for change in (self._half, -self._half)]
+        self._laws = [elastic_law(law, None, side, poisson_ratio) for side in sides]
+        assert model.elasticity is not None
+        self._elastic = ElasticSlopes(model, model.elasticity, model.element_material == number)
+
+    def along(self, derivative: StepDerivative, found: Multipliers) -> float:
+        """The derivative of what a step makes of a coefficient, with its start as it is."""
+        products = []
+        for law in self._laws:
+            self._elastic.take(law)
+            products.append(self._elastic.product(derivative, found.node))
+        return -(products[0] - products[1]) / (2.0 * self._half)
+
+
+def coefficients(model: Model) -> dict[str, tuple[int, str, SoftBodySettings, Any]]:
+    """Number of the material, name, body and table of each coefficient, by "c10.finger" or "mu1.finger.regions.0"."""
+    tables = [(body.settings, one) for body in model.soft_bodies for one in body.settings.materials]
+    return {
+        f"{coefficient}.{name}": (number, coefficient, *tables[number])
+        for number, name in enumerate(model.material_names)
+        for coefficient in tables[number][1].coefficients or {}
+    }
 
 
 class RestSlopes:
@@ -128,12 +220,14 @@ class RestSlopes:
         """Shape the bodies a little more and a little less by a move [mm per unit], shape (node_count, 3).
 
         Raises:
-            SceneError: the model has cables or embedded surfaces, whose points lie in other elements then.
+            SceneError: the model has cables or embedded surfaces, whose points lie in other elements then, or modes.
         """
-        if model.cables.names:
-            raise SceneError(
-                "gradient: moves of nodes at rest have no derivative here with cables; take cavities alone"
-            )
+        for is_there, what in (
+            (model.cables.names, "with cables; take cavities alone"),
+            (any(body.modes is not None for body in model.soft_bodies), "of reduced bodies; leave `reduced` out"),
+        ):
+            if is_there:
+                raise SceneError(f"gradient: moves of nodes at rest have no derivative here {what}")
         self._model, self._move = model, move
         self._half = REST_MOVE / max(float(np.abs(move).max()), 1e-300)
         bodies = [
@@ -148,12 +242,11 @@ class RestSlopes:
 
     def along(self, derivative: StepDerivative, found: Multipliers) -> float:
         """The derivative of what a step makes of a number, with its start as it is but for the anchors."""
-        h, start, nodes = self._model.scene.time.step, derivative.start, found.node
-        elasticity, velocity = self._model.elasticity, derivative.solution.node_velocity
+        h, start, nodes, elasticity = derivative.time_step, derivative.start, found.node, self._model.elasticity
         assert elasticity is not None
-        more, less = (side.measure(start, velocity, h * nodes) for side in self._sides)
-        change = velocity - start.velocity - h * start.gravity + h * elasticity.node_rayleigh_mass[:, None] * velocity
-        total = -(more - less) / (2.0 * self._half) - float(self._mass @ (change * nodes).sum(axis=1))
+        more, less = (side.product(derivative, nodes) for side in self._sides)
+        change = (inertia(self._model, derivative) * nodes).sum(axis=1)
+        total = -(more - less) / (2.0 * self._half) - float(self._mass @ change)
         anchored = self._model.anchored_nodes
         turn = self._model.places(start).turn[self._model.anchor_frame]
         targets = np.einsum("aij,aj->ai", turn, self._move[anchored])
@@ -217,46 +310,65 @@ class StepAdjoint:
         return slopes, found
 
     def _add_soft(self, derivative: StepDerivative, found: Multipliers, slopes: Slopes) -> None:
-        model, h, start, velocity = self._model, self._time_step, derivative.start, derivative.solution.node_velocity
+        model, h, velocity = self._model, self._time_step, derivative.solution.node_velocity
         elasticity, nodes = model.elasticity, found.node
         assert elasticity is not None and self._elastic is not None
-        slopes.velocity += elasticity.node_mass[:, None] * nodes
-        anchored = model.anchored_nodes
-        slopes.position[anchored] -= h * elasticity.anchor_stiffness[anchored] * nodes[anchored]
-        by_material, by_damping = self._elastic.add(start, h, velocity, nodes, slopes)
-        self.by_material += by_material
-        self.by_damping += by_damping
+        mass, stiffness = elasticity.node_mass, elasticity.anchor_stiffness
+        held, relative = h * stiffness * nodes, velocity
+        by_position, by_known, by_velocity, by_material, by_damping = self._elastic.add(derivative, nodes)
+        slopes.position -= by_position + held
+        by_start, reduced = mass[:, None] * nodes - by_known, derivative.reduced
+        if reduced is not None:
+            # Their velocities v' + T Phi w are the nearest ones to those before the step that lead to modes, and more.
+            is_reduced, drag = reduced.is_reduced, h * (elasticity.node_rayleigh_mass * mass)[:, None] * nodes
+            of_known = found.velocity - by_known - by_velocity - elasticity.anchor_lag[:, None] * held
+            of_known = np.where(is_reduced, of_known, 0.0)
+            of_modes = mass[:, None] * reduced.node_velocity(reduced.on_unknowns(of_known))
+            slopes.position += (of_modes - of_known) / h
+            by_start = np.where(is_reduced, of_modes - drag, by_start)
+            modal = reduced.node_velocity(reduced.rates(derivative.start.velocity))
+            relative = np.where(is_reduced, velocity - derivative.known_velocity + modal, velocity)
+        slopes.velocity += by_start
         is_damped = np.array([body.settings.damped_anchors for body in model.soft_bodies])[self._node_body]
-        anchors = h * (elasticity.anchor_stiffness * velocity * nodes).sum(axis=1) * is_damped
-        drag = h * elasticity.node_mass * (velocity * nodes).sum(axis=1)
-        change = velocity - start.velocity - h * start.gravity + h * elasticity.node_rayleigh_mass[:, None] * velocity
-        inertia = elasticity.node_mass * (change * nodes).sum(axis=1)
-        for total, part in ((self.by_damping, anchors), (self.by_drag, drag), (self.by_density, inertia)):
+        damped = (held * velocity).sum(axis=1) * is_damped
+        drag = h * mass * (relative * nodes).sum(axis=1)
+        inertial = mass * (inertia(model, derivative) * nodes).sum(axis=1)
+        self.by_material -= by_material
+        self.by_damping -= by_damping
+        for total, part in ((self.by_damping, damped), (self.by_drag, drag), (self.by_density, inertial)):
             total -= np.bincount(self._node_body, part, len(total))
 
     def _add_actuators(self, derivative: StepDerivative, found: Multipliers, slopes: Slopes) -> None:
-        """Loads turn and grow with the bodies, and rows of coordinates with what they are of."""
+        """Loads turn and grow with the bodies, and rows of coordinates with what they are of.
+
+        A row has q + dq/dx w at the place of the linearisation, with the way w from there to the end of the step.
+        """
         model, start, solution, h = self._model, derivative.start, derivative.solution, self._time_step
-        if not model.actuators.count:
+        if not model.actuators.count or model.elasticity is None:
             return
         coordinates, entries = model.actuators.coordinates, np.diff(model.actuators.coordinates.entry_start)
         row = np.zeros(model.actuators.count)
         row[derivative.coordinates] = -found.row[3 * derivative.contact_count :]
-        directions = (found.node, -h * solution.effort), (solution.node_velocity, row)
+        lead = model.elasticity.node_lead[:, None]
+        passed = h * solution.node_velocity if derivative.is_nonlinear else lead * start.velocity
+        place, bent = start.position + passed, np.zeros_like(slopes.position)
+        directions = (found.node, -h * solution.effort), (solution.node_velocity - passed / h, row)
         for direction, weight in directions:
             largest = float(np.abs(direction).max(initial=0.0))
             if not (largest > 0.0 and weight.any()):
                 continue
             share = MOVE / largest
-            change = (
-                0.5 / share * (self._gradients(start, share * direction) - self._gradients(start, -share * direction))
-            )
-            np.subtract.at(slopes.position, coordinates.entry_node, np.repeat(weight, entries)[:, None] * change)
-        here = np.repeat(row / h, entries)[:, None] * self._gradients(start, 0.0)
+            more, less = (self._gradients(start, place + sign * share * direction) for sign in (1.0, -1.0))
+            change = 0.5 / share * (more - less)
+            np.subtract.at(bent, coordinates.entry_node, np.repeat(weight, entries)[:, None] * change)
+        slopes.position += bent
+        if not derivative.is_nonlinear:
+            slopes.velocity += lead * bent
+        here = np.repeat(row / h, entries)[:, None] * self._gradients(start, place)
         np.subtract.at(slopes.position, coordinates.entry_node, here)
 
-    def _gradients(self, start: State, move: Any) -> np.ndarray:
-        ahead = PosesAhead(start.position + move, start.rigid_position, start.rigid_rotation)
+    def _gradients(self, start: State, position: np.ndarray) -> np.ndarray:
+        ahead = PosesAhead(position, start.rigid_position, start.rigid_rotation)
         self._geometry.update(ahead, self._model.placed_pull_points(start))
         return self._geometry.gradient.soft.copy()
 
@@ -269,29 +381,24 @@ class StepAdjoint:
         response = np.einsum("bi,bij,bj->b", found.rigid, rigid.state.inverse_mass, impulse)
         self.by_mass -= np.where(self._model.rigid_frame < 0, response, 0.0)
         turns = matrices_from_quaternions(start.rigid_rotation)
-        for axis in range(3):
-            vector = np.eye(3)[axis]
-            for name, width in (("place", MOVE), ("turn", TURN), ("linear", MOVE), ("angular", SPEED)):
+
+        def turned(way: np.ndarray) -> np.ndarray:
+            turn = turn_matrices(way[None])[0]
+            return np.array([quaternion_from_matrix(turn @ one) for one in turns])
+
+        for of, width, name, moved in (
+            (slopes.rigid_position, MOVE, "rigid_position", start.rigid_position.__add__),
+            (slopes.rigid_turn, TURN, "rigid_rotation", turned),
+            (slopes.rigid_velocity[:, :3], MOVE, "rigid_velocity", start.rigid_velocity.__add__),
+            (slopes.rigid_velocity[:, 3:], SPEED, "rigid_angular_velocity", start.rigid_angular_velocity.__add__),
+        ):
+            for axis, way in enumerate(width * np.eye(3)):
                 sides = []
-                for sign in (width, -width):
-                    changes: dict[str, np.ndarray] = {}
-                    if name == "turn":
-                        turn = turn_matrices((sign * vector)[None])[0]
-                        changes["rigid_rotation"] = np.array([quaternion_from_matrix(turn @ one) for one in turns])
-                    else:
-                        field = {"place": "position", "linear": "velocity", "angular": "angular_velocity"}[name]
-                        changes[f"rigid_{field}"] = getattr(start, f"rigid_{field}") + sign * vector
-                    rigid.begin(start.changed(**changes))
+                for one in (way, -way):
+                    rigid.begin(start.changed(**{name: moved(one)}))
                     free = rigid.state.free + np.einsum("bij,bj->bi", rigid.state.inverse_mass, impulse)
                     sides.append((found.rigid * free).sum(axis=1))
-                change = (sides[0] - sides[1]) / (2.0 * width)
-                of = {
-                    "place": slopes.rigid_position[:, axis],
-                    "turn": slopes.rigid_turn[:, axis],
-                    "linear": slopes.rigid_velocity[:, axis],
-                    "angular": slopes.rigid_velocity[:, 3 + axis],
-                }
-                of[name][:] += change
+                of[:, axis] += (sides[0] - sides[1]) / (2.0 * width)
 
     def _add_contacts(self, derivative: StepDerivative, found: Multipliers, slopes: Slopes) -> None:
         derivative.rigid.begin(derivative.start)
@@ -319,13 +426,11 @@ def _refuse(model: Model) -> None:
     """Raise the error of what has no derivative by the start of a step here."""
     time, actuators = model.scene.time, model.actuators
     elasticity = model.elasticity
-    rubber = elasticity is not None and elasticity.domains is not None and elasticity.domains.rubber is not None
+    reduced = any(body.modes is not None for body in model.soft_bodies)
     for is_there, what in (
         (time.dynamics != "inertial", f'time.dynamics = "{time.dynamics}"; leave it "inertial"'),
-        (time.most_linearisations > 1, f"time.newton = {time.newton}; leave it 1"),
         (time.theta < 1.0, f"time.theta = {time.theta:g}; leave it 1"),
-        (any(body.modes is not None for body in model.soft_bodies), "reduced bodies; leave `reduced` out"),
-        (rubber, 'laws of rubber; take law = "hooke"'),
+        (reduced and time.newton > 1, f"reduced bodies and time.newton = {time.newton}; leave one of them out"),
         (
             elasticity is not None and elasticity.reinforcements is not None,
             "membranes, fibres or springs",

@@ -1,5 +1,6 @@
 """How the end of a step moves with what acts in it, by the factor of the step."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -77,6 +78,7 @@ class Multipliers:
     Attributes:
         node, rigid, row, bounds: by `node_impulse`, `rigid_velocity`, `row_velocity` of all rows, and `bounds`.
         condition: by the right-hand sides of the conditions of all rows, shape (row_count,).
+        velocity: by velocities of the nodes that no force changes, shape (node_count, 3).
     """
 
     node: np.ndarray
@@ -84,6 +86,7 @@ class Multipliers:
     row: np.ndarray
     bounds: np.ndarray
     condition: np.ndarray
+    velocity: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,10 @@ class StepDerivative:
         impulse: of all rows, the contacts' first [mN s, of a volume kPa s], shape (row_count,).
         coordinates: those of the actuators with rows.
         inverse_mass: of the rigid bodies [1/kg] and [1/(kg mm^2)], shape (rigid_count, 6, 6).
+        time_step: h [s].
+        is_nonlinear: whether the step solves the nonlinear equations.
+        known_velocity: of the nodes, to which forces add in a single linearisation, shape (node_count, 3).
+        reduced: the reduced bodies in the step; None without any.
     """
 
     def __init__(
@@ -148,8 +155,11 @@ class StepDerivative:
     ):
         """Linearise the step whose `problem` the solvers have just solved; the `shift` stays as it is."""
         self._model, self._soft, self.rigid = model, soft, rigid
-        self._time_step, self.problem, self.solution = model.scene.time.step, problem, solution
+        self.time_step, self.problem, self.solution = model.scene.time.step, problem, solution
         self._nonlinear = solver if isinstance(solver, NonlinearStep) else None
+        self.is_nonlinear = self._nonlinear is not None
+        self.known_velocity = problem.start.velocity if soft is None else soft.known_velocity.copy()
+        self.reduced = None if soft is None else soft.system.reduced
         self.geometry: ActuatorGeometry = problem.geometry
         if self._nonlinear is not None:
             reduced = [body.name for body in model.soft_bodies if body.modes is not None]
@@ -170,7 +180,7 @@ class StepDerivative:
         self.contacts, self.basis = contacts.copy(), rows.rows.basis[: rows.contact_count].copy()
         self.coordinates = problem.requests.coordinates
         local = np.einsum("cij,cj->ci", self.basis, solution.contact_impulse[contacts]).ravel()
-        self.impulse = np.concatenate([local, solution.effort[self.coordinates] * self._time_step])
+        self.impulse = np.concatenate([local, solution.effort[self.coordinates] * self.time_step])
         causes = self.causes(problem.start)  # measures the actuators where they are linearised
         self._of_soft, self._of_rigid = find_jacobians(
             rows, model.actuators.coordinates, self.geometry.gradient, model.node_count, len(model.rigid_bodies)
@@ -185,7 +195,7 @@ class StepDerivative:
         self._rigid_response, self._of_turning = own_response, self._of_rigid
         self._turning: np.ndarray = np.eye(len(own_response))
         self.turning_rows = find_turning_rows(model, problem, solution, self.contacts, self.basis, rigid.state)
-        if self._nonlinear is None and self.turning_rows.renewed.any():
+        if self.turning_rows.renewed.any():
             self._add_turning(inverse_mass)
         self._own = self._own_compliance(self._requests)
         velocity = self._of_soft @ solution.node_velocity.ravel() + self._of_rigid @ solution.rigid_velocity.ravel()
@@ -228,7 +238,7 @@ class StepDerivative:
     def causes(self, start: State) -> Causes:
         """What acts at the motion found, in a step from the same bodies with other requests or frames elsewhere."""
         self.rigid.begin(start)
-        time_step, solution, first = self._time_step, self.solution, 3 * self.contact_count
+        time_step, solution, first = self.time_step, self.solution, 3 * self.contact_count
         time = self._model.scene.time
         impulse = self.impulse[first:]
         effort = solution.effort.copy()
@@ -263,7 +273,7 @@ class StepDerivative:
             self.causes(self.start)  # frames are where they were again
             motion = self._with_exact_slope(motion)
         impulse = motion.impulse
-        count, time_step = self.contact_count, self._time_step
+        count, time_step = self.contact_count, self.time_step
         contact_impulse = np.zeros_like(self.solution.contact_impulse)
         world = np.einsum("cij,ci->cj", self.basis, impulse[: 3 * count].reshape(-1, 3))
         contact_impulse[self.contacts] = world
@@ -285,23 +295,39 @@ class StepDerivative:
     def multipliers(self, node: np.ndarray, rigid: np.ndarray, impulse: np.ndarray) -> Multipliers:
         """Derivatives by what acts, of those by the velocities and by the impulses of the rows: `along`, transposed.
 
-        Only of steps with a single linearisation.
+        What the factor's matrix has too much of the slope is symmetric, but for rows and cables over rigid bodies.
         """
+        if self._nonlinear is None:
+            return self._multipliers(node, rigid, impulse)
+        no_rigid, no_impulse = np.zeros_like(rigid), np.zeros_like(impulse)
+
+        def error(found: np.ndarray) -> np.ndarray:
+            return self._slope_error(found.reshape(node.shape), no_rigid).node_impulse
+
+        known = self._multipliers(node, rigid, impulse).node.ravel()
+        found = solved(lambda one: self._multipliers(error(one), no_rigid, no_impulse).node.ravel(), known)
+        multipliers = self._multipliers(node + error(found), rigid, impulse)
+        self.causes(self.start)  # bodies are where they were again
+        return multipliers
+
+    def _multipliers(self, node: np.ndarray, rigid: np.ndarray, impulse: np.ndarray) -> Multipliers:
         response = self._response(node)
         of_rows = impulse + self._of_soft @ response + self._rigid_response.T @ rigid.ravel()
         condition = self._conditions.multipliers(of_rows, self._solved_compliance)
         row = -(self._conditions.of_velocity.T @ condition)
-        of_nodes = response + self._response(self._of_soft.T @ row)
+        of_row = self._of_soft.T @ row
+        of_nodes = response + self._response(of_row)
         of_bounds = self._conditions.of_bounds * condition[3 * self.contact_count :, None]
         of_rigid = (self._turning.T @ (rigid.ravel() + self._of_turning.T @ row)).reshape(rigid.shape)
-        return Multipliers(of_nodes.reshape(-1, 3), of_rigid, row, of_bounds, condition)
+        of_free = node + of_row.reshape(-1, 3)
+        return Multipliers(of_nodes.reshape(-1, 3), of_rigid, row, of_bounds, condition, of_free)
 
     def edges(self) -> list[Edge]:
         """Contacts that the tolerance of the solver may as well leave on the other side of a change."""
         found, scene = [], self._model.scene
         tolerance = LEFT_BY_SOLVERS * scene.contact.tolerance
         if self._nonlinear is not None:
-            tolerance = max(tolerance, LEFT_BY_SOLVERS * scene.time.newton_tolerance / self._time_step)
+            tolerance = max(tolerance, LEFT_BY_SOLVERS * scene.time.newton_tolerance / self.time_step)
         compliance = np.diag(self._solved_compliance)[: len(self._speed)].reshape(-1, 3)
         speed = self._speed.reshape(-1, 3)
         for number, contact in enumerate(self.contact_conditions()):
@@ -389,13 +415,7 @@ class StepDerivative:
             node_velocity, rigid_velocity = np.split(motion, [first.node_velocity.size])
             return self._solve(self._slope_error(node_velocity.reshape(shape), rigid_velocity.reshape(-1, 6)))
 
-        known = first.velocities()
-        operator = sparse_linalg.LinearOperator(
-            (known.size, known.size), lambda motion: motion - correction(motion).velocities(), dtype=np.float64
-        )
-        # Round-off of the differences may end it above the accuracy: then that is what can be known.
-        found, _ = sparse_linalg.gmres(operator, known, rtol=ACCURACY, atol=0.0, restart=MOST_DIRECTIONS, maxiter=1)
-        further = correction(found)
+        further = correction(solved(lambda motion: correction(motion).velocities(), first.velocities()))
         return Motion(*(one + more for one, more in zip(vars(first).values(), vars(further).values(), strict=True)))
 
     def _slope_error(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> Causes:
@@ -407,7 +427,7 @@ class StepDerivative:
         assert self._nonlinear is not None
         equations, solution = self._nonlinear.equations, self.solution
         largest = max(np.abs(node_velocity).max(initial=0.0), np.abs(rigid_velocity).max(initial=0.0))
-        share, sides = SMALL_MOVE / max(float(largest) * self._time_step, 1e-300), []
+        share, sides = SMALL_MOVE / max(float(largest) * self.time_step, 1e-300), []
         for sign in (1.0, -1.0):
             poses = self.rigid.end_poses(solution.rigid_velocity + sign * share * rigid_velocity)
             equations.move(solution.node_velocity + sign * share * node_velocity, *poses)
@@ -437,8 +457,17 @@ class StepDerivative:
         rigid, coordinates = self.rigid.state, self._model.actuators.coordinates
         impulse, count = np.zeros_like(rigid.impulse), np.diff(coordinates.rigid_start)
         pulls = np.repeat(effort, count)[:, None] * self.geometry.gradient.rigid
-        np.add.at(impulse, coordinates.rigid_body, self._time_step * pulls)
+        np.add.at(impulse, coordinates.rigid_body, self.time_step * pulls)
         return np.asarray(rigid.free + np.einsum("bij,bj->bi", rigid.inverse_mass, impulse))
+
+
+def solved(correction: Callable[[np.ndarray], np.ndarray], known: np.ndarray) -> np.ndarray:
+    """The solution of x - correction(x) = known."""
+    operator = sparse_linalg.LinearOperator((known.size, known.size), lambda x: x - correction(x), dtype=np.float64)
+    # Round-off of differences may end it above the accuracy: then that is what can be known.
+    found: np.ndarray
+    found, _ = sparse_linalg.gmres(operator, known, rtol=ACCURACY, atol=0.0, restart=MOST_DIRECTIONS, maxiter=1)
+    return found
 
 
 def _zeros(square: float, slope: float, value: float, noise: float) -> list[tuple[float, bool]]:

@@ -8,9 +8,21 @@ import pytest
 from blocks import make_block
 from conftest import Figures
 from energy import total_energy
+from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import strategies as some
 from scenes import GRAVITY, silicone, simulate
 
-from taichisoft import Control, Simulation, State, equilibrium, write_volume_mesh
+from taichisoft import (
+    Control,
+    Observation,
+    Simulation,
+    State,
+    equilibrium,
+    gradient,
+    scene_from_dict,
+    write_volume_mesh,
+)
+from taichisoft.errors import TaichisoftError
 from taichisoft.mechanics import Modes
 
 SIZE = (40.0, 20.0, 20.0)
@@ -51,12 +63,12 @@ def lowest_modes(simulation: Simulation, body: int, count: int) -> np.ndarray:
     made, elasticity = model.soft_bodies[body], model.elasticity
     assert elasticity is not None
     stiffness = np.zeros((3 * model.node_count,) * 2)
-    for nodes, gradient, volume, (first, second) in zip(
+    for nodes, slopes, volume, (first, second) in zip(
         elasticity.linear_elements, elasticity.gradient[:, 0], elasticity.volume[:, 0], elasticity.lame, strict=True
     ):
-        products = gradient @ gradient.T
-        block = first * np.einsum("ai,bj->aibj", gradient, gradient)
-        block += second * (np.einsum("aj,bi->aibj", gradient, gradient) + np.einsum("ab,ij->aibj", products, np.eye(3)))
+        products = slopes @ slopes.T
+        block = first * np.einsum("ai,bj->aibj", slopes, slopes)
+        block += second * (np.einsum("aj,bi->aibj", slopes, slopes) + np.einsum("ab,ij->aibj", products, np.eye(3)))
         rows = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
         stiffness[np.ix_(rows, rows)] += volume * block.reshape(12, 12)
     own = slice(3 * made.nodes.start, 3 * made.nodes.stop)
@@ -326,3 +338,106 @@ def test_what_modes_cannot_follow_is_seen_in_the_full_equations(tmp_path: Path) 
     assert much > 5.0 * little
     assert unbalanced > 3.0 * balanced
     assert 1.0 < much / unbalanced < 50.0  # a length of the order of the error
+
+
+WEIGHTS = {"state.position": 0.001 * np.arange(3.0), "volumes.chamber.air": 0.01, "friction_forces.chamber|wall": 1e-3}
+
+
+def seen_by(seen: Observation) -> tuple[float, dict[str, Any]]:
+    """An objective with its derivatives."""
+    force = seen.friction_forces.get(("chamber", "wall"), 0.0)
+    weights = {**WEIGHTS, "state.position": np.broadcast_to(WEIGHTS["state.position"], seen.state.position.shape)}
+    values = {"state.position": seen.state.position, "volumes.chamber.air": seen.volumes["chamber.air"]}
+    values["friction_forces.chamber|wall"] = force
+    return float(sum(np.sum(weights[name] * value) for name, value in values.items())), weights
+
+
+def pressed(body: dict[str, Any], **time: Any) -> Simulation:
+    """The chamber before a wall, askew to its free end, against which its base presses it."""
+    along = frame(body["rotation"])
+    normal = along @ [-1.0, 0.3, 0.2]
+    corner = along @ [20.0, -10.0, -10.0] + body["translation"] - 0.3 * normal
+    wall = {"plane": {"point": corner.tolist(), "normal": normal.tolist()}}
+    contact = {
+        "contact_distance": 0.5,
+        "alarm_distance": 2.0,
+        "friction": 0.05,
+        "tolerance": 1e-11,
+        "depth": "velocity",
+    }
+    tables = {"time": {"step": 0.01, **time}, "soft_bodies": {"chamber": body}, "obstacles": {"wall": wall}}
+    return Simulation(scene_from_dict({**tables, "contact": contact}))
+
+
+def write_fields(path: Path, simulation: Simulation, **changes: Any) -> str:
+    """Modes of polynomials of the place, which vanish where the body is held."""
+    made = simulation.model.soft_bodies[0]
+    share, mass = made.mesh.nodes / SIZE, np.sqrt(made.node_mass)[:, None]
+    fields = np.column_stack([np.ones(len(share)), share, share**2, share[:, 0] * share[:, 1]])
+    basis = np.linalg.qr(mass * (share[:, :1] + 0.5) * fields)[0] / mass
+    modes = np.einsum("nk,ij->nikj", basis, np.eye(3)).reshape(len(share), 3, -1)
+    Modes(made.mesh.nodes, modes, fingerprint=made.fingerprint, **changes).write(path)
+    return str(path)
+
+
+@settings(
+    max_examples=6, deadline=None, phases=[Phase.generate], suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(volume=some.booleans(), rubber=some.booleans(), seed=some.integers(0, 1000))
+def test_gradient_of_a_reduced_body_agrees_with_differences(
+    volume: bool, rubber: bool, seed: int, tmp_path_factory: pytest.TempPathFactory, figures: Figures
+) -> None:
+    """By air, start, stiffness and damping at once, by few modes and domains, pressed against a wall and slid along.
+
+    A single linearisation leaves out negative stiffness, where rubber has kinks.
+    """
+    random, folder = np.random.default_rng(seed), tmp_path_factory.getbasetemp()
+    law: dict[str, Any] = {"law": "yeoh", "young_modulus": None, "coefficients": {"c10": 30.0, "c20": 2.0}}
+    body = chamber(folder, rayleigh_stiffness=0.01, rayleigh_mass=0.4, **(law if rubber else {}))
+    full = pressed(body)
+    count = len(full.model.soft_bodies[0].mesh_domains.element)
+    chosen = np.sort(random.choice(count, count // 3, replace=False)).astype(np.int32)
+    weight = 2.5 + random.random(len(chosen))
+    body["reduced"] = write_fields(folder / "some.npz", full, domain=chosen, weight=weight)
+    simulation, drive, steps = pressed(body), "volume_growth" if volume else "pressure", range(4)
+
+    def controls(half: float) -> list[Control]:
+        amounts = [(40.0 if volume else 4.0) + 0.5 * n + half * np.cos(n) for n in steps]
+        moves = [frame(body["rotation"]) @ [0.8, 0.2 * n, 0.1 * n] for n in steps]
+        return [
+            Control(**{drive: {"chamber.air": amount}}, base_translation=move)  # type: ignore[arg-type]
+            for amount, move in zip(amounts, moves, strict=True)
+        ]
+
+    for control in controls(0.0):
+        simulation.step(control)
+    start, values = simulation.state, {"rayleigh_stiffness": 0.01, "rayleigh_mass": 0.4}
+    names = [f"{drive}.chamber.air", "start.position", "start.velocity", "young_modulus.chamber", "friction"]
+    found = gradient(simulation, controls(0.0), seen_by, [*names, *(f"{key}.chamber" for key in values)])
+    assert found["friction"] != 0.0
+    assume(found.edge_share == found.inexact_share == 0.0)
+    moved, pushed = 0.01 * random.standard_normal((2, *start.position.shape))
+    slope = float(found[names[0]] @ np.cos(steps)) + float(found[names[3]] * start.young_modulus[0])
+    slope += float((found["start.position"] * moved + found["start.velocity"] * pushed).sum())
+    slope += sum(float(found[f"{key}.chamber"]) * value for key, value in values.items())
+    sides = []
+    for half in (1e-4, -1e-4):
+        other = pressed(body | {key: value * (1.0 + half) for key, value in values.items()})
+        place, speed = start.position + half * moved, start.velocity + half * pushed
+        modulus = start.young_modulus * (1.0 + half)
+        other.restore(start.changed(position=place, velocity=speed, young_modulus=modulus))
+        sides.append(sum(seen_by(other.step(control).observation)[0] for control in controls(half)))
+    error = abs(slope / ((sides[0] - sides[1]) / 2e-4) - 1.0)
+    figures.at_most("gradient of a reduced body", error, 1e-4 if rubber else 1e-6)
+
+
+@pytest.mark.parametrize("name", ["base_translation.x", "density.chamber", "rest.size"])
+def test_what_modes_depend_on_has_no_gradient(name: str, tmp_path: Path) -> None:
+    """Modes are of their masses, and move with the frame that they follow."""
+    full = pressed(chamber(tmp_path))
+    body = chamber(tmp_path, reduced=write_fields(tmp_path / "some.npz", full))
+    moves = {"size": full.model.rest_position}
+    with pytest.raises(TaichisoftError, match="reduced bodies"):
+        gradient(pressed(body), [None], seen_by, [name], moves)
+    with pytest.raises(TaichisoftError, match=r"reduced bodies and time\.newton = 5; leave one"):
+        gradient(pressed(body, newton=5), [None], seen_by, [])

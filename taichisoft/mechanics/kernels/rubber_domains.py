@@ -100,23 +100,13 @@ def column(matrix: mat3, k: ti.template()) -> vec3:
 
 
 @func
-def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains):
-    """Stress, and tangent along the axes of the principal stretches, of a domain.
-
-    With F = R U, and F + h dF/dt = R1 U1, the law is linearised where it would be turned but not strained, at
-    R1 U: the stretches grow by U1 - U, which is zero for any rigid motion of the step.
+def stiffness_by_stretches(d: ti.i32, stretches: vec3, domains: Domains):
+    """Slope of a domain's energy by the stretches, and stiffness along their axes without negative eigenvalues.
 
     Returns:
-        w P, left and right axes, and along them w (h^2 C + h b D): of ii,jj in a matrix, of ik,ik in another, and of
-        ik,ki at the number of the third axis.
+        Slope, Hessian, that of damping; of pairs of axes at the number of the third one flip, twist and share of the
+        viscosity.
     """
-    ahead = deformation + domains.undamped[d] * domains.lag[d] * rate
-    turned = polar_rotation(ahead)
-    stretch = polar_rotation(deformation).transpose() @ deformation
-    stretches, right = symmetric_eigen(0.5 * (stretch + stretch.transpose()))
-    left = turned @ right
-    growth = turned.transpose() @ ahead - stretch
-    growth = 0.5 * (right.transpose() @ (growth + growth.transpose()) @ right)
     slope, flip, twist = vec3(0.0), vec3(0.0), vec3(0.0)
     hessian = ti.Matrix.zero(ti.f64, 3, 3)
     if domains.law[d] >= FIRST_STRETCH_LAW:
@@ -138,6 +128,42 @@ def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Doma
     share = vec3(0.0)
     for i in ti.static(range(3)):
         share[i] = viscosity[i] / (squares[(i + 1) % 3] + squares[(i + 2) % 3] + TINY)
+    return slope, hessian, viscous_hessian, flip, twist, share
+
+
+@func
+def tangent_of_pairs(stretches: vec3, flip: vec3, twist: vec3, share: vec3, elastic: ti.f64, viscous: ti.f64):
+    """Of ik,ik in a matrix, and of ik,ki at the number of the third axis, by the weights of stiffness and viscosity."""
+    squares = stretches * stretches
+    same, swapped = ti.Matrix.zero(ti.f64, 3, 3), vec3(0.0)
+    for j in ti.static(range(3)):
+        i, k = ti.static((j + 1) % 3), ti.static((j + 2) % 3)
+        even = 0.5 * elastic * (flip[j] + twist[j])
+        same[i, k] = even + viscous * share[j] * squares[i]
+        same[k, i] = even + viscous * share[j] * squares[k]
+        swapped[j] = 0.5 * elastic * (flip[j] - twist[j]) + viscous * share[j] * stretches[i] * stretches[k]
+    return same, swapped
+
+
+@func
+def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains):
+    """Stress, and tangent along the axes of the principal stretches, of a domain.
+
+    With F = R U, and F + h dF/dt = R1 U1, the law is linearised where it would be turned but not strained, at
+    R1 U: the stretches grow by U1 - U, which is zero for any rigid motion of the step.
+
+    Returns:
+        w P, left and right axes, and along them w (h^2 C + h b D): of ii,jj in a matrix, of ik,ik in another, and of
+        ik,ki at the number of the third axis.
+    """
+    ahead = deformation + domains.undamped[d] * domains.lag[d] * rate
+    turned = polar_rotation(ahead)
+    stretch = polar_rotation(deformation).transpose() @ deformation
+    stretches, right = symmetric_eigen(0.5 * (stretch + stretch.transpose()))
+    left = turned @ right
+    growth = turned.transpose() @ ahead - stretch
+    growth = 0.5 * (right.transpose() @ (growth + growth.transpose()) @ right)
+    slope, hessian, viscous_hessian, flip, twist, share = stiffness_by_stretches(d, stretches, domains)
     damping = (1.0 - domains.undamped[d]) / domains.undamped[d]
     stress = ti.Matrix.zero(ti.f64, 3, 3)
     for i in ti.static(range(3)):
@@ -151,13 +177,7 @@ def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Doma
     stress = left @ stress @ right.transpose()
     elastic = domains.undamped[d] * domains.factor[d]
     viscous = domains.factor[d] - elastic
-    same, swapped = ti.Matrix.zero(ti.f64, 3, 3), vec3(0.0)
-    for j in ti.static(range(3)):
-        i, k = ti.static((j + 1) % 3), ti.static((j + 2) % 3)
-        even = 0.5 * elastic * (flip[j] + twist[j])
-        same[i, k] = even + viscous * share[j] * squares[i]
-        same[k, i] = even + viscous * share[j] * squares[k]
-        swapped[j] = 0.5 * elastic * (flip[j] - twist[j]) + viscous * share[j] * stretches[i] * stretches[k]
+    same, swapped = tangent_of_pairs(stretches, flip, twist, share, elastic, viscous)
     return stress, left, right, elastic * hessian + viscous * viscous_hessian, same, swapped
 
 
