@@ -356,7 +356,8 @@ def write_casting(casting: Casting, folder: Path, stem: str, wall: float, draft:
     files = []
     for name, (solid, way) in parts.items():
         file = f"{stem}-{casting.name}-{name}.stl"
-        vertices, triangles = _arrays(solid.simplify(ROUGH / 5))
+        pieces = [piece for piece in solid.simplify(ROUGH / 5).decompose() if piece.volume() > CLEAN]  # no flat ones
+        vertices, triangles = _arrays(_union(pieces))
         write_stl(vertices @ casting.frame, triangles, folder / file)
         comes_off = None if way is None else (way @ casting.frame + 0.0).tolist()
         files.append({"file": file, "part": name, "comes_off": comes_off, "lost": name.startswith("core-")})
