@@ -158,7 +158,6 @@ def test_classes_and_files_have_names_of_their_own():
 
 SMALL_TOPICS = {
     "taichisoft_controllers.terminal_mode": "a program that restores the terminal of a killed process",
-    "taichisoft_meshing.mould_assembly": "parts of a mould against each other, beside how each is made",
     "taichisoft_sofa.controller.sofa_controller": "the controller that a run is given",
     "taichisoft_studies.run_comparison": "`study compare`, beside the command that reads its options",
 }

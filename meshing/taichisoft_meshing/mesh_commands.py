@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from taichisoft.mesh import SectionPlane, VolumeMesh
     from taichisoft.scene import Material
     from taichisoft_meshing.mesh_job import MeshJob
+    from taichisoft_meshing.mould_check import CheckedPart
 
 # The options that say what is meshed and how fine, alike in `taichisoft mesh` and in sweeps of meshes.
 
@@ -359,20 +360,26 @@ def mould(
     files: Annotated[list[str], FILE],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the files.")],
     surfaces: Annotated[
-        bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): their negative is made.")
+        bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): the outer one, then cavities.")
     ] = False,
     wall: Annotated[float | None, typer.Option(help="Thickness around the silicone \\[mm]: 6.")] = None,
     draft: Annotated[float | None, typer.Option(help="Angle by which faces lean \\[degrees]: 1.")] = None,
     printable: Annotated[float | None, typer.Option(help="Least thickness that prints \\[mm]: 1.")] = None,
-    parting: Annotated[str | None, typer.Option(metavar="z=0", help="Parting plane of a negative.")] = None,
+    skin: Annotated[float | None, typer.Option(help="Least thickness of silicone that fills \\[mm]: 0.5.")] = None,
+    chord: Annotated[float | None, typer.Option(help="Most that facets miss curved faces by \\[mm]: 0.02.")] = None,
+    parting: Annotated[
+        str | None,
+        typer.Option(metavar="z=0", help="Direction in which outer parts come off, and the parting plane: z, 0,1,2=5."),
+    ] = None,
+    whole: Annotated[bool, typer.Option("--whole", help="Cast in one, with lost cores rather than glued.")] = False,
     silicone: Silicone = None,
     stiff: Stiff = None,
     set_: Set = None,
 ) -> None:
-    """Write the mould of a finger as STEP and STL, and check it.
+    """Write the mould of a finger or of any closed body as STL (a finger's as STEP too), and check it.
 
-    It is for two castings, as PneuNets are made. Of any other body it is the negative in two halves, with its
-    undercuts listed. The exit code is 1 where a part does not come off, cannot be printed, or does not fit.
+    Cores hang on a lid where they can be drawn out, in one casting or in two that are glued; others are lost. The exit
+    code is 1 where a part does not come off, cannot be printed, or does not fit, or where silicone is too thin.
     """
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_meshing.mould_parts import write_mould_apart
@@ -385,8 +392,8 @@ def mould(
         raise MeshError(f"{files[1]}: one file is taken at a time; several need --surfaces")
     materials = _materials(silicone, stiff)
     prepare_folder(output)
-    form = {"wall": wall, "draft": draft, "printable": printable, "parting": parting}
-    write_mould_apart(job, output, {key: value for key, value in form.items() if value is not None})
+    form = {"wall": wall, "draft": draft, "printable": printable, "skin": skin, "chord": chord, "parting": parting}
+    write_mould_apart(job, output, {"whole": whole} | {key: its for key, its in form.items() if its is not None})
     _report(output, materials)
 
 
@@ -421,16 +428,14 @@ def _report(folder: Path, materials: dict[str, "Material | None"]) -> None:
 
     console, record = Console(), read_mould_record(folder)
     casts = check_mould(folder)
-    negative = record.get("kind") == "negative"
-    title = f"negative, parted at {record.get('parting')}" if negative else "mould"
-    table = Table(title=f"{record['name']}: {title}", title_justify="left")
+    table = Table(title=f"{record['name']}: mould", title_justify="left")
     for heading in ("part", "comes off", "volume cm^3", "least wall mm", "undercuts"):
         table.add_column(heading, justify="left" if heading in ("part", "comes off") else "right")
     for cast in casts:
         for part in cast.parts:
             wall = "" if part.thickness == float("inf") else f"{part.thickness:.2f}"
             undercuts = str(len(part.undercuts)) if part.comes_off is not None else ""
-            table.add_row(part.file.stem, _direction(part.comes_off), f"{part.volume / 1000:.2f}", wall, undercuts)
+            table.add_row(part.file.stem, _direction(part), f"{part.volume / 1000:.2f}", wall, undercuts)
     console.print(table)
     for cast, written in zip(casts, record["casts"], strict=True):
         print_line(console, f"{cast.name}: parts and silicone fill the block to {abs(cast.unfilled):.1e}")
@@ -461,12 +466,14 @@ def pour_line(pour: dict[str, Any], material: "Material | None") -> str:
     return f"{line}: {whole * share:.1f} {unit} of A and {whole * (1 - share):.1f} {unit} of B, by {mixing.by}"
 
 
-def _direction(direction: Any) -> str:
-    """A direction in words: "+y"."""
-    if direction is None:
-        return "stays"
-    axis = max(range(3), key=lambda number: abs(direction[number]))
-    return f"{'+' if direction[axis] > 0 else '-'}{'xyz'[axis]}"
+def _direction(part: "CheckedPart") -> str:
+    """The direction in which a part comes off, in words: "+y"."""
+    if part.comes_off is None:
+        return "lost" if part.lost else "stays"
+    axis = int(abs(part.comes_off).argmax())
+    if abs(part.comes_off[axis]) > 1 - 1e-9:
+        return f"{'+' if part.comes_off[axis] > 0 else '-'}{'xyz'[axis]}"
+    return ", ".join(f"{share:.2f}" for share in part.comes_off)
 
 
 # `taichisoft mesh`: from a geometry file, a STEP file or surfaces to a mesh.

@@ -1,5 +1,6 @@
 """A mould with the silicone in it, as solids that OpenCASCADE makes, and the files of its parts."""
 
+import math
 import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -15,9 +16,7 @@ from taichisoft_meshing.closed_shells import closed_shells
 from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, gmsh_session, numbered
 from taichisoft_meshing.pneunet_finger import Solids
 
-AROUND = 20
-"""Edges around a full turn of a curved face."""
-SMALLEST_EDGE, LARGEST_EDGE = 0.6, 10.0
+SMALLEST_EDGE, LARGEST_EDGE = 0.1, 10.0
 """Shortest and longest edge that triangles are asked to have [mm]."""
 
 Way = tuple[float, float, float]
@@ -49,8 +48,8 @@ Build = Callable[[Any], Assembly]
 """Makes an assembly with the module gmsh, in a session."""
 
 
-def write_assembly(build: Build, folder: Path, name: str) -> dict[str, Any]:
-    """Write NAME-PART.stl and NAME-PART.step for every part, the silicone included.
+def write_assembly(build: Build, folder: Path, name: str, chord: float) -> dict[str, Any]:
+    """Write NAME-PART.stl and NAME-PART.step for every part, the silicone included, the former as fine as `chord` [mm].
 
     The parts are triangulated together, so that triangles of parts that touch are the same: nothing overlaps.
 
@@ -59,7 +58,7 @@ def write_assembly(build: Build, folder: Path, name: str) -> dict[str, Any]:
     """
     with gmsh_session(name) as gmsh:
         assembly = build(gmsh)
-        for part, (vertices, triangles) in _triangulated(gmsh, assembly, name).items():
+        for part, (vertices, triangles) in _triangulated(gmsh, assembly, name, chord).items():
             write_stl(vertices, triangles, folder / f"{name}-{part}.stl")
     for part in assembly.parts:  # each in a session of its own: gmsh writes all that a model has, or nothing
         with gmsh_session(name) as gmsh:
@@ -90,12 +89,21 @@ def write_step(gmsh: Any, path: Path) -> None:
         gmsh.write(str(path))
 
 
-def triangulate(gmsh: Any) -> None:
-    """Put triangles on all faces of the session's model."""
+def triangulate(gmsh: Any, chord: float) -> None:
+    """Put triangles on all faces of the session's model, which miss curved ones by `chord` [mm] at most."""
+    model = gmsh.model
+    sizes: dict[tuple[int, int], float] = {}
+    for _, face in model.getEntities(2):
+        low, high = model.getParametrizationBounds(2, face)
+        grid = np.stack(np.meshgrid(*(np.linspace(*ends, 9) for ends in zip(low, high, strict=True))), axis=-1)
+        curvature = max(np.abs(model.getPrincipalCurvatures(face, grid.ravel())[:2]).max(), 1e-9)
+        size = min(max(math.sqrt(4 * chord / curvature), SMALLEST_EDGE), LARGEST_EDGE)
+        for entity in ((2, face), *((1, int(curve)) for curve in model.getAdjacencies(2, face)[1])):  # seams too
+            sizes[entity] = min(size, sizes.get(entity, size))
+    model.mesh.setSizeCallback(lambda dim, tag, x, y, z, size: sizes.get((dim, tag), size))
     gmsh.option.setNumber("Mesh.MeshSizeMax", LARGEST_EDGE)
-    gmsh.option.setNumber("Mesh.MeshSizeMin", SMALLEST_EDGE)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", AROUND)
-    gmsh.model.mesh.generate(2)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    model.mesh.generate(2)
 
 
 def triangles_of(gmsh: Any, faces: list[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -106,14 +114,14 @@ def triangles_of(gmsh: Any, faces: list[int]) -> tuple[np.ndarray, np.ndarray]:
     return vertices, triangles.reshape(-1, 3)
 
 
-def _triangulated(gmsh: Any, assembly: Assembly, name: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _triangulated(gmsh: Any, assembly: Assembly, name: str, chord: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Vertices and outward triangles of every part."""
     solids = [solid for part in assembly.parts.values() for solid in part]
     made, origins = gmsh.model.occ.fragment(solids, [])
     gmsh.model.occ.synchronize()
     if sum(len(pieces) for pieces in origins) != len(made):
         raise GmshFailure(f"parts of {name} overlap")
-    triangulate(gmsh)
+    triangulate(gmsh, chord)
     pieces_of = iter(origins)
     surfaces = {}
     for part, of_part in assembly.parts.items():

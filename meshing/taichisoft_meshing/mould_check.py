@@ -9,12 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import manifold3d
 import numpy as np
 from scipy.spatial import cKDTree
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import joined_pieces, read_surface
 from taichisoft_meshing.closed_shells import area_vectors
+
+Solid = Any
+"""A `manifold3d.Manifold`, which has no types."""
 
 
 @dataclass(frozen=True)
@@ -42,17 +46,31 @@ def ray_crossings(origins: np.ndarray, directions: np.ndarray, corners: np.ndarr
         directions: unit vectors along them, shape (ray_count, 3), or (3,) for parallel ones.
         corners: of the triangles, counterclockwise as seen from outside [mm], shape (triangle_count, 3, 3).
     """
-    import trimesh  # takes long
-
-    if not (len(origins) and len(corners)):
+    points, vertex = np.unique(np.reshape(corners, (-1, 3)), axis=0, return_inverse=True)
+    solid = solid_of(points, vertex.reshape(-1, 3))
+    numbers = np.array(solid.to_mesh64().face_id)
+    ends = np.concatenate([points, np.reshape(origins, (-1, 3))])
+    reach = float(np.linalg.norm(np.ptp(ends, axis=0))) + 1.0 if len(ends) else 1.0
+    far = origins + reach * np.broadcast_to(directions, origins.shape)
+    cast = (solid.ray_cast(tuple(start), tuple(end)) for start, end in zip(origins.tolist(), far.tolist(), strict=True))
+    hits = [(ray, hit.face_id, reach * hit.distance, hit.normal) for ray, its in enumerate(cast) for hit in its]
+    if not hits:
         return RayCrossings(np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0))
-    directions = np.broadcast_to(directions, origins.shape)
-    mesh = trimesh.Trimesh(**trimesh.triangles.to_kwargs(corners), process=False)
-    # Not mesh.ray, which is in single precision where embreex is installed.
-    tracer = trimesh.ray.ray_triangle.RayMeshIntersector(mesh)
-    triangle, ray, places = tracer.intersects_id(origins, directions, return_locations=True)
-    distance = np.einsum("cd,cd->c", np.reshape(places, (-1, 3)) - origins[ray], directions[ray])
-    return RayCrossings(ray, triangle, distance, np.einsum("cd,cd->c", mesh.face_normals[triangle], directions[ray]))
+    ray, face, distance, normals = (np.array(column) for column in zip(*hits, strict=True))
+    along = np.broadcast_to(directions, origins.shape)[ray]
+    return RayCrossings(ray, numbers[face].astype(int), distance, np.einsum("cd,cd->c", normals, along))
+
+
+def solid_of(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
+    """The solid between closed surfaces, each triangle with its number; empty where they are not closed.
+
+    Args:
+        vertices: positions [mm], shape (vertex_count, 3).
+        triangles: outward, shape (triangle_count, 3).
+    """
+    numbers = np.flatnonzero((triangles != np.roll(triangles, 1, axis=1)).all(axis=1)).astype(np.uint64)
+    corners = triangles[numbers].astype(np.uint64)
+    return manifold3d.Manifold(manifold3d.Mesh64(np.array(vertices, dtype=float), corners, face_id=numbers))
 
 
 def inner_points(corners: np.ndarray) -> np.ndarray:
@@ -64,10 +82,17 @@ RECORD = "mould.json"
 
 FILLED = 1e-3
 """Largest part of the block that parts, silicone and clearances may leave or share [-]."""
+REMEDY = "; fill it, part the body there, or choose another --parting"
 TOUCH = 0.05
 """Length up to which what lies before a part is not in its way [mm]: less than printers and triangles are exact."""
 LINES, GRID = 1500, 40
 """Lines through triangles of each part, at most, and lines of a grid on its longest side, that are looked along."""
+PLACES = 10000
+"""Rays into a part by which its walls are found, beside one for each triangle."""
+SLIVER = 1e-3
+"""Least height of a triangle whose normal counts [mm]."""
+NEARER = 8
+"""Times that the nearest points of two triangles are looked for in turns."""
 PARALLEL = 0.9
 """Least cosine between the two sides of a wall [-]."""
 PRECISION = 0.01
@@ -92,7 +117,8 @@ class Undercut:
 
     def __str__(self) -> str:
         place = ", ".join(f"{value:.1f}" for value in self.middle + 0.0)
-        return f"undercut: {self.obstacle} is in its way over {_by(self.extent)} mm around ({place})"
+        extent = " x ".join(f"{value:.1f}" for value in self.extent)
+        return f"undercut: {self.obstacle} is in its way over {extent} mm around ({place})"
 
 
 @dataclass(frozen=True)
@@ -111,6 +137,8 @@ class CheckedPart:
         thinnest: the place of that wall [mm], shape (3,).
         thin: triangles of walls too thin to print, shape (count,).
         printed: whether it is printed; silicone is not.
+        lost: whether it is melted or dissolved out of the silicone.
+        least: least thickness that its walls must have [mm].
     """
 
     name: str
@@ -124,15 +152,20 @@ class CheckedPart:
     thinnest: np.ndarray
     thin: np.ndarray
     printed: bool
+    lost: bool
+    least: float
 
     @property
     def problems(self) -> list[str]:
         """What is wrong with it, one line each."""
         problems = [] if self.closed else [f"{self.name}: its surface is not closed"]
-        problems += [f"{self.name}: {undercut}" for undercut in self.undercuts]
+        for obstacle in dict.fromkeys(undercut.obstacle for undercut in self.undercuts):
+            first, *more = (undercut for undercut in self.undercuts if undercut.obstacle == obstacle)
+            problems.append(f"{self.name}: {first}" + f", and in {len(more)} more places" * bool(more) + REMEDY)
         if len(self.thin):
             place = ", ".join(f"{value:.1f}" for value in self.thinnest + 0.0)
-            problems.append(f"{self.name}: a wall of {self.thickness:.2f} mm at ({place}) is too thin to print")
+            fault = "print" if self.printed else f"fill, and must have {self.least:g} mm (--skin): draw it thicker"
+            problems.append(f"{self.name}: a wall of {self.thickness:.2f} mm at ({place}) is too thin to {fault}")
         return problems
 
 
@@ -167,7 +200,7 @@ class CheckedCast:
 def check_mould(folder: Path) -> list[CheckedCast]:
     """Check all moulds that the record in a folder lists."""
     record = read_mould_record(folder)
-    return [check_cast(folder, cast, record["printable_mm"]) for cast in record["casts"]]
+    return [check_cast(folder, cast, record["printable_mm"], record.get("skin_mm", 0.0)) for cast in record["casts"]]
 
 
 def read_mould_record(folder: Path) -> dict[str, Any]:
@@ -186,8 +219,8 @@ def read_mould_record(folder: Path) -> dict[str, Any]:
     return dict(record)
 
 
-def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> CheckedCast:
-    """Check one mould, whose walls must be `printable` [mm] thick."""
+def check_cast(folder: Path, cast: Mapping[str, Any], printable: float, skin: float = 0.0) -> CheckedCast:
+    """Check one mould, whose walls must be `printable` [mm] thick, and those of the silicone `skin` [mm]."""
     names = [part["part"] for part in cast["parts"]]
     surfaces = [read_surface(folder / part["file"]) for part in cast["parts"]]
     corners = [vertices[triangles] for vertices, triangles in surfaces]
@@ -197,11 +230,16 @@ def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> Check
 
         solid = trimesh.Trimesh(vertices, triangles, process=False)
         direction, printed = part["comes_off"], part["part"] != cast["silicone"]
-        others = dict(zip(names[number + 1 :], corners[number + 1 :], strict=True))
+        others = {its: corners[n] for n, its in enumerate(names) if n > number and not cast["parts"][n].get("lost")}
         held = [] if direction is None else find_undercuts(corners[number], others, np.array(direction))
         thickness, places, walls = wall_thickness(corners[number])
+        if not printed and cast.get("sprues_beyond"):
+            *way, end = cast["sprues_beyond"]
+            inside = places @ np.array(way) < end
+            thickness, places, walls = thickness[inside], places[inside], walls[inside]
         least = int(np.argmin(thickness)) if len(thickness) else -1
-        thin = walls[thickness < (1 - PRECISION) * printable] if printed else walls[:0]
+        needed = printable if printed else skin
+        thin = walls[thickness < (1 - PRECISION) * needed]
         checked.append(
             CheckedPart(
                 part["part"],
@@ -215,6 +253,8 @@ def check_cast(folder: Path, cast: Mapping[str, Any], printable: float) -> Check
                 places[least] if least >= 0 else np.zeros(3),
                 thin,
                 printed,
+                bool(part.get("lost")),
+                needed,
             )
         )
     filled = sum(part.volume for part in checked) + cast["clearance_mm3"]
@@ -269,26 +309,42 @@ def _held_lines(
 def wall_thickness(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Thickness of the walls behind triangles of a closed surface.
 
-    From a point inside each triangle a ray goes into the body, at a right angle; where it leaves nearly at a right
-    angle there is a wall.
+    From points in each triangle, more in large ones, rays go into the body at right angles; where one leaves nearly at
+    a right angle there is a wall. It is as thick as the two triangles, its own and the one behind it, are near each
+    other, if their nearest points lie across it.
 
     Returns:
-        Thickness [mm], shape (count,), the points, (count, 3), and the triangles, (count,).
+        Thickness [mm], shape (count,), the places, (count, 3), and the triangles, (count,).
     """
     normals = area_vectors(corners)
     areas = np.linalg.norm(normals, axis=1)
-    chosen = np.flatnonzero(areas > 1e-9)
-    chosen = chosen[:: 1 + len(chosen) // (2 * LINES)]
-    points, inward = inner_points(corners)[chosen], -normals[chosen] / areas[chosen, None]
-    crossings = ray_crossings(points, inward, corners)
-    ahead = crossings.distance > 1e-5
-    ray, distance, cosine = crossings.ray[ahead], crossings.distance[ahead], crossings.cosine[ahead]
-    order = np.lexsort((distance, ray))
-    ray, first = np.unique(ray[order], return_index=True)
-    nearest = order[first]
-    wall = cosine[nearest] > PARALLEL
-    ray, nearest = ray[wall], nearest[wall]
-    return distance[nearest], points[ray], chosen[ray]
+    normals /= np.maximum(areas, 1e-30)[:, None]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    chosen = np.flatnonzero(areas > SLIVER * longest)
+    chosen = np.repeat(chosen, 1 + (areas[chosen] / areas.sum() * PLACES).astype(int))
+    shares = (0.5 + np.outer(np.arange(len(chosen)), [0.7548776662466927, 0.5698402909980532])) % 1.0  # evenly spread
+    shares = np.where(shares.sum(axis=1, keepdims=True) > 1, 1 - shares, shares)
+    begin = corners[chosen]
+    points = begin[:, 0] + np.einsum("nk,nkd->nd", shares, begin[:, 1:] - begin[:, :1])
+    crossings = ray_crossings(points, -normals[chosen], corners)
+    ahead = np.flatnonzero((crossings.distance > 1e-5) & (crossings.triangle != chosen[crossings.ray]))
+    ahead = ahead[np.lexsort((crossings.distance[ahead], crossings.ray[ahead]))]
+    ahead = ahead[np.unique(crossings.ray[ahead], return_index=True)[1]]
+    ahead = ahead[crossings.cosine[ahead] > PARALLEL]
+    ray, behind, thickness = crossings.ray[ahead], crossings.triangle[ahead], crossings.distance[ahead]
+    if not len(ray):
+        return thickness, np.empty((0, 3)), chosen[ray]
+    from trimesh.triangles import closest_point  # takes long
+
+    here, its = points[ray], chosen[ray]
+    near = closest_point(corners[behind], here)
+    for _ in range(NEARER):
+        here = closest_point(corners[its], near)
+        near = closest_point(corners[behind], here)
+    between = near - here
+    nearest = np.linalg.norm(between, axis=1)
+    across = -np.einsum("nd,nd->n", between, normals[its]) > PARALLEL * nearest
+    return np.where(across, np.minimum(nearest, thickness), thickness), here, its
 
 
 def _lines_along(
@@ -330,7 +386,3 @@ def _extent_along(
     odd = np.bincount(crossings.ray, np.sign(crossings.cosine), count) != 0
     entry[odd], leaving[odd], first[odd] = np.inf, -np.inf, -1
     return entry, leaving, first
-
-
-def _by(extent: np.ndarray) -> str:
-    return " x ".join(f"{value:.1f}" for value in extent)

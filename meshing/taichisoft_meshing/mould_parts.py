@@ -7,26 +7,35 @@ See D. Holland et al. 2014, The Soft Robotics Toolkit, Soft Robotics 1(3), for t
 """
 
 import math
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from taichisoft.base import warn_caller
 from taichisoft.errors import MeshError
-from taichisoft.mesh import enclosed_volume
 from taichisoft.running import Geometry
+from taichisoft_meshing.body_mould import (
+    CLEARANCE,
+    POUR,
+    THICKEST_PEG,
+    VENT,
+    parse_parting,
+    plan_castings,
+    write_casting,
+)
 from taichisoft_meshing.cad_body import import_solids
-from taichisoft_meshing.file_bodies import StepBody
+from taichisoft_meshing.closed_shells import Shell, closed_shells
+from taichisoft_meshing.file_bodies import StepBody, SurfacesBody
 from taichisoft_meshing.finger_dimensions import THINNEST_WALL, FingerParameters, end
 from taichisoft_meshing.geometry_file import make_geometry
 from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.mesh_job import MeshJob, call_with_plugins
 from taichisoft_meshing.mesh_set import write_record
-from taichisoft_meshing.mould_assembly import Assembly, triangulate, write_assembly, write_step
-from taichisoft_meshing.mould_check import RECORD, ray_crossings
+from taichisoft_meshing.mould_assembly import Assembly, triangles_of, triangulate, write_assembly, write_step
+from taichisoft_meshing.mould_check import RECORD
 from taichisoft_meshing.pneunet_finger import (
     Box,
     Draft,
@@ -39,123 +48,6 @@ from taichisoft_meshing.pneunet_finger import (
     stiff_layer_box,
 )
 
-# The negative of a body that is no parametric finger: a block around its outside, in two halves. It is no mould yet.
-#
-# Where the body is undercut as seen from the parting plane the halves do not come off, and cavities are cast solid.
-
-MOST_TRIANGLES = 6000
-"""More flat faces than these keep OpenCASCADE busy for minutes."""
-GRID = 60
-"""Lines along the longest side with which a parting plane is looked for."""
-
-Plane = tuple[int, float]
-"""Number of the axis across the plane, and the position on it [mm]."""
-
-
-def outside_of(geometry: Geometry, file: str) -> tuple[Callable[[Any], Any], np.ndarray, list[float]]:
-    """What makes the outside of a body as a solid of gmsh, corners of its triangles, and volumes of its cavities.
-
-    A STEP body keeps its curved faces; of any other the outside is that of its mesh, in flat triangles.
-    """
-    if isinstance(geometry, StepBody):
-        body = geometry.body
-
-        def from_step(gmsh: Any) -> Any:
-            occ, solids = gmsh.model.occ, import_solids(gmsh, body.path)
-            outside = occ.addVolume([occ.addSurfaceLoop(sorted(body.outside))])
-            occ.remove([(3, solid) for solid in solids])
-            return [(3, outside)]
-
-        seen = body.nodes[body.triangles[np.isin(body.face_of, sorted(body.outside))]]
-        return from_step, seen, list(body.void_volumes)
-    mesh = geometry.mesh(None)
-    groups = mesh.surface_groups
-    triangles = groups["outer"]
-    if len(triangles) > MOST_TRIANGLES:
-        raise MeshError(
-            f"{file}: its outside has {len(triangles)} triangles, and a negative takes {MOST_TRIANGLES} at most; "
-            "make mesh.largest and mesh.smallest larger"
-        )
-    volumes = [enclosed_volume(mesh.nodes, wall) for name, wall in groups.items() if name.startswith("cavity")]
-    return lambda gmsh: _polyhedron(gmsh.model.occ, mesh.nodes, triangles), mesh.nodes[triangles], volumes
-
-
-def find_plane(corners: np.ndarray, wanted: str | None) -> Plane:
-    """The parting plane that is asked for, "z=0"; or the one through the middle of a side with the fewest undercuts."""
-    points = corners.reshape(-1, 3)
-    lower, upper = points.min(axis=0), points.max(axis=0)
-    if wanted is None:
-        middle = np.round((lower + upper) / 2, 3) + 0.0  # triangles of curved faces are not quite alike on both sides
-        return min(((axis, float(middle[axis])) for axis in (2, 1, 0)), key=lambda plane: _held(corners, plane))
-    name, _, number = wanted.replace(" ", "").partition("=")
-    try:
-        axis, position = "xyz".index(name.lower() or "?"), float(number)
-    except ValueError as error:
-        raise MeshError(f"--parting {wanted}: must be an axis and a position in mm, such as z=0") from error
-    if not lower[axis] < position < upper[axis]:
-        raise MeshError(
-            f"--parting {wanted}: misses the body, which reaches from {lower[axis]:g} to {upper[axis]:g} along {name}"
-        )
-    return axis, position
-
-
-def negative(gmsh: Any, outside: Callable[[Any], Any], plane: Plane, wall: float) -> Assembly:
-    """The two halves of the block around a body, `wall` [mm] thick, and the body in it, cast solid."""
-    occ, (axis, position) = gmsh.model.occ, plane
-    body = outside(gmsh)
-    box = np.round(occ.getBoundingBox(*body[0]), 6).reshape(2, 3) + np.array([[-wall], [wall]])
-    halves = []
-    for side in (1, 0):
-        ends = box.copy()
-        ends[1 - side, axis] = position
-        half = [(3, occ.addBox(*ends[0].tolist(), *(ends[1] - ends[0]).tolist()))]
-        halves.append(occ.cut(half, body, removeTool=False)[0])
-    way = tuple(np.eye(3)[axis].tolist())
-    volume = float(sum(occ.getMass(*solid) for solid in body))
-    parts = {"plus": halves[0], "body": body, "minus": halves[1]}
-    block = float(np.prod(box[1] - box[0]))
-    return Assembly(parts, {"plus": way, "body": way}, "body", block, 0.0, (("the body", "soft", volume),))
-
-
-def _held(corners: np.ndarray, plane: Plane) -> int:
-    """Number of lines across a plane on which one of the halves would be held by the body."""
-    axis, position = plane
-    others = [number for number in range(3) if number != axis]
-    points = corners.reshape(-1, 3)
-    lower, upper = points.min(axis=0), points.max(axis=0)
-    spacing = (upper - lower)[others].max() / GRID
-    grid = np.meshgrid(*(np.arange(lower[number] + 0.317 * spacing, upper[number], spacing) for number in others))
-    starts = np.full((grid[0].size, 3), lower[axis] - 1.0)
-    starts[:, others] = np.stack([number.ravel() for number in grid], axis=1)
-    crossings = ray_crossings(starts, np.eye(3)[axis], corners)
-    heights = lower[axis] - 1.0 + crossings.distance
-    crossed = np.bincount(crossings.ray, minlength=len(starts))
-    below = np.bincount(crossings.ray, heights <= position, len(starts))
-    return int(np.count_nonzero((crossed > 0) & ((crossed != 2) | (below != 1))))
-
-
-def _polyhedron(occ: Any, nodes: np.ndarray, triangles: np.ndarray) -> Any:
-    """The solid between flat triangles."""
-    points = {node: occ.addPoint(*nodes[node].tolist()) for node in np.unique(triangles).tolist()}
-    lines: dict[tuple[int, int], int] = {}
-    faces = []
-    for triangle in triangles.tolist():
-        sides = []
-        for tail, head in zip(triangle, triangle[1:] + triangle[:1], strict=True):
-            pair = (min(tail, head), max(tail, head))
-            if pair not in lines:
-                lines[pair] = occ.addLine(points[pair[0]], points[pair[1]])
-            sides.append(lines[pair])
-        faces.append(occ.addPlaneSurface([occ.addCurveLoop(sides)]))
-    return [(3, occ.addVolume([occ.addSurfaceLoop(faces)]))]
-
-
-CLEARANCE = 0.15
-"""Gap around pegs and beside the slide, so that printed parts go together [mm]."""
-POUR, VENT = 4.0, 1.0
-"""Half the side of the hole that silicone is poured through, at most, and of those that air leaves through [mm]."""
-THICKEST_PEG = 2.0
-"""Largest radius of a peg [mm]: the triangles of a thicker one would come nearer to its hole than CLEARANCE."""
 LEAST_SOFT = 0.05
 """Least share of the layer around the stiff one for a lid to make sense [-]."""
 UP, OUTWARD = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
@@ -393,50 +285,75 @@ def _volume(occ: Any, solids: Solids) -> float:
     return float(sum(occ.getMass(*solid) for solid in solids))
 
 
-# The files of a mould: STEP and STL of every part and of the body that comes out of it, and a record of them.
+# The files of a mould: every part, of a finger the finger too, and a record of them.
 
-FORM = {"wall": 6.0, "draft": 1.0, "printable": 1.0, "parting": None}
+FORM = {"wall": 6.0, "draft": 1.0, "printable": 1.0, "skin": 0.5, "chord": 0.02, "parting": None, "whole": False}
 """How a mould is made unless something else is asked for: thickness around the silicone [mm], angle by which faces lean
-[degrees], least thickness that can be printed [mm], and, of a negative, its parting plane."""
-THINNEST, THICKEST, STEEPEST = 5.0, 50.0, 10.0
-"""Bounds of the wall [mm], in which pegs have room, and of the draft [degrees]."""
+[degrees], least thicknesses that can be printed and filled [mm], error of facets [mm], and, of a body that is no
+finger, direction in which its outer parts come off and perhaps position of the parting plane, and whether it must be
+cast in one."""
+THICK = 0.0, 50.0
+BOUNDS = {"wall": (5.0, 50.0), "draft": (0.0, 10.0), "printable": THICK, "skin": THICK, "chord": (1e-3, 1.0)}
+"""Of the wall, in which pegs have room, and the others."""
 
 
 def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
-    """Write the mould of a finger, or the negative of any other body, and `mould.json`.
+    """Write the mould of a body and `mould.json`.
 
     Args:
         job: the body.
         folder: where the files go; it must exist.
         form: values that differ from FORM.
     """
-    given, form = form, {**FORM, **form}
-    name = job.file.stem
+    form = {**FORM, **form}
     geometry = make_geometry(job.kind, job.tables, job.file)
-    for key, low, high in (("wall", THINNEST, THICKEST), ("draft", 0.0, STEEPEST), ("printable", 0.0, THICKEST)):
+    for key, (low, high) in BOUNDS.items():
         if not low <= form[key] <= high:
             raise MeshError(f"--{key} {form[key]:g}: must be from {low:g} to {high:g}")
     (folder / RECORD).unlink(missing_ok=True)  # never beside files that it does not describe
     if isinstance(geometry, PneunetFinger):
-        if form["parting"] is not None:
-            raise MeshError(f"--parting {form['parting']}: a finger is parted where its channel ends; leave it out")
+        if form["parting"] is not None or form["whole"]:
+            option = "--whole" if form["whole"] else f"--parting {form['parting']}"
+            raise MeshError(f"{option}: a finger is parted where its channel ends; leave it out")
         casts = _finger_casts(geometry, job.file, folder, form)
-        record = {"kind": "mould", "draft_degrees": form["draft"]}
     else:
-        if "draft" in given:
-            raise MeshError(f"--draft {form['draft']:g}: a negative has none; leave it out")
-        outside, corners, voids = outside_of(geometry, str(job.file))
-        plane = find_plane(corners, form["parting"])
-        cast = write_assembly(lambda gmsh: negative(gmsh, outside, plane, form["wall"]), folder, f"{name}-negative")
-        casts = [{"name": f"{name}-negative", **cast, "voids_mm3": voids}]
-        record = {"kind": "negative", "parting": f"{'xyz'[plane[0]]} = {plane[1] + 0.0:g}"}
-    sizes = {"wall_mm": form["wall"], "printable_mm": form["printable"]}
-    write_record({"name": name, **record, **sizes, "casts": casts}, folder / RECORD)
+        shells = _shells_of(geometry, job.file, form["chord"])
+        castings = plan_castings(shells, parse_parting(form["parting"], shells[0].vertices), form["whole"])
+        name = job.file.stem
+        casts = [write_casting(casting, folder, name, form["wall"], form["draft"]) for casting in castings]
+    record = {f"{key}_mm": form[key] for key in ("wall", "printable", "skin", "chord")}
+    record |= {"name": job.file.stem, "draft_degrees": form["draft"], "casts": casts}
+    write_record(record, folder / RECORD)
 
 
 def write_mould_apart(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
     """Write a mould as `write_mould` does, in a process of its own."""
     call_with_plugins(write_mould, job, folder, form)
+
+
+def _shells_of(geometry: Geometry, file: Path, chord: float) -> list[Shell]:
+    """The outside of a body, then its closed chambers.
+
+    The faces of a STEP body get facets that miss them by `chord` [mm] at most; surfaces are taken as they are, and any
+    other body as it is meshed.
+    """
+    if isinstance(geometry, SurfacesBody):
+        return [geometry.body.outer, *geometry.body.cavities]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # chambers may be open here, and gmsh turns triangles as it likes
+        if not isinstance(geometry, StepBody):
+            mesh = geometry.mesh(None)
+            walls = [triangles for name, triangles in mesh.surface_groups.items() if name.startswith("cavity")]
+            groups = [mesh.surface_groups["outer"], *walls]
+            return [shell for its in groups for shell in closed_shells(mesh.nodes, its, str(file))]
+        body = geometry.body
+        with gmsh_session(file.name) as gmsh:
+            import_solids(gmsh, body.path, body.defeature)
+            triangulate(gmsh, chord)
+            shells = closed_shells(*triangles_of(gmsh, sorted(body.outside.union(*body.voids))), str(file))
+    if len(body.solids) > 1:
+        warn_caller(f"{file}: its {len(body.solids)} solids are cast as one, of one silicone")
+    return sorted(shells, key=lambda shell: -shell.volume)
 
 
 def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: Mapping[str, Any]) -> list[Any]:
@@ -449,11 +366,11 @@ def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: M
     with gmsh_session(name) as gmsh:
         for _, solid in cast_finger(gmsh.model.occ, form, parted=False):  # otherwise the void would be inside out
             gmsh.model.mesh.setOutwardOrientation(solid)
-        triangulate(gmsh)
+        triangulate(gmsh, settings["chord"])
         gmsh.option.setNumber("Mesh.Binary", 1)
         gmsh.write(str(folder / f"{name}.stl"))
     casts = []
     for part, build in (("upper", upper_cast), ("layer", layer_cast)):
-        cast = write_assembly(partial(build, form=form), folder, f"{name}-{part}")
+        cast = write_assembly(partial(build, form=form), folder, f"{name}-{part}", settings["chord"])
         casts.append({"name": f"{name}-{part}", **cast, "voids_mm3": []})
     return casts

@@ -1,7 +1,6 @@
 """A mould that can be cast: parts come off, fill their block, and can be printed; and what cannot is named."""
 
 import math
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -164,30 +163,6 @@ def test_thickness_of_a_plate_and_a_tube() -> None:
     assert wall_thickness(plate)[0].min() == pytest.approx(0.7, rel=1e-9)
     tube = trimesh.creation.annulus(4.0, 5.0, 10.0, sections=64)
     assert wall_thickness(tube.triangles)[0].min() == pytest.approx(1.0, rel=2e-3)  # 1 - cos(pi/64) is 1.2e-3
-
-
-def test_the_negative_of_a_body_from_cad(tmp_path: Path) -> None:
-    """A hollow ball: its void cannot be cast; parted through the middle it comes off, 4 mm beside it does not."""
-
-    def draw(occ: Any) -> None:
-        occ.cut([(3, occ.addSphere(0, 0, 0, 10))], [(3, occ.addSphere(0, 0, 0, 6))])
-
-    step = solid_shapes.write_step(tmp_path / "ball.step", draw)
-    found = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for parting in (None, "z=4"):
-            write_mould(geometry_job(str(step), None, {}), tmp_path, {"parting": parting})
-            assert read_mould_record(tmp_path)["kind"] == "negative"
-            (found[parting],) = check_mould(tmp_path)
-    for cast in found.values():
-        assert cast.voids == pytest.approx([4 / 3 * math.pi * 6**3])
-        assert f"a cavity of {cast.voids[0]:.4g} mm^3 is closed: it is cast solid" in cast.problems[-1]
-        assert abs(cast.unfilled) < 1e-6
-    assert [one.undercuts for one in found[None].parts] == [(), (), ()]
-    held = [undercut for one in found["z=4"].parts for undercut in one.undercuts]
-    assert held
-    assert all(abs(undercut.middle[2]) < 4.5 for undercut in held)
 
 
 def test_what_to_weigh_is_said() -> None:
