@@ -129,18 +129,22 @@ def train(told: argparse.Namespace) -> np.ndarray:
         for generation in range(told.generations):
             seeds = [generation * episodes + number for number in range(episodes)]
             asked = [search.ask() for _ in range(search.population_size)]
-            returns = pool.map(partial(fitness, task), [(weights, seeds) for weights in asked], chunksize=1)
-            search.tell([(weights, -value) for weights, value in zip(asked, returns, strict=True)])
-            played = (generation + 1) * episodes * len(asked)
-            rows.append((played, time.monotonic() - began, min(returns), float(np.mean(returns)), max(returns)))
+            trials = [(weights, seeds) for weights in (search.mean, *asked)]
+            learned, *returns = pool.map(partial(fitness, task), trials, chunksize=1)
+            played = (generation + 1) * episodes * len(trials)
+            rows.append((played, time.monotonic() - began, min(returns), learned, max(returns)))
+            if learned < told.enough:
+                search.tell([(weights, -value) for weights, value in zip(asked, returns, strict=True)])
             write_policy(folder / f"{task.lower()}.json", task, search.mean)
             write_rows(folder / f"{task.lower()}.csv", CURVE, rows)
+            if learned >= told.enough:
+                break
     draw_curve(task, rows, folder / f"{task.lower()}.svg")
     best: np.ndarray = search.mean
     return best
 
 
-CURVE = ("episodes", "wall-clock time [s]", "worst return", "mean return", "best return")
+CURVE = ("episodes", "wall-clock time [s]", "worst return", "policy's return", "best return")
 
 
 def write_policy(path: Path, task: str, weights: np.ndarray) -> None:
@@ -167,10 +171,10 @@ def draw_curve(task: str, rows: Sequence[tuple[float, ...]], path: Path) -> None
     matplotlib.rcParams["svg.hashsalt"] = "taichisoft"
     from matplotlib import pyplot
 
-    played, _, worst, mean, best = np.array(rows).T
+    played, _, worst, policy, best = np.array(rows).T
     figure, axes = pyplot.subplots(figsize=(7.0, 3.5), layout="constrained")
     axes.fill_between(played, worst, best, color="0.85", label="worst to best of a generation")
-    axes.plot(played, mean, label="mean of a generation")
+    axes.plot(played, policy, label="policy")
     axes.set(xlabel=f"episodes of {task}-v0", ylabel="return")
     axes.legend(loc="best", fontsize="small")
     figure.savefig(path, metadata={"Date": None})
@@ -211,6 +215,7 @@ def main() -> None:
     parser.add_argument("task", choices=list(LEARNERS))
     parser.add_argument("folder", type=Path, help="folder for the results")
     parser.add_argument("--generations", type=int, default=40)
+    parser.add_argument("--enough", type=float, default=np.inf, help="mean return of the policy at which it is learned")
     parser.add_argument("--population", type=int, help="policies of a generation; else by the number of weights")
     parser.add_argument("--episodes", type=int, default=2, help="episodes of each policy of a generation")
     parser.add_argument("--spread", type=float, default=0.5, help="standard deviation of the first weights")

@@ -579,7 +579,7 @@ def page_of(scene: Scene) -> tuple[MagicMock, Any, PageInstant]:
     poses = ShownPoses(np.zeros((0, 3)), np.array([[10.0, 20.0, 30.0]]), turned)
     frame = PageInstant(0.0, poses, {}, points, 60.0 * points, np.array([30.0, 0.0, 0.0]))
     server = MagicMock()
-    server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, color=look["color"])
+    server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, **look)
     actuators = ActuatorNames({"cavity": ("finger.cavity",), "cable": ()})
     content = PageScene(scene, surfaces, planes, actuators, {"cube": RigidAxes(0)})
     return server, SceneView(server, content, frame), frame
@@ -619,7 +619,8 @@ def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
     plain = fake_run.fake_model().scene
     scene = coloured_scene(plain) if coloured else plain
     server, _, _ = page_of(scene)
-    added = {call.args[0]: call.kwargs["color"] for call in server.scene.add_mesh_simple.call_args_list}
+    calls = server.scene.add_mesh_simple.call_args_list
+    added = {call.args[0]: call.kwargs["color"] for call in calls if "color" in call.kwargs}
     backgrounds = [call.args[0].tolist() for call in server.scene.set_background_image.call_args_list]
     if coloured:
         assert added == {"/finger": FINGER, "/finger.cavity": as_bytes(PLAIN["cavity"]), "/cube": CUBE, "/floor": FLOOR}
