@@ -109,7 +109,7 @@ def derived(
         named: names in an expression of metrics.
         observed: gives the names in an expression of an observation.
     """
-    start, keys = simulation.start.step + 1, {*request["factors"], *request["moves"]}
+    start, keys = simulation.start.step + 1, [*request["factors"], *request["moves"]]
     moves = {key: _mesh_moves(simulation.model, files) for key, files in request["moves"].items()}
     own = dict.fromkeys(keys, 0.0)
     slopes: list[dict[str, Any]] = [{} for _ in simulation.controls]

@@ -178,8 +178,9 @@ class Shape:
         self.moves: dict[str, dict[str, np.ndarray]] = {}
         self._meshes: dict[str, VolumeMesh] = {}
         by_key = {key: factors(self._scene, values, key) for key in values if is_of_scene(key)}
-        for key in values.keys() - by_key.keys():
-            self.moves[key] = self._moves(key)
+        for key in values:  # in their order, as sums round by it, and runs go by the bits of their meshes
+            if key not in by_key:
+                self.moves[key] = self._moves(key)
         self._meshed = {  # as the study has those that no dimension moves
             f"soft_bodies.{name}.mesh": {"file": body.mesh.file, **body.mesh.request}
             for name, body in self._scene(values).soft_bodies.items()

@@ -142,6 +142,7 @@ def test_gradient_by_dimensions_agrees_with_differences(tmp_path: Path, figures:
     study = search_of(tmp_path)
     values = {LENGTH: 60.5, HEIGHT: 10.0, MODULUS: 120.0}
     shape = Shape(study, tmp_path, values, gradient_request(study))
+    assert list(shape.moves) == [LENGTH, HEIGHT], "in the order of the study, or a search goes on with other bits"
 
     def miss(changed: Mapping[str, float]) -> float:
         m, all_of_it = made(shape, {**values, **changed}), {**values, **changed}
