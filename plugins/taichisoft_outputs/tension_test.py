@@ -67,7 +67,10 @@ QUANTITIES: dict[str, tuple[tuple[str, ...], Mapping[str, float]]] = {
     ),
     "stress": (("engineering stress", "nominal stress", "tensile stress", "stress", "spannung", "contrainte"), KPA),
     "extension": (
-        ("extension", "displacement", "elongation", "crosshead", "weg", "allongement", "déplacement", "deplacement"),
+        (
+            *("extension", "displacement", "elongation", "crosshead", "weg", "standardweg", "traverse", "verlängerung"),
+            *("allongement", "déplacement", "deplacement"),
+        ),
         MM,
     ),
     "force": (("load", "force", "kraft", "standardkraft", "effort"), MN),
@@ -246,7 +249,12 @@ def _columns(table: MeasuredTable, kind: str, given: Mapping[str, str]) -> list[
         ]
         if places:
             return places
-    return []
+    words = QUANTITIES["extension"][0] if kind == "strain" else ()  # "Allongement (%)" is over the length
+    return [
+        (kind, place, table.names[place])
+        for place, name in enumerate(names)
+        if name.startswith(words) and "%" in _units(name)
+    ]
 
 
 def _missing(table: MeasuredTable, along: str, across: str) -> str:

@@ -33,7 +33,8 @@ def factors(scene_of: Callable[[Mapping[str, Any]], Scene], values: Mapping[str,
         StudyError: it changes something of the scene that has no derivative.
     """
     width = SHARE * abs(values[key]) or SHARE
-    scenes = [scene_of({**values, key: values[key] + sign * width}) for sign in (1.0, -1.0)]
+    less_by = width if values[key] else 0.0  # much has no value below zero
+    scenes = [scene_of({**values, key: values[key] + change}) for change in (width, -less_by)]
     more, less = (flat(scene.model_dump(mode="json", exclude_none=True)) for scene in scenes)
     found = {}
     for leaf in {**more, **less}:
@@ -41,7 +42,7 @@ def factors(scene_of: Callable[[Mapping[str, Any]], Scene], values: Mapping[str,
             name = _name(leaf, scenes[0])
             if not name or leaf not in more or leaf not in less:
                 raise StudyError(f"{key}: has no gradient here, since it changes {leaf}; there are: {KNOWN}")
-            found[name] = (more[leaf] - less[leaf]) / (2.0 * width)
+            found[name] = (more[leaf] - less[leaf]) / (width + less_by)
     return found
 
 

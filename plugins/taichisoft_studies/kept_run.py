@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 MEMORY = 2e8
 """States are kept up to so much [B]; later ones are made again."""
 WIDTH = 1e-6
-"""Half width of differences of expressions, over the value, or over 1 where that is more [-]."""
+"""Half width of differences of expressions, over a parameter, and over other values or 1 where that is more [-]."""
 WITHOUT_SLOPE = ("time", "step")
 PARAMETERS, VOLUMES = "parameters", "rest_volumes_mm3"
 
@@ -109,7 +109,7 @@ def derived(
         named: names in an expression of metrics.
         observed: gives the names in an expression of an observation.
     """
-    start, keys = simulation.start.step + 1, {*request["factors"], *request["moves"]}
+    start, keys = simulation.start.step + 1, [*request["factors"], *request["moves"]]
     moves = {key: _mesh_moves(simulation.model, files) for key, files in request["moves"].items()}
     own = dict.fromkeys(keys, 0.0)
     slopes: list[dict[str, Any]] = [{} for _ in simulation.controls]
@@ -165,7 +165,8 @@ def differences(expression: Expression, names: Mapping[str, Any]) -> Iterator[tu
                 continue
             value, slope = np.array(given, dtype=float), np.zeros(np.shape(given))
             for index in np.ndindex(value.shape):
-                half = WIDTH * max(1.0, abs(float(value[index])))
+                size = abs(float(value[index]))
+                half = WIDTH * (size if name == PARAMETERS and size else max(1.0, size))  # densities are of 1e-6
                 sides = []
                 for sign in (half, -half):
                     moved = value.copy()

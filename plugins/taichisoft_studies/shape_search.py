@@ -178,8 +178,14 @@ class Shape:
         self.moves: dict[str, dict[str, np.ndarray]] = {}
         self._meshes: dict[str, VolumeMesh] = {}
         by_key = {key: factors(self._scene, values, key) for key in values if is_of_scene(key)}
-        for key in values.keys() - by_key.keys():
-            self.moves[key] = self._moves(key)
+        for key in values:  # in their order, as sums round by it, and runs go by the bits of their meshes
+            if key not in by_key:
+                self.moves[key] = self._moves(key)
+        self._meshed = {  # as the study has those that no dimension moves
+            f"soft_bodies.{name}.mesh": {"file": body.mesh.file, **body.mesh.request}
+            for name, body in self._scene(values).soft_bodies.items()
+            if name not in self._meshes and is_geometry(body.mesh.file)
+        }
         files = {key: {body: self._kept_move(move) for body, move in of.items()} for key, of in self.moves.items()}
         self._request = {**request, "factors": by_key, "moves": files}
 
@@ -207,7 +213,7 @@ class Shape:
 
     def runs(self, values: Mapping[str, Any]) -> TrialRuns:
         """The run of a trial, with the meshes moved; raises MeshError where that turns elements over."""
-        given = {key: value for key, value in values.items() if key not in self.moves}
+        given = {**self._meshed, **{key: value for key, value in values.items() if key not in self.moves}}
         for body, mesh in self._meshes.items():
             nodes = mesh.nodes.copy()
             for key, of in self.moves.items():

@@ -180,6 +180,7 @@ def test_a_test_is_read_with_its_unit_and_its_header(tmp_path: Path) -> None:
         "Tensile strain,Tensile stress\n(mm/mm),(MPa)\n0.5,0.2\n1,0.4\n",
         "Probe 1\nDehnung;Spannung\n%;MPa\n50;0,2\n100;0,4\n",
         "Déformation [%];Contrainte [bar]\n50;2,0\n100;4,0\n",
+        "Allongement (%);Contrainte (MPa)\n50,0;0,2\n100,0;0,4\n",
         "Zwick;2024,5\nSpeed (mm/min),450\nstretch,stress (kPa)\n+1.5,2e2\n2,4E+2\n",
     ],
 )

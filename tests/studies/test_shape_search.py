@@ -142,6 +142,7 @@ def test_gradient_by_dimensions_agrees_with_differences(tmp_path: Path, figures:
     study = search_of(tmp_path)
     values = {LENGTH: 60.5, HEIGHT: 10.0, MODULUS: 120.0}
     shape = Shape(study, tmp_path, values, gradient_request(study))
+    assert list(shape.moves) == [LENGTH, HEIGHT], "in the order of the study, or a search goes on with other bits"
 
     def miss(changed: Mapping[str, float]) -> float:
         m, all_of_it = made(shape, {**values, **changed}), {**values, **changed}
@@ -153,6 +154,31 @@ def test_gradient_by_dimensions_agrees_with_differences(tmp_path: Path, figures:
         sides = [miss({key: (1.0 + sign * 1e-5) * value}) for sign in (1.0, -1.0)]
         expected = (sides[0] - sides[1]) / (2e-5 * value)
         figures.close(f"gradient by {key}", slopes[key], expected, 1e-6 * abs(expected))
+
+
+@pytest.mark.usefixtures("bars")
+def test_parameters_at_zero_and_of_any_size_have_slopes(tmp_path: Path) -> None:
+    """Those of log(density) + 3 damping are 1 / density, of 1e-6 kg/mm^3, and 3, at a damping of its lowest value."""
+    density, damping = "soft_bodies.bar.density", "soft_bodies.bar.rayleigh_stiffness"
+    study = search_of(
+        tmp_path,
+        variables={density: {"low": 5e-7, "high": 2e-6, "log": True}, damping: {"low": 0.0, "high": 0.1}},
+        objectives={"x": {"minimise": f"log(parameters['{density}']) + 3 * parameters['{damping}']"}},
+    )
+    values = {density: 1.1e-6, damping: 0.0}
+    slopes = made(Shape(study, tmp_path, values, gradient_request(study)), values)["gradient"]
+    assert slopes == pytest.approx({density: 1.0 / 1.1e-6, damping: 3.0}, rel=1e-6)
+
+
+@pytest.mark.usefixtures("bars")
+def test_dimensions_that_the_study_sets_hold(tmp_path: Path) -> None:
+    """Of a bar with no variable dimension."""
+    variables = {MODULUS: {"low": 50.0, "high": 400.0}}
+    study = search_of(
+        tmp_path, variables=variables, objectives={"x": {"minimise": "unconverged_steps"}}, set=[f"{LENGTH}=70.0"]
+    )
+    shape = Shape(study, tmp_path, {MODULUS: 120.0}, {"objective": "rest_volumes_mm3['bar']", "figures": {}})
+    assert made(shape, {MODULUS: 120.0})["rest_volumes_mm3"]["bar"] == pytest.approx(7000.0)
 
 
 class OneAtATime(Here):
