@@ -44,7 +44,8 @@ class RunGradient:
         observation: what is observed after the last step; exact, without the scene's sensors.
         step_count: number of steps.
         edge_share: share of the steps with a contact nearer to a change between open, sticking and sliding than the
-            solvers' tolerances tell; derivatives there are those of one side.
+            solvers' tolerances tell; derivatives there are those of one side. By the start also the first step, if
+            surfaces just touch there and `contact.depth` is "position".
         inexact_share: share of the contacts whose derivatives leave something out: those of round and curved surfaces,
             where normal and points are taken to move along with the body, of bodies that turn much in a step, and of
             surfaces that meet within a step, where the time of the meeting is taken as it is.
@@ -207,7 +208,9 @@ class _Run:
             impulse = np.zeros(len(derivative.impulse))
             self._figures.add(parts[step], derivative, end, slopes, impulse, carried.target)
             slopes, found = self._adjoint.back(derivative, slopes, impulse)
-            edges, shifted = edges + bool(derivative.edges()), shifted + (derivative.shift is not None)
+            touching = step == 0 and self._adjoint.touching and any(name.startswith("start.") for name in self._by)
+            edges += bool(derivative.edges()) or touching
+            shifted += derivative.shift is not None
             unconverged += (derivative.solution.newton_residual or 0.0) > tolerance
             carried.add(derivative, found)
             self._keep_forces(step, derivative, found)

@@ -159,12 +159,10 @@ class Kernel:
         thread = get_ident()
         of_arrays = (thread, *map(id, map(arguments.__getitem__, self._held)))
         launch = self._remembered.get(of_arrays) or self._make_launch(of_arrays, arguments)
-        numbers = tuple(map(arguments.__getitem__, self._numbers))
-        for (place, kind), number, before in zip(self._number_places, numbers, launch.numbers, strict=True):
-            if number != before:
-                launch.compiled.set_number(launch.context, place, kind(number))
         self._starts.pop(launch.identity, None)
-        launch.numbers, launch.arguments, launch.identity = numbers, arguments, (thread, *map(id, arguments))
+        for (place, kind), number in zip(self._number_places, map(arguments.__getitem__, self._numbers), strict=True):
+            launch.compiled.set_number(launch.context, place, kind(number))
+        launch.arguments, launch.identity = arguments, (thread, *map(id, arguments))
         start = self._starts[launch.identity] = partial(_timed, launch.start) if TIMING else launch.start
         return start
 
@@ -181,7 +179,7 @@ class Kernel:
         with _preparing:
             if self._compiled is None:
                 self._compiled = self._compile()
-            launch = _Launch(self._compiled, flat, len(self._numbers), self._serial)
+            launch = _Launch(self._compiled, flat, self._serial)
             of_thread = [known for known in self._remembered if known[0] == identity[0]]
             if len(of_thread) >= REMEMBERED:
                 self._drop(of_thread[0])
@@ -221,13 +219,12 @@ class Kernel:
 class _Launch:
     """A prepared launch; holding the arguments of its last start keeps their `id` from being used again."""
 
-    __slots__ = ("arguments", "compiled", "context", "identity", "numbers", "start")
+    __slots__ = ("arguments", "compiled", "context", "identity", "start")
 
-    def __init__(self, compiled: Any, flat: list[Any], numbers: int, serial: bool):
+    def __init__(self, compiled: Any, flat: list[Any], serial: bool):
         self.compiled = compiled
         self.context, address = compiled.make_context(flat, serial)
         self.start = partial(compiled.run, address)
-        self.numbers: tuple[Any, ...] = (None,) * numbers
         self.arguments: tuple[Any, ...] = ()
         self.identity: tuple[int, ...] = ()
 

@@ -37,12 +37,14 @@ class PlaceSlopes:
             (rigid_count, 4, 3).
         inexact: whether normal and weights of each contact were taken as they are, or the time of the measurement, or
             the row is that of a body that turns in the step, shape (contact_count,).
+        touching: whether each contact is pressed at a gap where `depth = "position"` begins to keep it, (contact_count,).
     """
 
     position: np.ndarray
     velocity: np.ndarray
     rigid: np.ndarray
     inexact: np.ndarray
+    touching: np.ndarray
 
 
 class _Places:
@@ -148,7 +150,7 @@ def contact_slopes(
     response = np.einsum("bij,bj->bi", derivative.inverse_mass, multipliers.rigid)
     answer, motion = _Field(at, multipliers.node, response), _Field(at, solution.node_velocity, solution.rigid_velocity)
     before = _Field(at, start.velocity, np.hstack([rigid.linear, rigid.angular]))
-    gap_share, speed_share, is_known = _gap_rate(model, derivative, at, before)
+    gap_share, speed_share, is_known, touching = _gap_rate(model, derivative, at, before)
     turning_rows = derivative.turning_rows
     renewed = turning_rows.renewed.any(axis=1)
     gap_share[renewed] = speed_share[renewed] = 0.0
@@ -184,7 +186,8 @@ def contact_slopes(
     position, velocity, of_bodies = (one[:-1] for one in places)
     # The time of a measurement within the step, where surfaces come close, is taken as it is.
     is_timed = (at.passed == h) | (at.passed < EARLY * h)
-    return PlaceSlopes(position, velocity, of_bodies, ~(at.fits & is_known & at.arms_fit & is_timed))
+    inexact = ~(at.fits & is_known & at.arms_fit & is_timed)
+    return PlaceSlopes(position, velocity, of_bodies, inexact, touching & (row[:, 0] != 0.0))
 
 
 def _add_start(
@@ -206,21 +209,22 @@ def _add_start(
 
 def _gap_rate(
     model: Model, derivative: StepDerivative, at: _Places, before: _Field
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shares of the gap and of the way before the step in each gap rate, and whether it is made of these."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Shares of the gap and of the way before the step in each gap rate, whether it is of these, and has a kink."""
     separation, chosen = derivative.problem.contacts.separation, derivative.contacts
     gap = at.distance - model.scene.contact.contact_distance
     way = at.passed * np.einsum("ci,ci->c", at.normal, before.difference)
     kept, gap_share, way_share = np.zeros(len(gap)), np.ones(len(gap)), np.ones(len(gap))
+    touches = np.zeros(len(gap), bool)
     if model.scene.contact.depth == "position":
         touching = separation.touching[chosen]
         at_start = np.where(at.passed > 0.0, np.maximum(gap - way, -touching), gap)
-        kept = np.minimum(np.maximum(gap, at_start), 0.0)
+        kept, touches = np.minimum(np.maximum(gap, at_start), 0.0), np.abs(np.maximum(gap, at_start)) < ALIKE
         is_free = at_start > -touching
         gap_share[(kept < 0.0) & ((gap >= at_start) | is_free)] = 0.0
         way_share[(kept < 0.0) & (gap < at_start) & is_free] = 0.0
     missed = np.abs((gap - kept - way) / model.scene.time.step - separation.gap_rate[chosen])
-    return gap_share, way_share, missed < ALIKE
+    return gap_share, way_share, missed < ALIKE, touches
 
 
 def _by_features(at: _Places, bends: np.ndarray, by_apart: np.ndarray, by_weight: np.ndarray) -> np.ndarray:

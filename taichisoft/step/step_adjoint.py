@@ -266,6 +266,7 @@ class StepAdjoint:
         carried: derivatives by the velocities that lead bodies to where frames carry them, where contacts are sought;
             of the last step, shape (rigid_count, 6).
         inexact: number of contacts, of all `contacts`, whose derivatives leave something out, see `contact_slopes`.
+        touching: whether a contact of the last step has a kink by its start, see `contact_slopes`.
     """
 
     def __init__(self, model: Model):
@@ -285,6 +286,7 @@ class StepAdjoint:
         self.by_friction = np.zeros((len(model.body_names),) * 2)
         self.carried = np.zeros((len(model.rigid_bodies), 6))
         self.inexact = self.contacts = 0
+        self.touching = False
 
     def back(self, derivative: StepDerivative, end: Slopes, impulse: np.ndarray) -> tuple[Slopes, Multipliers]:
         """Derivatives by the start, and multipliers, of those by the end and by the rows' impulses, (row_count,)."""
@@ -303,7 +305,7 @@ class StepAdjoint:
             self._add_soft(derivative, found, slopes)
         self._add_actuators(derivative, found, slopes)
         self._add_rigid(derivative, found, slopes)
-        self.carried[:] = 0.0
+        self.carried[:], self.touching = 0.0, False
         if derivative.contact_count:
             self._add_contacts(derivative, found, slopes)
         derivative.rigid.begin(start)
@@ -416,6 +418,7 @@ class StepAdjoint:
         slopes.rigid_velocity += own[:, 2:].reshape(-1, 6)
         self.inexact += int(places.inexact.sum())
         self.contacts += len(places.inexact)
+        self.touching = bool(places.touching.any())
         sliding = np.flatnonzero([one.slides for one in derivative.contact_conditions()])
         pairs = derivative.problem.contacts.found.bodies[derivative.contacts[sliding]]
         by_friction = found.condition[3 * sliding + 1] * derivative.impulse[3 * sliding]

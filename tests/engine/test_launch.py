@@ -25,11 +25,35 @@ def add_up(vectors: Vectors, factor: ti.f64, offset: ti.i32, result: Scalars):
         result[i] = factor * vectors[i].sum() + offset
 
 
+@kernel
+def multiply(vectors: Vectors, factor: ti.f64, result: Scalars):
+    for i in range(result.shape[0]):
+        result[i] = factor * vectors[i][0]
+
+
 def test_a_kernel_computes_with_what_it_is_given() -> None:
     vectors, result = np.arange(12.0).reshape(4, 3), np.zeros(4)
     for factor in (0.5, 2):  # the first call compiles, later ones take the short way
         add_up(vectors, factor, 7, result)
         np.testing.assert_array_equal(result, factor * vectors.sum(axis=1) + 7)
+
+
+def test_signs_of_zeros_are_told_apart() -> None:
+    vectors, result = np.ones((4, 3)), np.zeros(4)
+    for factor in (0.0, -0.0, 0.0):
+        multiply(vectors, factor, result)
+        assert set(np.signbit(result).tolist()) == {factor.hex().startswith("-")}
+
+
+def test_a_refused_number_leaves_no_other_behind() -> None:
+    vectors, result, offset = np.ones((4, 3)), np.zeros(4), 1000
+    for _ in range(2):
+        add_up(vectors, 1.0, offset, result)
+        with pytest.raises(TypeError):
+            add_up(vectors, 2.0, None, result)
+        np.testing.assert_array_equal(result, 1003.0)
+    add_up(vectors, 1.0, offset, result)
+    np.testing.assert_array_equal(result, 1003.0)
 
 
 def test_arrays_may_change_size_between_calls() -> None:

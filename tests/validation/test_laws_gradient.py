@@ -188,6 +188,18 @@ def test_gradient_by_the_start_agrees_with_differences(figures: Figures, name: s
     figures.at_most(f"gradient by the start's {name}", abs(slope / expected - 1.0), 1e-4)
 
 
+def test_starts_with_surfaces_that_touch_are_at_an_edge(floating: Simulation) -> None:
+    """Nearer ones keep their depth and others close; controls and materials do not change where a step has led."""
+    controls = {name: np.full(STEPS, mean) for name, (mean, _) in SIZES.items()}
+    closing = squeezed(*FLOATING, "contact.depth='velocity'", steps=22)
+    for simulation, by, share in (
+        (floating, ["start.velocity", "friction"], 1.0 / STEPS),
+        (floating, ["friction"], 0.0),
+        (closing, ["start.velocity"], 0.0),
+    ):
+        assert gradient(simulation, controls, OBJECTIVE, by).edge_share == share
+
+
 PARAMETERS = {
     "young_modulus.left": ("soft_bodies.left.young_modulus", 100.0),
     "rayleigh_stiffness.left": ("soft_bodies.left.rayleigh_stiffness", 0.02),
