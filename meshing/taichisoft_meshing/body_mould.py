@@ -5,14 +5,16 @@ it those are taken in which nothing is undercut, no core is lost, and the fewest
 lid where it can be drawn out; else it is lost: it is melted or dissolved, and leaves through the hole of its pin.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, OpType
+from scipy.spatial.transform import Rotation
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import write_stl
@@ -39,7 +41,11 @@ ROUGH = 1e-3
 """Length by which surfaces may be simplified [mm]."""
 ALIKE = 0.01
 """Faces at a vertex that differ less, as the ratio of two eigenvalues, are one face that is rough or curved [-]."""
+ALONG = 0.999
+"""Least cosine between directions that count as one [-]."""
 X, Y, Z = np.eye(3)
+TO_Y, TO_MINUS_Y = np.array([Z, X, Y]), np.array([X, Z, -Y])
+"""Frames whose third axes are y and -y."""
 
 
 @dataclass(frozen=True)
@@ -60,22 +66,39 @@ class Casting:
     frame: np.ndarray
     filled: Solid
     hanging: tuple[Solid, ...]
-    lost: tuple[Solid, ...]
-    parting: float | None
-    trapped: float
+    lost: tuple[Solid, ...] = ()
+    parting: float | None = None
+    trapped: float = 0.0
+
+    @property
+    def top(self) -> float:
+        """Its upper end [mm]."""
+        return float(_bounds(self.filled)[1][2])
 
     @property
     def is_flat(self) -> bool:
         """Whether its end along z is flat."""
-        return bool(self.filled.slice(_bounds(self.filled)[1][2] - FLAT).area() > LEAST_END)
+        return bool(self.filled.slice(self.top - FLAT).area() > LEAST_END)
 
 
 # How a body is cast: of all directions and ways those with the least undercut, lost cores and parts.
 
 
-Parting = tuple[np.ndarray, float | None]
-"""The direction in which outer parts come off, a unit vector, shape (3,), and perhaps the position of the parting plane
-along it [mm]."""
+@dataclass(frozen=True)
+class Parting:
+    """How outer parts shall come off.
+
+    Attributes:
+        way: unit vector, shape (3,).
+        position: of the parting plane along it [mm], if it matters.
+    """
+
+    way: np.ndarray
+    position: float | None
+
+    def plane(self, axis: np.ndarray) -> float | None:
+        """Position of the plane along an axis, which may point the other way [mm]."""
+        return None if self.position is None else self.position * float(self.way @ axis)
 
 
 def parse_parting(text: str | None, vertices: np.ndarray) -> Parting | None:
@@ -97,11 +120,11 @@ def parse_parting(text: str | None, vertices: np.ndarray) -> Parting | None:
         raise MeshError(
             f"--parting {text}: misses the body, which reaches from {ends[0]:g} to {ends[1]:g} along {name}"
         )
-    return way, position
+    return Parting(way, position)
 
 
-def plan_castings(body: Sequence[Shell], wanted: Parting | None, whole: bool = False) -> list[Casting]:
-    """The castings of a body.
+def plan_castings(body: Sequence[Shell], wanted: Parting | None, whole: bool = False) -> list[list[Casting]]:
+    """The ways to cast a body, each of one or two castings, that trap the least air; the best first.
 
     Args:
         body: its outside, then its closed chambers.
@@ -109,44 +132,46 @@ def plan_castings(body: Sequence[Shell], wanted: Parting | None, whole: bool = F
         whole: whether it must be cast in one.
     """
     outer, *voids = (solid_of(shell.vertices, shell.triangles) for shell in body)
-    choices = []
     frames = _frames(outer, wanted)
-    open_to = [[_turned(pocket, frame.T) for pocket in _pockets(_turned(outer, frame))] for frame in frames]
-    chambers = list(voids)
+    open_to = [_pockets(_turned(outer, frame)) for frame in frames]
+    filled, chambers = [outer, *voids], list(voids)
     for frame, pockets in zip(frames, open_to, strict=True):
-        chambers += [its + _turned(_mouth(_turned(its, frame), BEYOND), frame.T) for its in pockets]
-    of_all = [outer], voids, chambers, [pocket for pockets in open_to for pocket in pockets]
+        filled += [_turned(pocket, frame.T) for pocket in pockets]
+        chambers += [_turned(pocket + _mouth(pocket, BEYOND), frame.T) for pocket in pockets]
+    choices = []
     for number, (frame, pockets) in enumerate(zip(frames, open_to, strict=True)):
-        local = None if wanted is None else (frame @ wanted[0], wanted[1])
-        solids = [[_turned(solid, frame) for solid in its] for its in (pockets, *of_all)]
-        for castings in _ways(frame, local, *solids):
-            held = sum(casting.trapped for casting in castings)
+        hanging = tuple(its for its in pockets if _is_clean(its, _trapped(its, _bounds(its)[1][2])[1]))
+        lost = [its for its in pockets if its not in hanging] + [_turned(its, frame) for its in voids]
+        all_filled = _union([_turned(outer, frame), *pockets, *lost])
+        ways = [[casting] for casting in _partings(Casting("mould", frame, all_filled, hanging, tuple(lost)), wanted)]
+        if chambers and not whole and frame[2].sum() >= 0:
+            ways += _in_two(_union(filled), chambers, frame, wanted)
+        for castings in ways:
             cost = (
-                round(held / outer.volume(), 3),
+                round(sum(casting.trapped for casting in castings) / outer.volume(), 3),
                 any(casting.lost for casting in castings),
                 len(castings),
                 sum(casting.parting is not None for casting in castings),
                 sum(not casting.is_flat for casting in castings),
                 number,
             )
-            if len(castings) == 1 or not whole:
-                choices.append((cost, castings))
-    return min(choices, key=lambda choice: choice[0])[1]
+            choices.append((cost, castings))
+    choices.sort(key=lambda choice: choice[0])
+    return [castings for cost, castings in choices if cost[0] == choices[0][0][0]]
 
 
 def _frames(outer: Solid, wanted: Parting | None) -> list[np.ndarray]:
     """Axes that may suit a body, both ways along each: those of the file, its principal ones and normals of large flat
     faces, or the wanted one and those across it."""
     if wanted is not None:
-        axes = [wanted[0], *np.linalg.svd(wanted[0][None])[2][1:]]
+        axes = [wanted.way, *np.linalg.svd(wanted.way[None])[2][1:]]
     else:
         vertices, triangles = _arrays(outer)
         vectors = area_vectors(vertices[triangles])
-        normals, which = np.unique(
-            np.round(vectors / np.linalg.norm(vectors, axis=1)[:, None], 2), axis=0, return_inverse=True
-        )
-        areas = np.bincount(which.ravel(), np.linalg.norm(vectors, axis=1))
-        largest = normals[np.argsort(-areas)[:4]]
+        rounded = np.round(vectors / np.linalg.norm(vectors, axis=1)[:, None], 2)
+        _, which = np.unique(rounded, axis=0, return_inverse=True)
+        normals = np.stack([np.bincount(which.ravel(), component) for component in vectors.T], axis=1)
+        largest = normals[np.argsort(-np.linalg.norm(normals, axis=1))[:4]]
         axes = [*np.eye(3), *np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2], *largest]
     kept: list[np.ndarray] = []
     for axis in axes:
@@ -162,44 +187,30 @@ def _frames(outer: Solid, wanted: Parting | None) -> list[np.ndarray]:
     return frames
 
 
-def _ways(
-    frame: np.ndarray,
-    wanted: Parting | None,
-    pockets: Sequence[Solid],
-    outer: Sequence[Solid],
-    voids: Sequence[Solid],
-    chambers: Sequence[Solid],
-    all_pockets: Sequence[Solid],
-) -> Iterator[list[Casting]]:
-    """The ways to cast a body, turned into these axes, with a lid along z.
+def _in_two(filled: Solid, chambers: Sequence[Solid], frame: np.ndarray, wanted: Parting | None) -> list[list[Casting]]:
+    """Two castings with lids along z of a frame, in a plane that parts all chambers; none where it cannot be.
 
-    At once, with cores in its pockets, which open to z, and lost ones in its voids; or in two castings that part all
-    chambers.
+    Args:
+        filled: the body without chambers, in its own axes.
+        chambers: what the cores fill, in its own axes.
+        frame: unit vectors, shape (3, 3).
+        wanted: how outer parts come off.
     """
-    top = _bounds(outer[0])[1][2]
-    hanging = [pocket for pocket in pockets if _is_clean(pocket, _trapped(pocket, top)[1])]
-    lost = [pocket for pocket in pockets if pocket not in hanging]
-    for casting in _partings("mould", frame, _union([*outer, *pockets]), hanging, [*lost, *voids], wanted):
-        yield [casting]
-    if not chambers or frame[2].sum() < 0:
-        return
-    at = None if wanted is None or abs(wanted[0][2]) < 0.999 or wanted[1] is None else wanted[1] * wanted[0][2]
+    filled, *chambers = (_turned(solid, frame) for solid in (filled, *chambers))
+    at = wanted.plane(frame[2]) if wanted is not None and abs(wanted.way @ frame[2]) > ALONG else None
     plane, held = _trapped(_union(chambers), at, at_ends=True)
-    lower, upper = (ends[2] for ends in _bounds(outer[0]))
+    lower, upper = (ends[2] for ends in _bounds(filled))
     if not (lower + TOUCH < plane < upper - TOUCH and _is_clean(_union(chambers), held)):
-        return
+        return []
     halves = []
     for name, sense in (("lower", 1.0), ("upper", -1.0)):
         turn = np.diag([1.0, sense, sense])
-        filled = _union([*outer, *voids, *all_pockets])
         turned = (_level(_turned(solid, turn), Z, sense * plane) for solid in (filled, *chambers))
-        cut = [solid.trim_by_plane((0, 0, -1), -sense * plane) for solid in turned]
-        pieces = [[piece for piece in solid.decompose() if piece.volume() > CLEAN] for solid in cut]  # no flat ones
-        cut, cores = [_union(its) for its in pieces], [_union(its) for its in pieces[1:] if its]
-        local = None if wanted is None else (turn @ wanted[0], wanted[1])
-        halves.append(list(_partings(name, turn @ frame, cut[0], cores, [], local)))
-    if all(halves):
-        yield [min(its, key=lambda casting: (round(casting.trapped, 1), casting.parting is not None)) for its in halves]
+        half, *cores = (_without_slivers(its.trim_by_plane((0, 0, -1), -sense * plane)) for its in turned)
+        hanging = tuple(core for core in cores if not core.is_empty())
+        ways = _partings(Casting(name, turn @ frame, half, hanging), wanted)
+        halves.append(min(ways, key=lambda its: (round(its.trapped, 1), its.parting is not None), default=None))
+    return [[its for its in halves if its is not None]] if all(halves) else []
 
 
 def _mouth(pocket: Solid, length: float) -> Solid:
@@ -211,43 +222,29 @@ def _mouth(pocket: Solid, length: float) -> Solid:
 def _pockets(outer: Solid) -> list[Solid]:
     """The chambers that open to the upper end alone, or to both ends, as if flat lids lay on both."""
     lower, upper = _bounds(outer)
+    outer = _level(_level(outer, Z, lower[2]), Z, upper[2])
     grown = np.array([1.0, 1.0, 0.0])
     air = (_box(lower - grown, upper + grown) - outer).decompose()
-    inside = [
-        piece
-        for piece in air
-        if (_bounds(piece)[0][:2] > lower[:2] - 0.5).all()
-        and (_bounds(piece)[1][:2] < upper[:2] + 0.5).all()
-        and _bounds(piece)[1][2] > upper[2] - 1e-6
-    ]
-    return [piece for piece in inside if piece.volume() > CLEAN]
+    limits = np.array([*(lower[:2] - 0.5), -math.inf, *(-upper[:2] - 0.5), upper[2] - 1e-6])
+    ends = (np.array(piece.bounding_box()) * [1, 1, 1, -1, -1, 1] for piece in air)
+    return [its for its, at in zip(air, ends, strict=True) if (at > limits).all() and its.volume() > CLEAN]
 
 
-def _partings(
-    name: str,
-    frame: np.ndarray,
-    filled: Solid,
-    hanging: Sequence[Solid],
-    lost: Sequence[Solid],
-    wanted: Parting | None,
-) -> Iterator[Casting]:
+def _partings(whole: Casting, wanted: Parting | None) -> Iterator[Casting]:
     """The ways in which the outside may come off: as a whole, or in halves in four directions across z."""
-    whole = Casting(name, frame, filled, tuple(hanging), tuple(lost), None, 0.0)
-    if whole.is_flat and (wanted is None or abs(wanted[0][2]) > 0.999):
-        held = _trapped(filled, _bounds(filled)[1][2])[1]
-        yield Casting(name, frame, filled, tuple(hanging), tuple(lost), None, held)
-    elif hanging:
+    if whole.is_flat and (wanted is None or abs(wanted.way @ whole.frame[2]) > ALONG):
+        yield replace(whole, trapped=_trapped(whole.filled, whole.top)[1])
+    elif whole.hanging:
         return
-    for angle in np.radians([0.0, 90.0, 45.0, 135.0]):
-        cos, sin = round(math.cos(angle), 15), round(math.sin(angle), 15)
-        turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        if wanted is not None and abs((turn @ wanted[0])[1]) < 0.999:
+    for angle in (0.0, 90.0, 45.0, 135.0):
+        turn = Rotation.from_euler("z", -angle, degrees=True).as_matrix().round(15)
+        frame = turn @ whole.frame
+        if wanted is not None and abs(wanted.way @ frame[1]) < ALONG:
             continue
-        at = None if wanted is None or wanted[1] is None else wanted[1] * (turn @ wanted[0])[1]
-        its, *cores = (_turned(solid, turn) for solid in (filled, *hanging, *lost))
-        plane, held = _trapped(_turned(its, np.array([Z, X, Y])), at)
-        count = len(hanging)
-        yield Casting(name, turn @ frame, its, tuple(cores[:count]), tuple(cores[count:]), plane, held)
+        filled, *cores = (_turned(solid, turn) for solid in (whole.filled, *whole.hanging, *whole.lost))
+        plane, held = _trapped(_turned(filled, TO_Y), None if wanted is None else wanted.plane(frame[1]))
+        count = len(whole.hanging)
+        yield Casting(whole.name, frame, filled, tuple(cores[:count]), tuple(cores[count:]), plane, held)
 
 
 def _trapped(solid: Solid, plane: float | None = None, at_ends: bool = False) -> tuple[float, float]:
@@ -260,15 +257,14 @@ def _trapped(solid: Solid, plane: float | None = None, at_ends: bool = False) ->
         at_ends: whether it lies at an end of the solid rather than between the ends, where both are as good.
     """
     lower, upper = _bounds(solid)
-    spacing = (upper - lower)[:2].max() / GRID
+    spacing = np.minimum((upper - lower)[:2].max() / GRID, (upper - lower)[:2] / 4)
     ends, between = [], 0.0
-    for x in np.arange(lower[0] + 0.317 * spacing, upper[0], spacing).tolist():
-        for y in np.arange(lower[1] + 0.317 * spacing, upper[1], spacing).tolist():
-            heights = [hit.position[2] for hit in solid.ray_cast((x, y, lower[2] - 1), (x, y, upper[2] + 1))]
-            if heights:
-                ends.append((heights[0], heights[-1]))
-                gaps = (high - low for low, high in zip(heights[1:-1:2], heights[2::2], strict=True))
-                between += sum(gap for gap in gaps if gap > TOUCH)
+    for x, y in itertools.product(*(np.arange(lower[n] + 0.317 * spacing[n], upper[n], spacing[n]) for n in (0, 1))):
+        heights = [hit.position[2] for hit in solid.ray_cast((x, y, lower[2] - 1), (x, y, upper[2] + 1))]
+        if heights:
+            ends.append((heights[0], heights[-1]))
+            gaps = (high - low for low, high in zip(heights[1:-1:2], heights[2::2], strict=True))
+            between += sum(gap for gap in gaps if gap > TOUCH)
     begin, end = np.array(ends).T
     if plane is None:
         low, high = np.sort(np.concatenate([begin, end]))[len(begin) - 1 : len(begin) + 1].tolist()
@@ -278,7 +274,7 @@ def _trapped(solid: Solid, plane: float | None = None, at_ends: bool = False) ->
         plane = middle if low - TOUCH < middle < high + TOUCH else (low + high) / 2
         plane = at_end[0] if at_end and (at_ends or high - low < POUR) else plane
     beside = np.maximum(begin - plane, plane - end)
-    return plane, float((between + beside[beside > 2 * TOUCH].sum()) * spacing**2)
+    return plane, float((between + beside[beside > 2 * TOUCH].sum()) * spacing.prod())
 
 
 def _is_clean(solid: Solid, trapped: float) -> bool:
@@ -301,63 +297,53 @@ def write_casting(casting: Casting, folder: Path, stem: str, wall: float, draft:
     Returns:
         What the check needs to know, for `mould.json`.
     """
-    lower, upper = _bounds(casting.filled)
-    top, flat, parting = upper[2], casting.is_flat, casting.parting
+    top, flat, parting = casting.top, casting.is_flat, casting.parting
     has_lid = flat and bool(casting.hanging or casting.lost)
     slope = math.tan(math.radians(draft))
-    filled, *chambers = (_level(solid, Z, top) for solid in (casting.filled, *casting.hanging, *casting.lost))
-    if parting is not None:
-        filled, *chambers = (_level(solid, Y, parting) for solid in (filled, *chambers))
+    solids = [casting.filled, *casting.hanging, *casting.lost]
+    for axis, plane in ((Z, top), (Y, parting)):
+        solids = solids if plane is None else [_level(solid, axis, plane) for solid in solids]
+    filled, *chambers = solids
     hanging = [_leaning(core, Z, top, slope) for core in chambers[: len(casting.hanging)]]
-    lost = chambers[len(hanging) :]
-    if parting is None:
-        filled = _leaning(filled, Z, top, slope)
-    else:
-        filled = _leaning(filled, Y, parting, slope, top if flat else None)
+    axis, plane = (Z, top) if parting is None else (Y, parting)
+    filled, *lost = (
+        _leaning(solid, axis, plane, slope, top if flat else None) for solid in (filled, *chambers[len(hanging) :])
+    )
+    lower, upper = _bounds(casting.filled)
     lower, upper = lower - wall, upper + wall * np.array([1.0, 1.0, not flat])
-    block = _box(lower, upper)
-    inner, cores, pins, sockets = _union([*hanging, *lost]), [], [], []
-    for core in lost:
-        others = _union([solid for solid in (*hanging, *lost) if solid is not core])
-        pin, socket = _pin(core, filled, others, has_lid, parting, wall, f"{stem}-{casting.name}")
-        cores.append(core + pin)
-        pins.append(pin)
-        sockets.append(socket)
-    silicone = filled - inner - _union(pins)
-    outside = block - filled - inner - _union(sockets)
-    cast, lid, whole = silicone, None, block.volume()
-    slab = _box(np.array([*lower[:2], top]), upper + wall * Z)
-    joints = []
+    block, slab = _box(lower, upper), _box(np.array([*lower[:2], top]), upper + wall * Z)
+    sides = [np.eye(3)] * has_lid + [TO_Y, TO_MINUS_Y] * (parting is not None)
+    inner, pins, sockets = _union([*hanging, *lost]), Manifold(), Manifold()
+    for number, core in enumerate(lost):
+        others = _union([*hanging, *lost[:number], *lost[number + 1 :]])
+        pin, socket = _pin(core, filled, others, casting, sides, wall)
+        lost[number], pins, sockets = core + pin, pins + pin, sockets + socket
+    silicone = filled - inner - pins
+    outside = block - filled - inner - sockets
+    cast, lid, whole = silicone, Manifold(), block.volume()
+    x, y, z = zip(lower + wall / 2, upper - wall / 2, strict=True)  # in the middle of the walls
+    pegs, holes = _pegs(np.eye(3), [(*place, top) for place in itertools.product(x, y)] if has_lid else [], wall)
+    outside += pegs
     if has_lid:
-        holes = _union(list(_holes(silicone.slice(top - FLAT) - _union(sockets).project().offset(VENT), top, wall)))
-        lid = slab + _union(hanging) - _union(sockets) - holes
-        cast, whole = silicone + holes, whole + slab.volume()
-        places = [(x, y, top) for x in (lower[0] + wall / 2, upper[0] - wall / 2) for y in _ends(lower, upper, 1, wall)]
-        joints += [(Z, place) for place in places]
+        bores = _union(list(_bores(silicone.slice(top - FLAT) - sockets.project().offset(VENT), top, wall)))
+        lid = slab + _union(hanging) - sockets - bores - holes
+        cast, whole = silicone + bores, whole + slab.volume()
     elif not flat and parting is not None:
-        cast = silicone + _sprue(filled, parting, upper[2])
+        cast = silicone + (_sprue(filled, parting, upper[2]) - inner - sockets)
         outside -= cast
+    gaps = sockets - filled - pins + (holes - pegs)
+    parts: dict[str, tuple[Solid, np.ndarray | None]] = {"lid": (lid, Z)} if has_lid else {}
     if parting is not None:
-        places = [(x, parting, z) for x in _ends(lower, upper, 0, wall) for z in _ends(lower, upper, 2, wall)]
-        joints += [(Y, place) for place in places]
-    parts: dict[str, tuple[Solid, np.ndarray | None]] = {}
-    pegs = [(way, *_peg(way, place, wall)) for way, place in joints]
-    of = {tuple(way): [_union([its[n] for its in pegs if its[0] is way]) for n in (1, 2)] for way in (Y, Z)}
-    outside, lid = outside + of[tuple(Z)][0], None if lid is None else lid - of[tuple(Z)][1]
-    gaps = _union(sockets) - filled - _union(pins) + (_union([its[2] - its[1] for its in pegs]))
-    if lid is not None:
-        parts["lid"] = lid, Z
-    if parting is not None:
+        pegs, holes = _pegs(TO_Y, [(a, parting, c) for a, c in itertools.product(x, z)], wall)
         plus, minus = outside.split_by_plane((0, 1, 0), parting)
-        parts["plus"], outside = (plus - of[tuple(Y)][1], Y), minus + of[tuple(Y)][0]
-    parts |= {f"core-{number}": (core, None) for number, core in enumerate(cores, 1)}
-    parts["cast"] = cast, Z if parting is None else Y
+        parts["plus"], outside, gaps = (plus - holes, Y), minus + pegs, gaps + (holes - pegs)
+    parts |= {f"core-{number}": (core, None) for number, core in enumerate(lost, 1)}
+    parts["cast"] = cast, axis
     parts["minus" if parting is not None else "box" if has_lid else "tray"] = outside, None
     files = []
     for name, (solid, way) in parts.items():
         file = f"{stem}-{casting.name}-{name}.stl"
-        pieces = [piece for piece in solid.simplify(ROUGH / 5).decompose() if piece.volume() > CLEAN]  # no flat ones
-        vertices, triangles = _arrays(_union(pieces))
+        vertices, triangles = _arrays(_without_slivers(solid.simplify(ROUGH / 5)))
         write_stl(vertices @ casting.frame, triangles, folder / file)
         comes_off = None if way is None else (way @ casting.frame + 0.0).tolist()
         files.append({"file": file, "part": name, "comes_off": comes_off, "lost": name.startswith("core-")})
@@ -370,9 +356,8 @@ def write_casting(casting: Casting, folder: Path, stem: str, wall: float, draft:
         "block_mm3": whole,
         "clearance_mm3": gaps.volume(),
         "body_mm3": silicone.volume(),
-        "sprues_beyond": [*(Z @ casting.frame).tolist(), top] if has_lid else None,
+        "sprues_beyond": [*casting.frame[2].tolist(), top] if has_lid else None,
         "pours": [{"what": what, "silicone": "soft", "mm3": cast.volume()}],
-        "voids_mm3": [],
     }
 
 
@@ -423,25 +408,17 @@ def _parted(solid: Solid, way: np.ndarray, plane: float) -> Sequence[Solid]:
 
 
 def _pin(
-    core: Solid,
-    filled: Solid,
-    others: Solid,
-    has_lid: bool,
-    parting: float | None,
-    wall: float,
-    source: str,
+    core: Solid, filled: Solid, others: Solid, casting: Casting, sides: Sequence[np.ndarray], wall: float
 ) -> tuple[Solid, Solid]:
-    """What holds a lost core in the outer parts, and the room for it: its mouth goes on in the lid, or a round pin goes
-    the shortest way to the lid, or to a half along the direction in which that comes off."""
+    """What holds a lost core in the outer parts, and the space for it: its mouth goes on in the lid, or a round pin
+    goes the shortest way along z of one of the frames `sides`."""
     top = float(_bounds(filled)[1][2])
-    mouth = core.slice(top - 1e-6) if has_lid else None
-    if mouth is not None and mouth.area() > 0:
-        room = mouth.offset(CLEARANCE).extrude(wall / 2 + CLEARANCE)
-        return mouth.extrude(wall / 2).translate((0, 0, top)), room.translate((0, 0, top))
-    ways = [np.eye(3)] if has_lid else []
-    ways += [np.array([Z, X, Y]), np.array([X, Z, -Y])] if parting is not None else []
+    mouth = core.slice(top - 1e-6)
+    if casting.is_flat and mouth.area() > 0:
+        socket = mouth.offset(CLEARANCE).extrude(wall / 2 + CLEARANCE)
+        return mouth.extrude(wall / 2).translate((0, 0, top)), socket.translate((0, 0, top))
     pins = []
-    for frame in ways:
+    for frame in sides:
         turned = _turned(core, frame)
         high, end = float(_bounds(turned)[1][2]), float(_bounds(_turned(filled, frame))[1][2])
         for depth in (0.1, 0.3, 1.0, 2.0, 4.0):
@@ -449,24 +426,23 @@ def _pin(
             radius, long = min(0.7 * widest, PIN), end + wall / 2 - high + depth
             if radius < LEAST_PIN:
                 continue
-            pin, room = (
+            pin, socket = (
                 _turned(Manifold.cylinder(length, r, r, 32).translate((*place, high - depth)), frame.T)
                 for length, r in ((long, radius), (long + CLEARANCE, radius + CLEARANCE))
             )
             if (pin ^ others).is_empty():
-                pins.append(((pin ^ (filled - core)).volume(), pin, room))
+                pins.append(((pin ^ (filled - core)).volume(), pin, socket))
             break
     if not pins:
-        middle = ", ".join(f"{value:.1f}" for value in np.mean(_bounds(core), axis=0))
+        middle = ", ".join(f"{value:.1f}" for value in np.mean(_bounds(core), axis=0) @ casting.frame + 0.0)
         raise MeshError(
-            f"{source}: the lost core of the chamber around ({middle}) cannot be held: no pin of {2 * LEAST_PIN:g} mm "
-            "reaches it; give the chamber a bore"
+            f"the lost core of the chamber around ({middle}) mm cannot be held: no pin of {2 * LEAST_PIN:g} mm reaches "
+            "it; give the chamber a bore"
         )
-    _, pin, room = min(pins, key=lambda pin: pin[0])
-    return pin, room
+    return min(pins, key=lambda pin: pin[0])[1:]
 
 
-def _holes(section: Any, top: float, wall: float) -> Iterator[Solid]:
+def _bores(section: Any, top: float, wall: float) -> Iterator[Solid]:
     """Holes through a lid over the silicone: one to pour, where it is widest, and two for air, away from it."""
     for largest, least in ((POUR, 1.5 * VENT), (VENT, VENT), (VENT, VENT)):
         place, radius = _widest(section)
@@ -495,32 +471,40 @@ def _widest(section: Any) -> tuple[tuple[float, float], float]:
 
 def _sprue(filled: Solid, parting: float, above: float) -> Solid:
     """A hole to pour through, from the highest place in the parting plane up to a height [mm]."""
-    turned = _turned(filled, np.array([Z, X, Y]))
-    points = np.concatenate(turned.slice(parting).to_polygons())
+    turned = _turned(filled, TO_Y)
+    ends = turned.bounding_box()[2::3]
+    section = turned.slice(min(max(parting, ends[0] + FLAT), ends[1] - FLAT))  # the plane may lie at an end
+    points = np.concatenate(section.to_polygons())
     z, x = points[np.argmax(points[:, 0])].tolist()
     inside = z - 2 * VENT
     return Manifold.cylinder(above - inside, 2 * VENT, POUR, 32).translate((x, parting, inside))
 
 
-def _peg(way: np.ndarray, place: Sequence[float], wall: float) -> tuple[Solid, Solid]:
-    """A peg at a place, and the hole for it, as long as the wall."""
-    frame = np.eye(3) if way is Z else np.array([Z, X, Y])
+def _pegs(frame: np.ndarray, places: Sequence[Sequence[float]], wall: float) -> tuple[Solid, Solid]:
+    """Pegs along z of a frame at places [mm], and the holes for them, as long as the wall."""
     radius, tall = min(wall / 4, THICKEST_PEG), min(wall - 1.0, 4 * THICKEST_PEG)
-    make = Manifold.cylinder
-    local = frame @ np.array(place)
-    peg, hole = make(tall, radius, radius, 32), make(wall, radius + CLEARANCE, radius + CLEARANCE, 32)
-    return tuple(_turned(solid.translate(tuple(local)), frame.T) for solid in (peg, hole))  # type: ignore[return-value]
+    sizes = ((tall, radius), (wall, radius + CLEARANCE))
+    pegs, holes = (
+        _union([_turned(Manifold.cylinder(length, r, r, 32).translate(frame @ place), frame.T) for place in places])
+        for length, r in sizes
+    )
+    return pegs, holes
 
 
 # Solids.
 
 
 def _box(lower: np.ndarray, upper: np.ndarray) -> Solid:
-    return Manifold.cube(tuple(upper - lower)).translate(tuple(lower))
+    return Manifold.hull_points(list(itertools.product(*zip(lower, upper, strict=True))))  # exact, unlike a moved cube
 
 
 def _union(solids: Sequence[Solid]) -> Solid:
     return Manifold.batch_boolean(list(solids), OpType.Add)
+
+
+def _without_slivers(solid: Solid) -> Solid:
+    """A solid without flat leftovers of booleans."""
+    return Manifold.compose([its for its in solid.decompose() if abs(its.volume()) > CLEAN])  # a void's is negative
 
 
 def _turned(solid: Solid, frame: np.ndarray) -> Solid:
@@ -546,8 +530,3 @@ def _arrays(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [mm], shape (vertex_count, 3), and triangles, shape (triangle_count, 3)."""
     mesh = solid.to_mesh64()
     return np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64)
-
-
-def _ends(lower: np.ndarray, upper: np.ndarray, axis: int, wall: float) -> tuple[float, float]:
-    """Places of pegs along an axis [mm], in the middle of the walls at its ends."""
-    return float(lower[axis]) + wall / 2, float(upper[axis]) - wall / 2

@@ -177,13 +177,11 @@ class CheckedCast:
         name: beginning of its files' names.
         parts: in the order in which they come off.
         unfilled: volume of the block less parts, silicone and clearances, as a share of it [-].
-        voids: volumes of cavities in the body that no core can leave [mm^3].
     """
 
     name: str
     parts: tuple[CheckedPart, ...]
     unfilled: float
-    voids: tuple[float, ...]
 
     @property
     def problems(self) -> list[str]:
@@ -193,7 +191,6 @@ class CheckedCast:
             problems.append(
                 f"parts and silicone fill {1 - self.unfilled:.2%} of the block; must be 100 % to {FILLED:.1%}"
             )
-        problems += [f"a cavity of {volume:.4g} mm^3 is closed: it is cast solid" for volume in self.voids]
         return [f"{self.name}: {problem}" for problem in problems]
 
 
@@ -210,7 +207,7 @@ def read_mould_record(folder: Path) -> dict[str, Any]:
         record = json.loads(path.read_text(encoding="utf-8"))
         for cast in record["casts"]:
             _ = cast["name"], cast["silicone"], cast["block_mm3"] + cast["clearance_mm3"], cast["pours"]
-            _ = [part["file"] + part["part"] for part in cast["parts"]], cast["voids_mm3"]
+            _ = [part["file"] + part["part"] for part in cast["parts"]]
         _ = record["printable_mm"] + 0.0, record["name"]
     except OSError as error:
         raise MeshError(f"{path}: not readable: {error.strerror or error}; `taichisoft mould` writes it") from error
@@ -258,7 +255,7 @@ def check_cast(folder: Path, cast: Mapping[str, Any], printable: float, skin: fl
             )
         )
     filled = sum(part.volume for part in checked) + cast["clearance_mm3"]
-    return CheckedCast(cast["name"], tuple(checked), 1.0 - filled / cast["block_mm3"], tuple(cast["voids_mm3"]))
+    return CheckedCast(cast["name"], tuple(checked), 1.0 - filled / cast["block_mm3"])
 
 
 def find_undercuts(part: np.ndarray, others: Mapping[str, np.ndarray], direction: np.ndarray) -> list[Undercut]:

@@ -8,13 +8,15 @@ See D. Holland et al. 2014, The Soft Robotics Toolkit, Soft Robotics 1(3), for t
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from taichisoft.base import warn_caller
+import numpy as np
+
+from taichisoft.base import SIZE, implausible, warn_caller
 from taichisoft.errors import MeshError
 from taichisoft.running import Geometry
 from taichisoft_meshing.body_mould import (
@@ -318,9 +320,7 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
         casts = _finger_casts(geometry, job.file, folder, form)
     else:
         shells = _shells_of(geometry, job.file, form["chord"])
-        castings = plan_castings(shells, parse_parting(form["parting"], shells[0].vertices), form["whole"])
-        name = job.file.stem
-        casts = [write_casting(casting, folder, name, form["wall"], form["draft"]) for casting in castings]
+        casts = _castings(job.file, folder, shells, form)
     record = {f"{key}_mm": form[key] for key in ("wall", "printable", "skin", "chord")}
     record |= {"name": job.file.stem, "draft_degrees": form["draft"], "casts": casts}
     write_record(record, folder / RECORD)
@@ -329,6 +329,19 @@ def write_mould(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
 def write_mould_apart(job: MeshJob, folder: Path, form: Mapping[str, Any]) -> None:
     """Write a mould as `write_mould` does, in a process of its own."""
     call_with_plugins(write_mould, job, folder, form)
+
+
+def _castings(file: Path, folder: Path, shells: Sequence[Shell], form: Mapping[str, Any]) -> list[Any]:
+    """Write the castings of a body in the best way in which all lost cores are held."""
+    if doubt := implausible(f"{file}: its longest side", float(np.ptp(shells[0].vertices, axis=0).max()), SIZE):
+        raise MeshError(f"{doubt}; `--set scale=1000` takes surfaces in metres")
+    errors = []
+    for castings in plan_castings(shells, parse_parting(form["parting"], shells[0].vertices), form["whole"]):
+        try:
+            return [write_casting(casting, folder, file.stem, form["wall"], form["draft"]) for casting in castings]
+        except MeshError as error:
+            errors.append(error)
+    raise MeshError(f"{file}: {errors[0]}")
 
 
 def _shells_of(geometry: Geometry, file: Path, chord: float) -> list[Shell]:
@@ -372,5 +385,5 @@ def _finger_casts(geometry: PneunetFinger, file: Path, folder: Path, settings: M
     casts = []
     for part, build in (("upper", upper_cast), ("layer", layer_cast)):
         cast = write_assembly(partial(build, form=form), folder, f"{name}-{part}", settings["chord"])
-        casts.append({"name": f"{name}-{part}", **cast, "voids_mm3": []})
+        casts.append({"name": f"{name}-{part}", **cast})
     return casts

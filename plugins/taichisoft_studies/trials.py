@@ -390,7 +390,7 @@ def stretch_over_law(runs: TrialRuns) -> float:
 
 
 def draw_winner(job: RunJob, folder: Path) -> list[str]:
-    """Write the mould, or negative, of every soft body that is meshed from a geometry file, a folder for each.
+    """Write the mould of every soft body that is meshed from a geometry file, a folder for each.
 
     Returns:
         A line for each body: the folder of its parts, or the reason why there are none.
@@ -404,7 +404,7 @@ def draw_winner(job: RunJob, folder: Path) -> list[str]:
                 (folder / name).mkdir(parents=True, exist_ok=True)
                 changed = merge_tables(tables, body.mesh.request.get("set", {}))
                 write_mould_apart(MeshJob(kind, changed, file, {}), folder / name, {})
-                lines.append(f"{name}: mould or negative in {folder / name}; `taichisoft mould check` checks it")
+                lines.append(f"{name}: mould in {folder / name}; `taichisoft mould check` checks it")
             except MeshError as error:
                 lines.append(f"{name}: no mould: {error}")
     return lines
