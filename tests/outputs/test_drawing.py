@@ -213,7 +213,8 @@ def test_a_scale_bar_is_as_long_as_its_length(size, section):
     plane = None if section is None else SectionPlane.parse(section)
     depth = depth_of_scale(camera, plane)
     middle = camera.eye - depth * camera.axes[2]
-    assert middle[0] == pytest.approx(0.0 if section is None else 50.0)
+    next_to_target = np.array([0.0 if section is None else 50.0, 0.0, 0.0])
+    assert (middle - next_to_target) @ camera.axes[2] == pytest.approx(0.0, abs=1e-9)
     picture = Image.new("RGB", size, "white")
     paint_scale_bar(picture, depth, (0.0, 0.0, 0.0), size[1] / 36)
     dark = np.asarray(picture)[..., 0] < 128
@@ -223,6 +224,14 @@ def test_a_scale_bar_is_as_long_as_its_length(size, section):
     assert min(abs(bar - lengths)) <= 1.5
     assert 0.08 * size[0] < bar <= 0.2 * size[0] + 1
     assert (dark.sum(axis=1) >= bar).sum() == pytest.approx(0.3 * size[1] / 36, abs=1.5), "thick"
+
+
+@pytest.mark.parametrize(("section", "height"), [("z=5", 5.0), ("z=-5", -5.0), ("y=0", 0.0), ("x=900", 0.0)])
+def test_scales_of_sections_seen_edge_on_are_near_the_target(section, height):
+    """Where the view meets z = -5 nothing is, 80 mm behind the target; x = 900 lies behind the camera."""
+    camera = PictureCamera(np.array([400.0, 0.0, 30.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    distance = np.hypot(400.0, 30.0)
+    assert depth_of_scale(camera, SectionPlane.parse(section)) == pytest.approx(distance - height * 30.0 / distance)
 
 
 def test_a_followed_body_stays_at_its_place():
@@ -445,7 +454,7 @@ DRAW_BALL = f"""
 import sys
 import numpy as np
 import trimesh
-from taichisoft_outputs.drawing.camera import fit_camera
+from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera
 from taichisoft_outputs.drawing.stage import Stage
 
 palette = np.array({PALETTE.tolist()})
@@ -456,21 +465,32 @@ colours = np.repeat(palette[np.arange(len(triangles)) % len(palette)] / 255, 3, 
 camera = fit_camera(corners, np.array([0.0, 0.0, 1.0]), "iso", 4 / 3)
 away = ball.face_normals @ (np.asarray(camera.eye) - np.asarray(camera.target)) > 0.3 * np.linalg.norm(camera.eye)
 stage = Stage((640, 480))
+pictures = []
 stage.put("ball", corners, triangles[away], colours)
-np.save(sys.argv[1], stage.image(camera, ["ball"]))
+for times in (5, 1):  # as far; the first picture is the one in which Open3D does not know where the camera is
+    eye = camera.target + times * (camera.eye - camera.target)
+    pictures.append(stage.image(PictureCamera(eye, camera.target, camera.up), ["ball"]))
+np.save(sys.argv[1], pictures)
 """
 """A ball of 5120 triangles whose neighbours have other colours, beside EMPTY: each triangle shows its own alone."""
 
 
 @pytest.fixture(scope="module")
-def picture(tmp_path_factory):
-    path = tmp_path_factory.mktemp("stage") / "picture.npy"
+def pictures(tmp_path_factory):
+    path = tmp_path_factory.mktemp("stage") / "pictures.npy"
     child = run_python(["-c", DRAW_BALL, str(path)], 300.0)
     assert not child.problem, child.problem
     return np.load(path)
 
 
-def test_no_pixel_has_a_colour_that_nobody_gave(picture):
+def test_what_is_far_is_small_and_not_cut_off(pictures):
+    """From five times the distance a 25th of the pixels, a little less as near balls are seen under larger angles."""
+    far, near = (pictures != EMPTY).any(axis=3).sum(axis=(1, 2))
+    assert near / far == pytest.approx(27.0, rel=0.08)
+
+
+def test_no_pixel_has_a_colour_that_nobody_gave(pictures):
+    picture = pictures[1]
     known = np.vstack([PALETTE, EMPTY])
     difference = np.abs(picture.astype(int)[:, :, None] - known).max(axis=3)
     unexplained = np.argwhere(difference.min(axis=2) > ROUNDING)

@@ -277,11 +277,12 @@ def _orbiting(points: np.ndarray, instants: Sequence[int], up: np.ndarray, aspec
 
 
 def depth_of_scale(camera: PictureCamera, section: SectionPlane | None) -> float:
-    """Distance along the view at which lengths are compared [mm]: of what is looked at, or of the section before it."""
-    distance = float(np.linalg.norm(camera.eye - camera.target))
-    ahead = -float(np.array(section.normal) @ camera.axes[2]) if section is not None else 0.0
-    to_section = -float(section.height(camera.eye)) / ahead if section is not None and ahead else 0.0
-    return to_section if to_section > 0.0 else distance
+    """Distance along the view at which lengths are compared [mm]: of what is looked at, or the section next to it."""
+    target = camera.target
+    if section is not None:
+        target = target - section.height(target) * np.array(section.normal)
+    depth = float((camera.eye - target) @ camera.axes[2])
+    return depth if depth > 0.0 else float(np.linalg.norm(camera.eye - camera.target))
 
 
 def seen_radius(style: Style, points: np.ndarray, followed: FollowedPart | None) -> float:

@@ -252,10 +252,10 @@ def read_key_frames(path: Path) -> list[list[float]]:
     """`Style.key_frames` from a CSV file; lines may begin with # and say what the columns are."""
     try:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-        rows = [[float(part) for part in line.split(",")] for line in lines if not line.startswith("#")]
+        rows = [line.split(",") for line in lines if not line.lstrip().startswith("#")]
         if not rows:
             raise ValueError("there is none")
-        return rows
+        return [list(_numbers(f"{path}: line of time [s], eye and target [mm]", row, 7)) for row in rows]
     except (OSError, ValueError) as error:
         form = "lines of time [s], eye x, y, z and target x, y, z [mm] with commas between"
         raise StyleError(f"{path}: must have {form}: {error}") from None
