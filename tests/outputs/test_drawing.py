@@ -28,9 +28,16 @@ from taichisoft_outputs.drawing.camera import (
     seen_from_front,
     seen_radius,
 )
-from taichisoft_outputs.drawing.colouring import sample_instants
+from taichisoft_outputs.drawing.colouring import ColourScale, sample_instants
 from taichisoft_outputs.drawing.drawer import antialias
-from taichisoft_outputs.drawing.overlay import arrow_outline, paint_polygon, paint_scale_bar, text_colour
+from taichisoft_outputs.drawing.overlay import (
+    arrow_outline,
+    font_of,
+    paint_colour_bars,
+    paint_polygon,
+    paint_scale_bar,
+    text_colour,
+)
 from taichisoft_outputs.drawing.stage import EMPTY, PIXELS, SUN_RADIUS, Floor, reaches_under, shadow, square_of_plane
 from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.drawing.surface_painter import KEY_LIGHT, SmoothNormals, depth_layers, lay_over, shade
@@ -191,6 +198,27 @@ def test_a_camera_moves_through_its_key_frames():
     between = np.array([path(instant).eye for instant in range(6, 15)])
     assert (np.diff(between[:, 0]) < 0.0).all() and (np.diff(between[:, 1]) > 0.0).all()
     assert np.ptp(between[:, 2]) < 1e-9
+
+
+def test_a_camera_that_meets_its_target_is_refused():
+    """It is refused before anything is drawn, at the instant in which there is no direction to look in."""
+    keys = [(0.0, 0, 0, 300, 0, 0, 0), (2.0, 0, 0, -300, 0, 0, 0)]
+    with pytest.raises(StyleError, match="key frames: at 1 s the camera meets its target"):
+        camera_path(Style(key_frames=keys), FRAMES, CUBE, ABOVE, 1.5, times=np.arange(len(FRAMES)) * 0.5)
+
+
+def test_a_legend_of_many_names_fits_in_the_picture():
+    """Thirty names, one of them as long as names may be, above a bar; and letters that English has not are drawn."""
+    legend = ColourScale("body", 0.0, 29.0, [(0.0, 0.0, 1.0)] * 30, names=("n" * 200, *map(str, range(29))))
+    bar = ColourScale("pressure [kPa]", 0.0, 9.0, [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0)])
+    picture = Image.new("RGB", (1280, 720), "white")
+    paint_colour_bars(picture, [legend, bar], (0.0, 0.0, 0.0), 20.0)
+    drawn = np.asarray(picture).min(axis=2) < 128
+    assert not drawn[:, : 1280 // 2].any() and not drawn[-2:].any()
+    blue = (np.asarray(picture) == (0, 0, 255)).all(axis=2).any(axis=1)
+    assert (np.diff(blue.astype(int)) == 1).sum() == 30, "boxes with space between them"
+    missing, umlaut = (font_of(text, 20.0).getmask(text).getbbox() for text in ("\uffff", "ü"))
+    assert missing != umlaut, "no box in the place of the letter"
 
 
 def test_close_ups_see_less_than_the_scene():
