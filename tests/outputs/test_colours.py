@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft import Scene
+from taichisoft import Scene, load_scene
 from taichisoft.base import matrices_from_quaternions
 from taichisoft.base.rotations import rotation_from_degrees
 from taichisoft.mechanics import ActuatorNames, BodySurface, Plane, axes_of_bodies
@@ -27,6 +27,7 @@ from taichisoft_outputs import Recording, Style, read_recording, render_pictures
 from taichisoft_outputs.drawing.camera import fit_camera, scene_axes
 from taichisoft_outputs.drawing.colouring import (
     AIR,
+    NAMED,
     PLAIN,
     SOFT,
     Colouring,
@@ -528,6 +529,18 @@ def test_bodies_and_materials_have_colours_and_names(gripper) -> None:
     (scale,) = Colouring(gripper, Style(colour_by="material", colour_map="tab10"), FRAMES, gripper.surfaces).scales
     assert scale.names == ("hooke, E 500 kPa, nu 0.3", "hooke, E 1500 kPa, nu 0.3"), "three fingers alike"
     assert scale.colours(np.array([0.0])).tolist() == [list(scale.steps[0])]
+
+
+def test_twenty_bodies_have_twenty_colours(gripper, monkeypatch) -> None:
+    names = [f"ball {number}" for number in range(20)]
+    monkeypatch.setitem(NAMED, "body", lambda recording: (names, lambda instant: np.zeros((1, 1))))
+    assert len(set(Colouring(gripper, Style(colour_by="body"), FRAMES, gripper.surfaces).scales[0].steps)) == 20
+
+
+@pytest.mark.parametrize("choice", [{"colour_by": "contact"}, {"colour_by": "material"}, {"displacement_arrows": 2.0}])
+def test_what_soft_bodies_alone_have_is_refused_without_them(choice, falling_cube) -> None:
+    with pytest.raises(StyleError, match="are of soft bodies, and there are none"):
+        Style(**choice).check(load_scene(falling_cube))
 
 
 def test_triangles_show_the_material_behind_them(gripper) -> None:

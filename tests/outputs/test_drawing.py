@@ -28,9 +28,16 @@ from taichisoft_outputs.drawing.camera import (
     seen_from_front,
     seen_radius,
 )
-from taichisoft_outputs.drawing.colouring import sample_instants
+from taichisoft_outputs.drawing.colouring import ColourScale, sample_instants
 from taichisoft_outputs.drawing.drawer import antialias
-from taichisoft_outputs.drawing.overlay import arrow_outline, paint_polygon, paint_scale_bar, text_colour
+from taichisoft_outputs.drawing.overlay import (
+    arrow_outline,
+    font_of,
+    paint_colour_bars,
+    paint_polygon,
+    paint_scale_bar,
+    text_colour,
+)
 from taichisoft_outputs.drawing.stage import EMPTY, PIXELS, SUN_RADIUS, Floor, reaches_under, shadow, square_of_plane
 from taichisoft_outputs.drawing.style import StyleError
 from taichisoft_outputs.drawing.surface_painter import KEY_LIGHT, SmoothNormals, depth_layers, lay_over, shade
@@ -193,6 +200,27 @@ def test_a_camera_moves_through_its_key_frames():
     assert np.ptp(between[:, 2]) < 1e-9
 
 
+def test_a_camera_that_meets_its_target_is_refused():
+    """It is refused before anything is drawn, at the instant in which there is no direction to look in."""
+    keys = [(0.0, 0, 0, 300, 0, 0, 0), (2.0, 0, 0, -300, 0, 0, 0)]
+    with pytest.raises(StyleError, match="key frames: at 1 s the camera meets its target"):
+        camera_path(Style(key_frames=keys), FRAMES, CUBE, ABOVE, 1.5, times=np.arange(len(FRAMES)) * 0.5)
+
+
+def test_a_legend_of_many_names_fits_in_the_picture():
+    """Thirty names, one of them as long as names may be, above a bar; and letters that English has not are drawn."""
+    legend = ColourScale("body", 0.0, 29.0, [(0.0, 0.0, 1.0)] * 30, names=("n" * 200, *map(str, range(29))))
+    bar = ColourScale("pressure [kPa]", 0.0, 9.0, [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0)])
+    picture = Image.new("RGB", (1280, 720), "white")
+    paint_colour_bars(picture, [legend, bar], (0.0, 0.0, 0.0), 20.0)
+    drawn = np.asarray(picture).min(axis=2) < 128
+    assert not drawn[:, : 1280 // 2].any() and not drawn[-2:].any()
+    blue = (np.asarray(picture) == (0, 0, 255)).all(axis=2).any(axis=1)
+    assert (np.diff(blue.astype(int)) == 1).sum() == 30, "boxes with space between them"
+    missing, umlaut = (font_of(text, 20.0).getmask(text).getbbox() for text in ("\uffff", "ü"))
+    assert missing != umlaut, "no box in the place of the letter"
+
+
 def test_close_ups_see_less_than_the_scene():
     """Half the height of the picture at what is looked at, or the radius around a body; never more than the scene."""
     points = 1000.0 * np.vstack([np.eye(3), -np.eye(3)])
@@ -213,7 +241,8 @@ def test_a_scale_bar_is_as_long_as_its_length(size, section):
     plane = None if section is None else SectionPlane.parse(section)
     depth = depth_of_scale(camera, plane)
     middle = camera.eye - depth * camera.axes[2]
-    assert middle[0] == pytest.approx(0.0 if section is None else 50.0)
+    next_to_target = np.array([0.0 if section is None else 50.0, 0.0, 0.0])
+    assert (middle - next_to_target) @ camera.axes[2] == pytest.approx(0.0, abs=1e-9)
     picture = Image.new("RGB", size, "white")
     paint_scale_bar(picture, depth, (0.0, 0.0, 0.0), size[1] / 36)
     dark = np.asarray(picture)[..., 0] < 128
@@ -223,6 +252,14 @@ def test_a_scale_bar_is_as_long_as_its_length(size, section):
     assert min(abs(bar - lengths)) <= 1.5
     assert 0.08 * size[0] < bar <= 0.2 * size[0] + 1
     assert (dark.sum(axis=1) >= bar).sum() == pytest.approx(0.3 * size[1] / 36, abs=1.5), "thick"
+
+
+@pytest.mark.parametrize(("section", "height"), [("z=5", 5.0), ("z=-5", -5.0), ("y=0", 0.0), ("x=900", 0.0)])
+def test_scales_of_sections_seen_edge_on_are_near_the_target(section, height):
+    """Where the view meets z = -5 nothing is, 80 mm behind the target; x = 900 lies behind the camera."""
+    camera = PictureCamera(np.array([400.0, 0.0, 30.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    distance = np.hypot(400.0, 30.0)
+    assert depth_of_scale(camera, SectionPlane.parse(section)) == pytest.approx(distance - height * 30.0 / distance)
 
 
 def test_a_followed_body_stays_at_its_place():
@@ -445,7 +482,7 @@ DRAW_BALL = f"""
 import sys
 import numpy as np
 import trimesh
-from taichisoft_outputs.drawing.camera import fit_camera
+from taichisoft_outputs.drawing.camera import PictureCamera, fit_camera
 from taichisoft_outputs.drawing.stage import Stage
 
 palette = np.array({PALETTE.tolist()})
@@ -456,21 +493,32 @@ colours = np.repeat(palette[np.arange(len(triangles)) % len(palette)] / 255, 3, 
 camera = fit_camera(corners, np.array([0.0, 0.0, 1.0]), "iso", 4 / 3)
 away = ball.face_normals @ (np.asarray(camera.eye) - np.asarray(camera.target)) > 0.3 * np.linalg.norm(camera.eye)
 stage = Stage((640, 480))
+pictures = []
 stage.put("ball", corners, triangles[away], colours)
-np.save(sys.argv[1], stage.image(camera, ["ball"]))
+for times in (5, 1):  # as far; the first picture is the one in which Open3D does not know where the camera is
+    eye = camera.target + times * (camera.eye - camera.target)
+    pictures.append(stage.image(PictureCamera(eye, camera.target, camera.up), ["ball"]))
+np.save(sys.argv[1], pictures)
 """
 """A ball of 5120 triangles whose neighbours have other colours, beside EMPTY: each triangle shows its own alone."""
 
 
 @pytest.fixture(scope="module")
-def picture(tmp_path_factory):
-    path = tmp_path_factory.mktemp("stage") / "picture.npy"
+def pictures(tmp_path_factory):
+    path = tmp_path_factory.mktemp("stage") / "pictures.npy"
     child = run_python(["-c", DRAW_BALL, str(path)], 300.0)
     assert not child.problem, child.problem
     return np.load(path)
 
 
-def test_no_pixel_has_a_colour_that_nobody_gave(picture):
+def test_what_is_far_is_small_and_not_cut_off(pictures):
+    """From five times the distance a 25th of the pixels, a little less as near balls are seen under larger angles."""
+    far, near = (pictures != EMPTY).any(axis=3).sum(axis=(1, 2))
+    assert near / far == pytest.approx(27.0, rel=0.08)
+
+
+def test_no_pixel_has_a_colour_that_nobody_gave(pictures):
+    picture = pictures[1]
     known = np.vstack([PALETTE, EMPTY])
     difference = np.abs(picture.astype(int)[:, :, None] - known).max(axis=3)
     unexplained = np.argwhere(difference.min(axis=2) > ROUNDING)

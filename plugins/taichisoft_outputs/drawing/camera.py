@@ -1,6 +1,6 @@
 """The camera: named views, paths, and the distance from which everything fits into the picture."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -198,7 +198,7 @@ def camera_path(
         times: time of each instant of the recording [s], for key frames.
     """
     if style.key_frames:
-        return _through(np.array(style.key_frames), times, up)
+        return _through(np.array(style.key_frames), {instant: float(times[instant]) for instant in instants}, up)
     if followed is not None:
         return _following(followed, up, aspect)
     if style.eye is None and style.view == "orbit":
@@ -249,18 +249,18 @@ def _looking(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> PictureCame
     return PictureCamera(eye, target, picture_up((eye - target) / np.linalg.norm(eye - target), up))
 
 
-def _through(key_frames: np.ndarray, times: Sequence[float] | np.ndarray, up: np.ndarray) -> CameraPath:
+def _through(key_frames: np.ndarray, times: Mapping[int, float], up: np.ndarray) -> CameraPath:
     """Through key frames on smooth curves without overshoot; before the first and after the last it stands."""
     from scipy.interpolate import PchipInterpolator
 
-    first, last = key_frames[[0, -1], 0]
     curve = PchipInterpolator(key_frames[:, 0], key_frames[:, 1:])
-
-    def camera(instant: int) -> PictureCamera:
-        eye, target = curve(min(max(times[instant], first), last)).reshape(2, 3)
-        return _looking(eye, target, up)
-
-    return camera
+    cameras = {}
+    for instant, time in times.items():
+        eye, target = curve(np.clip(time, *key_frames[[0, -1], 0])).reshape(2, 3)
+        if np.linalg.norm(eye - target) < 0.1:
+            raise StyleError(f"key frames: at {time:g} s the camera meets its target; lead it around by another line")
+        cameras[instant] = _looking(eye, target, up)
+    return cameras.__getitem__
 
 
 def _orbiting(points: np.ndarray, instants: Sequence[int], up: np.ndarray, aspect: float) -> CameraPath:
@@ -277,11 +277,12 @@ def _orbiting(points: np.ndarray, instants: Sequence[int], up: np.ndarray, aspec
 
 
 def depth_of_scale(camera: PictureCamera, section: SectionPlane | None) -> float:
-    """Distance along the view at which lengths are compared [mm]: of what is looked at, or of the section before it."""
-    distance = float(np.linalg.norm(camera.eye - camera.target))
-    ahead = -float(np.array(section.normal) @ camera.axes[2]) if section is not None else 0.0
-    to_section = -float(section.height(camera.eye)) / ahead if section is not None and ahead else 0.0
-    return to_section if to_section > 0.0 else distance
+    """Distance along the view at which lengths are compared [mm]: of what is looked at, or the section next to it."""
+    target = camera.target
+    if section is not None:
+        target = target - section.height(target) * np.array(section.normal)
+    depth = float((camera.eye - target) @ camera.axes[2])
+    return depth if depth > 0.0 else float(np.linalg.norm(camera.eye - camera.target))
 
 
 def seen_radius(style: Style, points: np.ndarray, followed: FollowedPart | None) -> float:

@@ -261,8 +261,8 @@ PLAIN = {
 
 WALLS = frozenset(kind.name for kind in ACTUATOR_KINDS if kind.drawn == "walls")
 """Kinds of actuators whose effort the walls of cavities show."""
-NAMES_MAP = "Set2"
-"""Map of Matplotlib with the colours of bodies and materials."""
+NAMES_MAP, MANY_MAP = "Set2", "turbo"
+"""Maps of Matplotlib with the colours of bodies and materials, and of more than the first has colours."""
 MAP_STEPS = 17
 """Colours that stand for a map of Matplotlib, with straight lines between them."""
 SAMPLES = 40
@@ -406,9 +406,9 @@ def _steps(colour_map: str, count: int = 0) -> Sequence[tuple[float, float, floa
         return SOFT
     from matplotlib import colormaps
 
-    chosen = colormaps[colour_map]
+    chosen = colormaps[colour_map if count <= colormaps[colour_map].N else MANY_MAP]
     is_list = count and chosen.N < 256  # of colours that were made for names
-    places = np.arange(count) % chosen.N if is_list else np.linspace(0.0, 1.0, count or MAP_STEPS)
+    places = np.arange(count) if is_list else np.linspace(0.0, 1.0, count or MAP_STEPS)
     return [(red, green, blue) for red, green, blue, _ in chosen(places)]
 
 

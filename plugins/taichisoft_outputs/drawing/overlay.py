@@ -75,12 +75,20 @@ def text_colour(background: Sequence[float]) -> Colour:
     return (0.94, 0.95, 0.97) if is_dark(background) else (0.13, 0.16, 0.20)
 
 
-@cache
-def font(height: float) -> Any:
-    """The font of all text, its letters about `height` [pixels] high; reading it takes longer than writing with it."""
+def font_of(text: str, height: float) -> Any:
+    """The font of a text, its letters about `height` [pixels] high."""
+    return _font(text.isascii(), max(height, SMALLEST_LETTERS))
+
+
+@cache  # reading a font takes longer than writing with it
+def _font(is_ascii: bool, height: float) -> Any:
     from PIL import ImageFont
 
-    return ImageFont.load_default(size=max(height, SMALLEST_LETTERS))
+    if is_ascii:  # which is all that Pillow's font has
+        return ImageFont.load_default(size=height)
+    from matplotlib import get_data_path
+
+    return ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", 0.9 * height)
 
 
 def paint_text(picture: Any, place: tuple[float, float], text: str, height: float, colour: Colour, anchor: str) -> None:
@@ -91,7 +99,7 @@ def paint_text(picture: Any, place: tuple[float, float], text: str, height: floa
     """
     from PIL import ImageDraw
 
-    ImageDraw.Draw(picture).text(place, text, font=font(height), fill=as_bytes(colour), anchor=anchor)
+    ImageDraw.Draw(picture).text(place, text, font=font_of(text, height), fill=as_bytes(colour), anchor=anchor)
 
 
 def as_bytes(colour: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
@@ -272,6 +280,8 @@ BAR_LENGTH, BAR_WIDTH = 0.25, 1.0
 """Length of a colour bar, in heights of the picture, and its width, in heights of its letters [-]."""
 SINGLE_FIGURES = 4
 """The caption gives more pressures or tensions than these as a range."""
+LONGEST_NAME = 36
+"""Letters of a name in a legend; of longer ones begin and end are there."""
 GLOW = 0.25
 """How far the background's colour reaches around text and bars in a close-up, in heights of letters [-]."""
 CAPTION_BODIES = 3
@@ -373,7 +383,7 @@ def letters_of(style: Style) -> float:
 def colour_bars_width(scales: Sequence[ColourScale], letters: float) -> float:
     """Width of the edge of the picture in which the colour bars stand [pixels]."""
     texts = [text for scale in scales for text in (*_title_lines(scale), *_labels(scale))]
-    return max(map(font(letters).getlength, texts), default=0.0) + 2.0 * letters if texts else 0.0
+    return max(font_of(text, letters).getlength(text) for text in texts) + 2.0 * letters if texts else 0.0
 
 
 def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, letters: float) -> None:
@@ -389,11 +399,14 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour, 
             paint_text(picture, (left, top), line, letters, ink, "la")
             top += 1.25 * letters
         top = round(top + 0.5 * letters)
+        # Of many names the letters are small, so that the bars below have their place.
+        free = 0.97 * height - top - (len(scales) - 1) * (length + 4.5 * letters)
+        small = min(letters, free / 1.5 / max(len(scale.names), 1))
         for name, step in zip(scale.names, scale.steps, strict=False):
-            box = (round(left), round(top), round(left + letters), round(top + letters))
+            box = (round(left), round(top), round(left + letters), round(top + small))
             ImageDraw.Draw(picture).rectangle(box, as_bytes(step), as_bytes(ink), max(round(letters / 16), 1))
-            paint_text(picture, (left + 1.5 * letters, top + 0.5 * letters), name, letters, ink, "lm")
-            top += 1.5 * letters
+            paint_text(picture, (left + 1.5 * letters, top + 0.5 * small), _shortened(name), small, ink, "lm")
+            top += 1.5 * small
         if scale.names:
             top += letters
             continue
@@ -416,7 +429,11 @@ def _title_lines(scale: ColourScale) -> list[str]:
 
 def _labels(scale: ColourScale) -> list[str]:
     """What stands beside a bar or in a legend, with as much before it as its colours are wide."""
-    return [f"mm {text}" for text in scale.names or (scale.top,)]
+    return [f"mm {text}" for text in map(_shortened, scale.names or (scale.top,))]
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 11]}...{name[-8:]}"
 
 
 def caption_parts(recording: Recording, instant: int) -> list[str]:
@@ -440,7 +457,7 @@ def paint_caption(picture: Any, parts: list[str], ink: Colour, letters: float) -
     lines: list[str] = []
     for part in parts:
         longer = f"{lines[-1]}     {part}" if lines else part
-        if lines and font(letters).getlength(longer) <= picture.width - 2 * edge:
+        if lines and font_of(longer, letters).getlength(longer) <= picture.width - 2 * edge:
             lines[-1] = longer
         else:
             lines.append(part)

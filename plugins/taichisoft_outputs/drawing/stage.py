@@ -219,6 +219,8 @@ class Floor:
 
 EMPTY = (255, 0, 255)
 """Red, green and blue where nothing stands, a colour that no surface has: other things are painted there."""
+NEAREST = 0.1
+"""Distance from the camera from which things are seen [mm]."""
 
 
 class Stage:
@@ -287,9 +289,11 @@ class Stage:
     def _show(self, camera: PictureCamera, visible: Collection[str]) -> None:
         for name in self._names:
             self._scene.show_geometry(name, name in visible)
-        # The near and far planes are taken from what stands on the stage now.
         eye, target, up = (np.asarray(v, np.float32) for v in (camera.eye, camera.target, camera.up))
-        self._renderer.setup_camera(VERTICAL_ANGLE, target, eye, up)
+        # Open3D's own far plane cuts off what is small and far from the camera.
+        box = self._scene.bounding_box
+        far = max(NEAREST + 1.0, np.linalg.norm(box.get_center() - eye) + np.linalg.norm(box.get_extent()))
+        self._renderer.setup_camera(VERTICAL_ANGLE, target, eye, up, NEAREST, float(far))
 
 
 def _texture_coordinates(triangle_count: int) -> np.ndarray:

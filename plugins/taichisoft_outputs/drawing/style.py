@@ -145,7 +145,9 @@ class Style:
         if self.key_frames:
             self._check_key_frames()
         if self.displacement_arrows is not None and not 0.0 < self.displacement_arrows < 1e6:
-            raise StyleError(f"displacement arrows {self.displacement_arrows:g} times as long must be above 0")
+            raise StyleError(
+                f"displacement arrows {self.displacement_arrows:g} times as long must be above 0 and below 1e6"
+            )
         if self.eye is None and self.target is not None:
             raise StyleError("target needs an eye: the views look at the middle of the scene")
         if self.eye is not None and self.eye == self.target:
@@ -201,11 +203,15 @@ class Style:
         )
 
     def check(self, scene: "Scene") -> None:
-        """Check that the body to follow is in a scene, before anything is computed or drawn.
+        """Check that the bodies to follow and to colour are in a scene, before anything is computed or drawn.
 
         Raises:
-            StyleError: it is not; the message says which bodies there are.
+            StyleError: they are not; the message says which bodies there are.
         """
+        if not scene.soft_bodies and self.colour_by not in ("none", "body"):
+            raise StyleError(f"colours by {self.colour_by} are of soft bodies, and there are none")
+        if not scene.soft_bodies and self.displacement_arrows is not None:
+            raise StyleError("displacement arrows are of soft bodies, and there are none")
         bodies = [*scene.soft_bodies, *scene.rigid_bodies]
         if self.followed is not None and self.followed not in (
             *bodies,
@@ -252,10 +258,10 @@ def read_key_frames(path: Path) -> list[list[float]]:
     """`Style.key_frames` from a CSV file; lines may begin with # and say what the columns are."""
     try:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-        rows = [[float(part) for part in line.split(",")] for line in lines if not line.startswith("#")]
+        rows = [line.split(",") for line in lines if not line.lstrip().startswith("#")]
         if not rows:
             raise ValueError("there is none")
-        return rows
+        return [list(_numbers(f"{path}: line of time [s], eye and target [mm]", row, 7)) for row in rows]
     except (OSError, ValueError) as error:
         form = "lines of time [s], eye x, y, z and target x, y, z [mm] with commas between"
         raise StyleError(f"{path}: must have {form}: {error}") from None
