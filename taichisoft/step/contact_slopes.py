@@ -37,7 +37,8 @@ class PlaceSlopes:
             (rigid_count, 4, 3).
         inexact: whether normal and weights of each contact were taken as they are, or the time of the measurement, or
             the row is that of a body that turns in the step, shape (contact_count,).
-        touching: whether each contact is pressed at a gap where `depth = "position"` begins to keep it, (contact_count,).
+        touching: whether each contact is pressed at a gap where `depth = "position"` begins to keep it,
+            shape (contact_count,).
     """
 
     position: np.ndarray

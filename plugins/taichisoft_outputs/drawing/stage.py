@@ -292,8 +292,8 @@ class Stage:
         eye, target, up = (np.asarray(v, np.float32) for v in (camera.eye, camera.target, camera.up))
         # Open3D's own far plane cuts off what is small and far from the camera.
         box = self._scene.bounding_box
-        far = max(NEAREST + 1.0, np.linalg.norm(box.get_center() - eye) + np.linalg.norm(box.get_extent()))
-        self._renderer.setup_camera(VERTICAL_ANGLE, target, eye, up, NEAREST, float(far))
+        far = float(np.linalg.norm(box.get_center() - eye) + np.linalg.norm(box.get_extent()))
+        self._renderer.setup_camera(VERTICAL_ANGLE, target, eye, up, NEAREST, max(NEAREST + 1.0, far))
 
 
 def _texture_coordinates(triangle_count: int) -> np.ndarray:

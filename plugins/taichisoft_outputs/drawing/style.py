@@ -279,7 +279,7 @@ def _check_colour_map(name: str) -> None:
         )
 
 
-def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
+def _numbers(name: str, values: Sequence[float | str], count: int) -> tuple[float, ...]:
     try:
         numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError):
