@@ -334,7 +334,7 @@ def write_casting(casting: Casting, folder: Path, stem: str, wall: float, draft:
     gaps = sockets - filled - pins + (holes - pegs)
     parts: dict[str, tuple[Solid, np.ndarray | None]] = {"lid": (lid, Z)} if has_lid else {}
     if parting is not None:
-        pegs, holes = _pegs(TO_Y, [(a, parting, c) for a, c in itertools.product(x, z)], wall)
+        pegs, holes = (its - cast for its in _pegs(TO_Y, [(a, parting, c) for a, c in itertools.product(x, z)], wall))
         plus, minus = outside.split_by_plane((0, 1, 0), parting)
         parts["plus"], outside, gaps = (plus - holes, Y), minus + pegs, gaps + (holes - pegs)
     parts |= {f"core-{number}": (core, None) for number, core in enumerate(lost, 1)}

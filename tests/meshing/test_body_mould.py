@@ -156,6 +156,53 @@ def test_an_open_chamber_hangs_on_the_lid(tmp_path: Path) -> None:
     np.testing.assert_allclose(cast.parts[0].comes_off, [0, 0, 1])
 
 
+def tilted(surface: Surface) -> Surface:
+    """Turned about no axis of the file."""
+    turned = surface.copy()
+    turned.apply_transform(trimesh.transformations.rotation_matrix(math.radians(33.0), (1, 2, 3)))
+    return turned
+
+
+def test_odd_bodies_are_cast_as_drawn(tmp_path: Path, figures: Figures) -> None:
+    """Aslant in their file, thin, or smaller than the hole that they are poured through: nothing overlaps."""
+    cup = difference([solid_shapes.box((40, 30, 20)), solid_shapes.box((30, 20, 20), (0, 0, 5))], engine="manifold")
+    bodies = {
+        "tilted block": tilted(solid_shapes.box((60, 30, 15))),
+        "tilted cup": tilted(cup),
+        "plate": solid_shapes.box((100, 100, 1)),
+        "small cube": solid_shapes.box((3, 3, 3)),
+    }
+    for name, body in bodies.items():
+        (cast,) = write(tmp_path, (body,), draft=0.0)
+        assert cast.problems == [], name
+        (written,) = read_mould_record(tmp_path)["casts"]
+        figures.close(f"poured for the {name} [mm^3]", written["body_mm3"], body.volume, 1e-6 * body.volume)
+
+
+def test_lost_cores_side_by_side_are_both_held(tmp_path: Path, figures: Figures) -> None:
+    """Their pins go to the lid beside each other; with a draft the wall of 4 mm between outside and cores stays."""
+    chambers = (solid_shapes.box((20, 30, 12), (x, 0, 0)) for x in (-13.0, 13.0))
+    (cast,) = write(tmp_path, (solid_shapes.box((60, 40, 20)), *chambers), whole=True)
+    assert cast.problems == []
+    assert [part.lost for part in cast.parts].count(True) == 2
+    least = min(part.thickness for part in cast.parts if not part.printed)
+    figures.close("least wall beside lost cores [mm]", least, 4.0 * math.cos(math.radians(1.0)), 1e-3)
+
+
+def test_a_thin_shell_is_poured_beside_its_core(tmp_path: Path, figures: Figures) -> None:
+    """The hole that a ball with a skin of 1.2 mm is poured through ends at the lost core, 2 mm below the top."""
+    shells = solid_shapes.ball(15.0, parts=3), solid_shapes.ball(13.8, parts=3)
+    (cast,) = write(tmp_path, shells, whole=True, draft=0.0)
+    core, silicone = (surface(part.file) for part in cast.parts if part.lost or part.name == "cast")
+    shared = intersection([core, silicone], engine="manifold").volume
+    figures.at_most("core and silicone share [mm^3]", shared, 1e-6 * core.volume)
+
+
+def test_a_body_in_metres_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"longest side = 0.04 mm: .*0.04 m are 40 mm; `--set scale=1000`"):
+        write(tmp_path, (solid_shapes.box((0.04, 0.03, 0.02)),))
+
+
 def test_what_cannot_be_cast_is_named_with_its_place(tmp_path: Path) -> None:
     """A pipe that turns within a block is in the way of all parts; the command says where, and its exit code is 1."""
     leg = trimesh.creation.cylinder(3.0, 30.0, sections=32)
