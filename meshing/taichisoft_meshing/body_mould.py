@@ -85,7 +85,7 @@ class Casting:
 
 
 @dataclass(frozen=True)
-class Parting:
+class PartingPlane:
     """How outer parts shall come off.
 
     Attributes:
@@ -101,7 +101,7 @@ class Parting:
         return None if self.position is None else self.position * float(self.way @ axis)
 
 
-def parse_parting(text: str | None, vertices: np.ndarray) -> Parting | None:
+def parse_parting(text: str | None, vertices: np.ndarray) -> PartingPlane | None:
     """The direction and position that are asked for, "z", "z=0" or "0,1,2=5", of a body with these vertices [mm]."""
     if text is None:
         return None
@@ -120,10 +120,10 @@ def parse_parting(text: str | None, vertices: np.ndarray) -> Parting | None:
         raise MeshError(
             f"--parting {text}: misses the body, which reaches from {ends[0]:g} to {ends[1]:g} along {name}"
         )
-    return Parting(way, position)
+    return PartingPlane(way, position)
 
 
-def plan_castings(body: Sequence[Shell], wanted: Parting | None, whole: bool = False) -> list[list[Casting]]:
+def plan_castings(body: Sequence[Shell], wanted: PartingPlane | None, whole: bool = False) -> list[list[Casting]]:
     """The ways to cast a body, each of one or two castings, that trap the least air; the best first.
 
     Args:
@@ -160,7 +160,7 @@ def plan_castings(body: Sequence[Shell], wanted: Parting | None, whole: bool = F
     return [castings for cost, castings in choices if cost[0] == choices[0][0][0]]
 
 
-def _frames(outer: Solid, wanted: Parting | None) -> list[np.ndarray]:
+def _frames(outer: Solid, wanted: PartingPlane | None) -> list[np.ndarray]:
     """Axes that may suit a body, both ways along each: those of the file, its principal ones and normals of large flat
     faces, or the wanted one and those across it."""
     if wanted is not None:
@@ -187,7 +187,9 @@ def _frames(outer: Solid, wanted: Parting | None) -> list[np.ndarray]:
     return frames
 
 
-def _in_two(filled: Solid, chambers: Sequence[Solid], frame: np.ndarray, wanted: Parting | None) -> list[list[Casting]]:
+def _in_two(
+    filled: Solid, chambers: Sequence[Solid], frame: np.ndarray, wanted: PartingPlane | None
+) -> list[list[Casting]]:
     """Two castings with lids along z of a frame, in a plane that parts all chambers; none where it cannot be.
 
     Args:
@@ -230,7 +232,7 @@ def _pockets(outer: Solid) -> list[Solid]:
     return [its for its, at in zip(air, ends, strict=True) if (at > limits).all() and its.volume() > CLEAN]
 
 
-def _partings(whole: Casting, wanted: Parting | None) -> Iterator[Casting]:
+def _partings(whole: Casting, wanted: PartingPlane | None) -> Iterator[Casting]:
     """The ways in which the outside may come off: as a whole, or in halves in four directions across z."""
     if whole.is_flat and (wanted is None or abs(wanted.way @ whole.frame[2]) > ALONG):
         yield replace(whole, trapped=_trapped(whole.filled, whole.top)[1])
@@ -334,7 +336,7 @@ def write_casting(casting: Casting, folder: Path, stem: str, wall: float, draft:
     gaps = sockets - filled - pins + (holes - pegs)
     parts: dict[str, tuple[Solid, np.ndarray | None]] = {"lid": (lid, Z)} if has_lid else {}
     if parting is not None:
-        pegs, holes = (its - cast for its in _pegs(TO_Y, [(a, parting, c) for a, c in itertools.product(x, z)], wall))
+        pegs, holes = _pegs(TO_Y, [(a, parting, c) for a, c in itertools.product(x, z)], wall)
         plus, minus = outside.split_by_plane((0, 1, 0), parting)
         parts["plus"], outside, gaps = (plus - holes, Y), minus + pegs, gaps + (holes - pegs)
     parts |= {f"core-{number}": (core, None) for number, core in enumerate(lost, 1)}
