@@ -60,7 +60,6 @@ LEFT_OUT = {
     "taichisoft study sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_workers.py starts one",
     "taichisoft run four.toml": "needs a real finger's mesh; tests/meshing/test_new_gripper.py runs such a scene",
     "taichisoft recording plot out/gripper/recording.h5 --format xlsx": "needs an extra; tests/outputs/test_plots.py",
-    "docs/environments.md: taichisoft reduce gripper": "seconds; docs/reduced.md has the same",
     "taichisoft reduce gripper -o out/reduced --tolerance": "seconds; tests/reduction has models of a tolerance",
     "taichisoft doctor": "looks at the machine, which may lack something; tests/outputs/test_doctor.py",
 }
