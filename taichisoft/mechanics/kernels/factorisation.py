@@ -38,8 +38,8 @@ from taichisoft.mechanics.kernels.sparse_columns import (
     Fronts,
 )
 from taichisoft.mechanics.kernels.substitution import Substitution, gather, substitute_forward
-from taichisoft.runtime.arithmetic import HALF, SHIFT, TILE, Column, Columns, advance, load, opaque, tiles_in, triangle
-from taichisoft.runtime.language import CHUNK, Matrices, Scalars, func, ti
+from taichisoft.runtime.arithmetic import HALF, SHIFT, TILE, Column, advance, load, opaque, tiles_in, triangle
+from taichisoft.runtime.language import CHUNK, Matrices, func, ti
 from taichisoft.runtime.launch import kernel
 
 
@@ -109,18 +109,28 @@ def add_update(c: ti.i32, first: ti.i32, last: ti.i32, s: ti.i32, fronts: Fronts
 
 
 @func
-def factorise_tile(d: ti.i32, row: ti.i32, pivots: ti.i32, tiles: Columns, scalars: Scalars, one: ti.i32) -> ti.i32:
+def subtract_products(
+    v: ti.template(), first: ti.i32, row: ti.i32, y: ti.i32, count: ti.i32, factor: Factor, one: ti.i32
+):
+    """Subtract from half a tile, from column `first` on, the products of the first columns of two tile rows."""
+    tiles, scalars = ti.static(factor.tiles, factor.scalars)
+    k = 0
+    while k < count:
+        a = tiles[row + k]
+        for c in ti.static(range(HALF)):
+            v[c] -= scalars[TILE * (y + k) + first + c] * a
+        k = advance(k, 1, one)
+
+
+@func
+def factorise_tile(d: ti.i32, row: ti.i32, pivots: ti.i32, factor: Factor, one: ti.i32) -> ti.i32:
     """Finish a tile on the diagonal, at `d`; returns its first column without a positive pivot, or -1."""
+    tiles, scalars = ti.static(factor.tiles, factor.scalars)
     failed, first = -1, 0
     while first < TILE:
         x = opaque(d + first, one)
         v = [tiles[x + c] for c in range(HALF)]
-        k = 0
-        while k < pivots + first:
-            a = tiles[row + k]
-            for c in ti.static(range(HALF)):
-                v[c] -= scalars[TILE * (row + k) + first + c] * a
-            k = advance(k, 1, one)
+        subtract_products(v, first, row, row, pivots + first, factor, one)
         finished = opaque(x, one)
         for c in ti.static(range(HALF)):
             for e in ti.static(range(c)):
@@ -144,12 +154,7 @@ def solve_tile(start: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, factor: Fa
     while first < TILE:
         d, x = y + pivots + first, opaque(start + first, one)
         v = [tiles[x + c] for c in range(HALF)]
-        k = 0
-        while k < pivots + first:
-            a = tiles[row + k]
-            for c in ti.static(range(HALF)):
-                v[c] -= scalars[TILE * (y + k) + first + c] * a
-            k = advance(k, 1, one)
+        subtract_products(v, first, row, y, pivots + first, factor, one)
         finished = opaque(x, one)
         for c in ti.static(range(HALF)):
             for e in ti.static(range(c)):
@@ -161,19 +166,13 @@ def solve_tile(start: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, factor: Fa
 @func
 def multiply_tile(start: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, factor: Factor, one: ti.i32):
     """A tile of the update matrix: minus the product of the tile row at `row` and the transpose of that at `y`."""
-    tiles, scalars = ti.static(factor.tiles, factor.scalars)
     first = 0
     while first < TILE:
         x = opaque(start + first, one)
         v = [Column(0.0) for _ in range(HALF)]
-        k = 0
-        while k < pivots:
-            a = tiles[row + k]
-            for c in ti.static(range(HALF)):
-                v[c] -= scalars[TILE * (y + k) + first + c] * a
-            k = advance(k, 1, one)
+        subtract_products(v, first, row, y, pivots, factor, one)
         for c in ti.static(range(HALF)):
-            tiles[x + c] = v[c]
+            factor.tiles[x + c] = v[c]
         first = advance(first, HALF, one)
 
 
@@ -185,7 +184,7 @@ def eliminate_rows(s: ti.i32, first: ti.i32, last: ti.i32, fronts: Fronts, facto
     for b in range(columns >> SHIFT):
         y = opaque(start + b * columns, one)
         if first <= b and b < last:
-            failed_in_tile = factorise_tile(y + TILE * b, y, TILE * b, factor.tiles, factor.scalars, one)
+            failed_in_tile = factorise_tile(y + TILE * b, y, TILE * b, factor, one)
             if failed_in_tile >= 0 and failed < 0:
                 failed = TILE * b + failed_in_tile
         for t in range(ti.max(first, b + 1), last):  # neighbours in a column do not wait for each other
